@@ -16,9 +16,12 @@ from lxml import etree
 from tests.support.certified import CERTIFICATE, certified, written
 from tests.support.exported import CASES, case, paper
 from tests.support.shell import run
+from tests.support.signing import PHRASE, key_file
 
 from vibrident.base.errors import InputError
 from vibrident.export.formats.dcc import VERSION, validate
+from vibrident.lab.issue.keys import load_key
+from vibrident.lab.issue.signing import signed_xml
 from vibrident.result import ResultWarning
 
 pytestmark = [
@@ -140,6 +143,29 @@ def test_a_schema_that_cannot_be_used_says_what_it_lacks(files, said, tmp_path):
     assert not list(out.iterdir())
 
 
+@pytest.mark.parametrize("kind", ["ec", "rsa"])
+def test_a_signed_certificate_is_valid_where_an_unsigned_one_is(kind, tmp_path):
+    """The signature is the last child, as DCC 3.2.1 has it, and itself valid by W3C's schema of signatures."""
+    schema = laid(tmp_path / "xsd", **{"SI_Format.xsd": PLAIN})
+    root = written(certified(paper()), tmp_path, schema=schema)
+    key = load_key(key_file(tmp_path, kind=kind), PHRASE)
+    signed = etree.fromstring(signed_xml(etree.tostring(root), key))
+    validate(etree.tostring(signed), schema)
+    assert [etree.QName(child).localname for child in signed][-1] == "Signature"
+    assert [child.tag for child in signed][:-1] == [child.tag for child in root]
+    (place,) = (child for child in signed if etree.QName(child).localname == "Signature")
+    value = place.find("{*}SignatureValue")
+    place.remove(value)
+    with pytest.raises(InputError, match="not valid under the schema") as caught:
+        validate(etree.tostring(signed), schema)
+    assert "SignatureValue" in caught.value.found
+    place.insert(1, value)
+    validate(etree.tostring(signed), schema)
+    signed.insert(0, place)
+    with pytest.raises(InputError, match="not valid under the schema"):
+        validate(etree.tostring(signed), schema)
+
+
 def test_the_command_refuses_with_one_message_and_leaves_nothing(tmp_path):
     source = certified(paper()).save(tmp_path / "result.json")
     arguments = ["export", str(source), "--format", "dcc", "--country", "DE"]
@@ -207,6 +233,7 @@ def test_every_certificate_is_valid_under_the_official_schema(name, tmp_path):
     root = written(made, tmp_path, schema=schema if version == VERSION else None)
     root.set("schemaVersion", version)
     validate(etree.tostring(root), schema)
+    validate(signed_xml(etree.tostring(root), load_key(key_file(tmp_path), PHRASE)), schema)
     release = root.find(".//{https://ptb.de/dcc}release")
     release.text = " "
     with pytest.raises(InputError, match="not valid under the schema") as caught:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,16 @@ from vibrident.show.formulas import Words
 @cache
 def _texts(code: str) -> dict[str, dict[str, str]]:
     return tomllib.loads((Path(__file__).parent / "languages" / f"{code}.toml").read_text(encoding="utf-8"))
+
+
+@cache
+def from_english(code: str) -> Mapping[str, str]:
+    """Return English words → words of a language, of all that certificates say."""
+    texts, found = _texts(code), {}
+    for section, english in _texts("en").items():
+        for key, words in english.items():
+            found.setdefault(words, texts[section][key])
+    return {**found, **texts["known"]}
 
 
 #: Languages with a comma before the decimals; a document has the sign of its first language.

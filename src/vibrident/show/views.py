@@ -145,6 +145,7 @@ class Doubt:
     messages: tuple[str, ...]
     meaning: str
     action: str
+    remedy: str = "What to do:"  # what stands before the action
 
 
 # Curves

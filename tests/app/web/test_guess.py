@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vibrident.app.web.form.description import described
+from vibrident.app.web.language import language
 from vibrident.app.web.looks import likely_excitation
 from vibrident.app.web.preview import preview
 from vibrident.base.errors import InputError
@@ -83,7 +84,7 @@ def test_the_preview_names_the_units_of_the_file(tmp_path):
     expected = {"a.csv": {"Laser / m/s²", "Prüfling / mV"}, "b.csv": {"Laser [m/s²]", "Prüfling [mV]"}}
     for name, names in expected.items():
         given = described(guess_columns(tmp_path / name))
-        drawn = preview(given, tmp_path, [name])
+        drawn = preview(given, tmp_path, [name], language("en"))
         assert {trace["name"] for trace in drawn["data"]} == names
 
 

@@ -65,7 +65,7 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     for label, words in STATED.items():
         field(page, label).fill(words)
     page.get_by_role("button", name="Add requirement").press("Enter")
-    choose(page, "Quantity", "natural_frequency")
+    choose(page, "Quantity", "natural frequency")
     page.get_by_role("group", name="Requirement 1").get_by_label("Low limit").fill("600")
     sound(page, "certificate")
     page.locator("#save-certificate").press("Enter")

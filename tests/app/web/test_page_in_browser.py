@@ -71,7 +71,7 @@ def test_real_files_give_the_numbers_of_the_command_line(visit, picture, tmp_pat
     page.locator("#confirm").click()
     choose(page, "Estimator", "ipnn: the physics-informed network")
     choose(page, "Discretisation (ipnn)", "foh")
-    choose(page, "Uncertainties cover", "noise")
+    choose(page, "Uncertainties cover", "noise: the noise alone")
     page.locator("#start").click()
     page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
     page.locator("#result .js-plotly-plot").first.wait_for()

@@ -105,7 +105,7 @@ def test_a_server_that_ended_in_the_middle_of_a_fit_is_followed_by_one_that_has_
         field(page, "Serial number").fill("4711")
         page.locator("#confirm").click()
         choose(page, "Estimator", f"ml: {ESTIMATORS['ml'].title}")
-        choose(page, "Uncertainties cover", "noise")
+        choose(page, "Uncertainties cover", "noise: the noise alone")
         page.locator("#start").click()
         page.get_by_role("button", name="Cancel").wait_for()
         page.wait_for_timeout(700)

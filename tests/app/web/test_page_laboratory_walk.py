@@ -47,7 +47,7 @@ def test_from_german_files_to_a_certificate_by_keyboard(visit, sound, press, tmp
     field(page, "Serial number").fill("4711")
     for number, (source, kind, u) in enumerate([("Laser", "gain", "0.25"), ("Wandler", "timing", "0.5")], 1):
         press(page, "#uncertainty .q-btn:not(.q-btn--round)", "#uncertainty")
-        row = page.get_by_role("group", name=f"Source {number}")
+        row = page.get_by_role("group", name=f"Source {number}", exact=True)
         row.get_by_label("Source", exact=True).fill(source)
         row.get_by_label("Kind").click()
         page.get_by_role("option", name=kind, exact=True).click()
@@ -69,7 +69,7 @@ def test_from_german_files_to_a_certificate_by_keyboard(visit, sound, press, tmp
         field(page, label).fill(words)
     assert field(page, "Laboratory *").input_value() == PROFILE["Laboratory"]
     page.get_by_role("button", name="Add requirement").press("Enter")
-    choose(page, "Quantity", "natural_frequency")
+    choose(page, "Quantity", "natural frequency")
     page.get_by_role("group", name="Requirement 1").get_by_label("Low limit").fill("600")
     sound(page, f"walk-certificate-{width}")
     page.set_viewport_size({"width": width, "height": 844})

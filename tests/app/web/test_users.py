@@ -19,6 +19,7 @@ from tests.support.serving import alone
 from vibrident.app.web import held, looks, users, worker
 from vibrident.app.web.form.columns import merged
 from vibrident.app.web.held import Job
+from vibrident.app.web.language import language
 from vibrident.app.web.looks import Guess
 from vibrident.app.web.users import Users
 from vibrident.base.errors import InputError, NotConverged
@@ -203,7 +204,7 @@ def test_a_job_says_its_share_and_the_most_time_left(monkeypatch):
     now.s = 2.0
     job.add(2, 11, 2.0)
     assert (job.share, job.most_left_s) == (2 / 11, 18.0)
-    assert job.status.endswith("(2 s; this start: at most 18 s more)")
+    assert job.status(language("en")).endswith("(2 s; this start: at most 18 s more)")
 
 
 def test_a_job_tells_separate_starts_apart():

@@ -7,6 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from vibrident.app.web import frame, looks
+from vibrident.app.web.language import say, spoken
 from vibrident.app.web.outcome import give
 from vibrident.app.web.users import User
 from vibrident.base.escaping import html
@@ -23,9 +24,9 @@ class CompareStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
-        self.section = frame.step("Compare", "compare")
+        self.section = frame.step(say("Compare"), "compare")
         with self.section:
-            self.choice = ui.select([], label="Results", multiple=True)
+            self.choice = ui.select([], label=say("Results"), multiple=True)
             self.choice.props("dense outlined stack-label use-chips").classes("w-full")
             self.choice.on_value_change(self._draw)
             self.body = ui.element("div")
@@ -49,7 +50,7 @@ class CompareStep:
         self.body.clear()
         if len(paths) < 2:
             return
-        shown = await frame.looked(self.user, self.body, looks.comparison, paths, names)
+        shown = await frame.looked(self.user, self.body, looks.comparison, paths, names, spoken().code)
         if shown is None or turn != self.turn or self.body.is_deleted:
             return
         with self.body:
@@ -58,8 +59,8 @@ class CompareStep:
             for title, table in shown["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with ui.element("div").classes("actions"):
-                ui.button("Comparison (HTML)", on_click=lambda: self._report("html")).props("outline")
-                ui.button("Comparison (PDF)", on_click=lambda: self._report("pdf")).props("outline")
+                ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props("outline")
+                ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props("outline")
             self.errors = ui.element("div").props("aria-live=assertive")
 
     async def _report(self, form: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from nicegui import events, ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.language import say, say_count
 from vibrident.app.web.looks import facts
 from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large
 from vibrident.app.web.users import User
@@ -20,11 +21,10 @@ from vibrident.app.workflow.real import STORY, real_data, write_real
 from vibrident.base.errors import InputError
 from vibrident.data.io.reader import unknown_format
 from vibrident.show import views
-from vibrident.show.views import count
 
 _MOST_NAMED = 40  # most files listed one by one, each with a button to remove it
 _MOST_TOLD = 1000  # most omitted files whose names the browser reports
-_UNKNOWN = f"Not a supported kind of file ({', '.join(KNOWN)})"
+_UNKNOWN = "Not a supported kind of file ({kinds})"
 #: Files of unknown format are not sent; the browser reports their names.
 _FILTER = f"files => files.filter(f => {json.dumps(KNOWN)}.some(e => f.name.toLowerCase().endsWith(e)))"
 _TOLD = f"rejected => emit(rejected.slice(0, {_MOST_TOLD}).map(r => [r.failedPropValidation, r.file.name]))"
@@ -41,16 +41,18 @@ class DataStep:
         """Build the section; ``on_data`` is called after files have arrived, ``on_result`` after an earlier result."""
         self.on_data, self.on_result = on_data, on_result
         limit_mb = self.user.session.limit_mb
-        with frame.step("Data", "data"):
+        with frame.step(say("Data"), "data"):
             ui.label(
-                "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table of "
-                "magnitude and phase; with a calibration file, if you have one. Earlier results can be compared."
+                say(
+                    "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table "
+                    "of magnitude and phase; with a calibration file, if you have one. Earlier results can be compared."
+                )
             ).classes("hint")
             self.upload = (
                 ui.upload(
                     multiple=True,
                     auto_upload=True,
-                    label=f"Drop files or a folder here, or press + (at most {limit_mb:g} MB)",
+                    label=say("Drop files or a folder here, or press + (at most {limit} MB)", limit=f"{limit_mb:g}"),
                     max_total_size=int(limit_mb * MEGABYTE),
                     max_files=MOST_FILES,
                     on_multi_upload=self._arrived,
@@ -64,16 +66,18 @@ class DataStep:
             self.upload.on("failed", self._failed, args=[])
             self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
             with ui.element("div").classes("actions"):
-                ui.button("Choose a folder").props("outline id=choose-folder")
-                self.demo_button = ui.button("Load the simulated demo", on_click=self._demo).props("outline")
+                ui.button(say("Choose a folder")).props("outline id=choose-folder")
+                self.demo_button = ui.button(say("Load the simulated demo"), on_click=self._demo).props("outline")
                 if real_data():
-                    ui.button("Load a real example", on_click=self._real).props("outline id=real")
-                ui.button("Start anew", on_click=self._ask_anew).props("flat")
+                    ui.button(say("Load a real example"), on_click=self._real).props("outline id=real")
+                ui.button(say("Start anew"), on_click=self._ask_anew).props("flat")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.left = ui.element("div").props("aria-live=polite")
             self.listing = ui.label("").classes("hint").props("role=status id=files")
-            self.named = ui.element("div").classes("named").props('role=list aria-label="files"')
-        ui.run_javascript(f"vibrident.folders({self.upload.id})")
+            self.named = ui.element("div").classes("named").props("role=list")
+            self.named.props["aria-label"] = say("Uploaded files")
+        words = json.dumps([say("Choose files"), say("Files"), say("Folder")])
+        ui.run_javascript(f"vibrident.folders({self.upload.id}, ...{words})")
         self.show()
 
     def hold(self) -> None:
@@ -89,7 +93,7 @@ class DataStep:
         if len(told) == 1 and unknown:
             frame.show_error(self.errors, unknown_format(Path(unknown[0]).suffix, unknown[0]))
             return
-        self.not_sent = {_UNKNOWN: unknown, self._large(): large}
+        self.not_sent = {self._unknown(): unknown, self._large(): large}
         self._left_out(self.not_sent)
 
     def _failed(self) -> None:
@@ -106,13 +110,17 @@ class DataStep:
             ),
         )
 
+    def _unknown(self) -> str:
+        return say(_UNKNOWN, kinds=", ".join(KNOWN))
+
     def _large(self) -> str:
-        return f"Beyond the limit of {self.user.session.limit_mb:g} MB and {MOST_FILES} files in all"
+        limit = f"{self.user.session.limit_mb:g}"
+        return say("Beyond the limit of {limit} MB and {number} files in all", limit=limit, number=MOST_FILES)
 
     async def _arrived(self, event: events.MultiUploadEventArguments) -> None:
         session, came, results = self.user.session, [], False
         alone = len(event.files) == 1
-        known = {unknown_format("", "").problem: _UNKNOWN, too_large(1.0).problem: self._large()}
+        known = {unknown_format("", "").problem: self._unknown(), too_large(1.0).problem: self._large()}
         left_out: dict[str, list[str]] = {}
         for file in event.files:
             try:
@@ -156,14 +164,16 @@ class DataStep:
         frame.show_left_out(self.left, {reason: names for reason, names in left_out.items() if names})
 
     async def _demo(self) -> None:
-        doing = "Simulating the calibration of the paper's accelerometer …"
+        doing = say("Simulating the calibration of the paper's accelerometer …")
         await self._example(doing, lambda folder: self.user.worker.run(simulate_demo, folder=folder))
 
     async def _real(self) -> None:
         source = real_data()
-        if source and await self._example("Loading …", lambda folder: asyncio.to_thread(write_real, source, folder)):
+        if source and await self._example(
+            say("Loading …"), lambda folder: asyncio.to_thread(write_real, source, folder)
+        ):
             with self.left:
-                ui.label(STORY).classes("hint").props("id=story")
+                ui.label(say(STORY)).classes("hint").props("id=story")
 
     async def _example(self, doing: str, write: Callable[[Path], Awaitable[object]]) -> bool:
         """Take an example in place of what there is; whether it is here."""
@@ -209,12 +219,17 @@ class DataStep:
         if self.user.empty:
             await self._anew()
             return
-        lost = count(len(self.user.session.names), "file") + ", the form and " + count(len(self.user.results), "result")
-        with ui.dialog() as dialog, ui.card().props('role=alertdialog aria-label="Start anew"'):
-            ui.label(f"Remove {lost} from the page?").classes("problem")
+        files = say_count(len(self.user.session.names), "{count} file", "{count} files")
+        results = say_count(len(self.user.results), "{count} result", "{count} results")
+        with ui.dialog() as dialog, ui.card().props("role=alertdialog") as card:
+            card.props["aria-label"] = say("Start anew")
+            asked = say("Remove {files}, the form and {results} from the page?", files=files, results=results)
+            ui.label(asked).classes("problem")
             with ui.element("div").classes("actions"):
-                ui.button("Remove all", on_click=lambda: dialog.submit(True)).props("color=negative")
-                ui.button("Keep", on_click=lambda: dialog.submit(False)).props("outline autofocus")
+                remove = ui.button(say("Remove all"), on_click=lambda: dialog.submit(True))
+                remove.props("color=negative")
+                keep = ui.button(say("Keep"), on_click=lambda: dialog.submit(False))
+                keep.props("outline autofocus")
         if await dialog:
             await self._anew()
         dialog.delete()
@@ -230,16 +245,16 @@ class DataStep:
     def show(self) -> None:
         """List the files."""
         names = self.user.session.names
-        number = count(len(names), "file")
+        number = say_count(len(names), "{count} file", "{count} files")
         self.named.clear()
         if len(names) > views.listed(len(names), _MOST_NAMED):
             self.listing.text = f"{number}: {frame.listed(names)}"
         else:
-            self.listing.text = f"{number}:" if names else "No data yet."
+            self.listing.text = f"{number}:" if names else say("No data yet.")
             with self.named:
                 for name in names:
                     with ui.element("span").classes("file").props("role=listitem"):
                         ui.label(name)
                         button = ui.button(icon="close", on_click=partial(self._remove, name))
-                        button.props("flat round size=xs").props["aria-label"] = f"remove {name}"
+                        button.props("flat round size=xs").props["aria-label"] = say("remove {thing}", thing=name)
         self.hold()

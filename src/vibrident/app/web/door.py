@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
+from vibrident.app.web.language import LOCALES, SCOPE, language, phrase
 from vibrident.app.workflow.accounts import Account, Accounts
 from vibrident.base.errors import InputError
 
@@ -22,15 +23,24 @@ _SESSION_S = 12 * 3600.0  # seconds for which somebody stays signed in
 _MOST_SESSIONS = 1000
 _MOST_BYTES = 2000  # of a name and a password
 _MOST_WAITING = 8  # most tries that wait for their turn
-_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<meta name="color-scheme" content="light dark"><title>vibrident: sign in</title><style nonce="{nonce}">
+_PAGE = """<!doctype html><html lang="{lang}"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<meta name="color-scheme" content="light dark"><title>vibrident: {title}</title><style nonce="{nonce}">
 body {{ font: 1rem/1.5 system-ui, sans-serif; max-width: 22rem; margin: 12vh auto; padding: 0 16px }}
 label, input, button {{ display: block; width: 100%; box-sizing: border-box; font: inherit }}
 input {{ padding: 8px; margin: 2px 0 14px }} button {{ padding: 10px }} [role=alert] {{ font-weight: 650 }}
-</style><main><h1>vibrident</h1>{said}<form method="post" action="{action}"><label for="name">Name</label>
-<input id="name" name="name" autocomplete="username" required autofocus><label for="password">Password</label>
+</style><main><h1>vibrident</h1>{said}<form method="post" action="{action}"><label for="name">{name}</label>
+<input id="name" name="name" autocomplete="username" required autofocus><label for="password">{password}</label>
 <input id="password" name="password" type="password" autocomplete="current-password" required>
-<button>Sign in</button></form></main></html>"""
+<button>{button}</button></form></main></html>"""
+
+_WORDS = {
+    "title": phrase("sign in"),
+    "name": phrase("Name"),
+    "password": phrase("Password"),
+    "button": phrase("Sign in"),
+}
+_TOO_MANY = phrase("Too many tries. Wait {seconds} s.")
+_WRONG = phrase("Name and password do not belong together.")
 
 
 class Door:
@@ -99,7 +109,7 @@ class Door:
         if path == SIGN_IN and method == "POST":
             await self._sign_in(scope, receive, send, headers, told)
         elif path == SIGN_IN:
-            await self._form(send, told, 200, "")
+            await self._form(scope, send, told, 200)
         elif path == SIGN_OUT and method == "POST":
             account = self.visitor(scope, headers)
             self._sessions.pop(_key(headers, scope), None)
@@ -128,7 +138,7 @@ class Door:
         where = self._from(scope, headers)
         keys = (f"name {name}", f"address {where}")
         if (wait := self._accounts.wait_s(*keys)) > 0.0 or self._waiting >= _MOST_WAITING:
-            await self._form(send, told, 429, f"Too many tries. Wait {max(wait, 1.0):.0f} s.")
+            await self._form(scope, send, told, 429, _TOO_MANY, seconds=f"{max(wait, 1.0):.0f}")
             return
         self._waiting += 1
         try:
@@ -137,7 +147,7 @@ class Door:
             self._waiting -= 1
         self.note(name[:64], "signed in" if account else "refused", address=where)
         if account is None:
-            await self._form(send, told, 403, "Name and password do not belong together.")
+            await self._form(scope, send, told, 403, _WRONG)
             return
         token = secrets.token_hex(32)
         now = time.time()
@@ -165,11 +175,19 @@ class Door:
             json.dump(self._sessions, out)
         partial.replace(self._file)
 
-    async def _form(self, send: Any, told: Any, status: int, said: str) -> None:
+    async def _form(self, scope: Any, send: Any, told: Any, status: int, said: str = "", **values: str) -> None:
+        """Answer with the form, in the visitor's language, below what is said of the last try."""
+        speak = language(scope.get(SCOPE, "en"))
         nonce = secrets.token_hex(16)
         policy = f"default-src 'none'; style-src 'nonce-{nonce}'; form-action 'self'; frame-ancestors 'none'"
-        alert = f'<p role="alert">{html.escape(said)}</p>' if said else ""
-        page = _PAGE.format(nonce=nonce, said=alert, action=SIGN_IN).encode()
+        alert = f'<p role="alert">{html.escape(speak(said, **values))}</p>' if said else ""
+        page = _PAGE.format(
+            nonce=nonce,
+            said=alert,
+            action=SIGN_IN,
+            lang=LOCALES[speak.code],
+            **{place: html.escape(speak(text)) for place, text in _WORDS.items()},
+        ).encode()
         own = ((b"content-security-policy", policy.encode()), (b"cache-control", b"no-store"))
         kept = [one for one in told if one[0] != b"content-security-policy"]
         await say(send, status, (*kept, *own), page, b"text/html; charset=utf-8")

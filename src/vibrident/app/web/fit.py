@@ -12,18 +12,25 @@ from nicegui import ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Job
+from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.looks import calibration
+from vibrident.app.web.translated import charts
 from vibrident.app.web.users import User
 from vibrident.app.web.words import LABELS
 from vibrident.app.web.worker import Stopped
 from vibrident.app.workflow.estimators import AUTO, DISCRETISATIONS, UNCERTAINTIES, estimators_with
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.show import axes
-from vibrident.show.media.charts import charts
 from vibrident.show.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
 
 _PACE_S = 0.25  # seconds between two updates from the identification
 HEIGHT = 230  # height of the curve in pixels
+#: What the uncertainties cover, in words.
+_COVERS = {
+    "auto": phrase("auto: the noise, and a misfit where there is one"),
+    "noise": phrase("noise: the noise alone"),
+    "inflated": phrase("inflated: the misfit always"),
+}
 _MOST_DRAWN = 2000  # most iterations drawn, of all starts together
 
 
@@ -37,33 +44,36 @@ class FitStep:
     def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
         """Build the section, hidden until the columns are confirmed."""
         self.on_result = on_result
-        self.section = frame.step("Identify", "identify")
+        self.section = frame.step(say("Identify"), "identify")
         with self.section:
-            with ui.expansion("The calibration file: as confirmed above").classes("w-full"):
-                self.text = frame.Text("calibration-text")
+            with ui.expansion(say("The calibration file: as confirmed above")).classes("w-full"):
+                self.text = frame.Text("calibration-text", say("Calibration file"))
             stepping = estimators_with("discretisation")
             with ui.element("div").classes("fields wide"):
-                known = {name: f"{name}: {one.title}" for name, one in ESTIMATORS.all().items()}
+                known = {name: f"{name}: {say(one.title)}" for name, one in ESTIMATORS.all().items()}
                 self.estimator = ui.select(
-                    {AUTO: f"{AUTO}: chosen by the data", **known}, value=AUTO, label=LABELS["identify.estimator"]
+                    {AUTO: say("{name}: chosen by the data", name=AUTO), **known},
+                    value=AUTO,
+                    label=say(LABELS["identify.estimator"]),
                 )
                 self.discretisation = ui.select(
                     list(DISCRETISATIONS),
                     value="bandlimited",
-                    label=f"{LABELS['identify.discretisation']} ({', '.join(stepping)})",
+                    label=f"{say(LABELS['identify.discretisation'])} ({', '.join(stepping)})",
                 )
-                self.uncertainty = ui.select(list(UNCERTAINTIES), value="auto", label=LABELS["identify.uncertainty"])
+                covers = {name: say(_COVERS[name]) for name in UNCERTAINTIES}
+                self.uncertainty = ui.select(covers, value="auto", label=say(LABELS["identify.uncertainty"]))
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
             self.discretisation.visible = False
             self.estimator.on_value_change(lambda event: self.discretisation.set_visibility(event.value in stepping))
             with ui.element("div").classes("actions"):
-                self.start = ui.button("Identify", on_click=self._identify).props("id=start")
-                self.stop = ui.button("Cancel", on_click=self.user.worker.cancel).props("outline color=negative")
+                self.start = ui.button(say("Identify"), on_click=self._identify).props("id=start")
+                self.stop = ui.button(say("Cancel"), on_click=self.user.worker.cancel).props("outline color=negative")
                 self.spinner = ui.spinner(size="28px")
                 self.status = ui.label("").props("role=status id=status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
-            self.share.props('id=share aria-label="share of the iterations"')
+            self.share.props("id=share").props["aria-label"] = say("share of the iterations")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.curve = frame.GrowingChart(ui.element("div").classes("chart"), HEIGHT)
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
@@ -166,7 +176,7 @@ class FitStep:
         if job is None or job is self.over:
             self.timer.deactivate()
             return
-        self.status.text = job.status
+        self.status.text = job.status(spoken())
         self.share.visible = job.share is not None and not job.over
         self.share.value = job.share or 0.0
         if self.curve.grows_to(sum(map(len, job.starts))):
@@ -188,9 +198,10 @@ class FitStep:
         frame.show_error(self.errors, job.error, self.user.session)
         if isinstance(job.error, Stopped) and job.choices and not self.errors.is_deleted:
             with self.errors:
-                ui.label(f"Broken off: {job.choices.command}").classes("hint").props("id=broken-off")
+                broken_off = say("Broken off: {what}", what=job.choices.command)
+                ui.label(broken_off).classes("hint").props("id=broken-off")
                 ask = partial(self._repeat, job.choices)
-                ui.button("Repeat", on_click=ask).props("outline id=repeat")
+                ui.button(say("Repeat"), on_click=ask).props("outline id=repeat")
 
 
 def _curve(starts: list[list[float]]) -> dict[str, Any]:
@@ -201,10 +212,12 @@ def _curve(starts: list[list[float]]) -> dict[str, Any]:
         left -= len(points)
         x, y = np.array(points, dtype=float).reshape(-1, 2).T
         look = Look(BLUE if number == len(starts) else ORANGE, marker="o")
-        series.append(Series(x, y, f"start {number}" if 1 < len(starts) <= 8 else "", look))
+        series.append(Series(x, y, phrase("start {number}", number=number) if 1 < len(starts) <= 8 else "", look))
         if left <= 0:
             break
-    x_axis = axes.linear("Iteration", np.concatenate([[0.0, 2.0], *(one.x for one in series)]), whole=True, most=8)
-    y_axis = axes.size("Cost", np.concatenate([one.y for one in series]))
-    ((_, chart),) = charts(Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),)))
+    x_axis = axes.linear(
+        phrase("Iteration"), np.concatenate([[0.0, 2.0], *(one.x for one in series)]), whole=True, most=8
+    )
+    y_axis = axes.size(phrase("Cost"), np.concatenate([one.y for one in series]))
+    ((_, chart),) = charts(spoken(), Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),)))
     return chart

@@ -11,6 +11,7 @@ from typing import Any
 
 from nicegui import ui
 
+from vibrident.app.web.language import say, say_count
 from vibrident.app.web.session import Session
 from vibrident.app.web.users import User
 from vibrident.app.web.words import LABELS, page_word
@@ -38,14 +39,20 @@ def show_error(
     place.clear()
     with place, ui.element("div").classes("error").props("role=alert"):
         if not isinstance(known, InputError):
-            ui.label(str(known)).classes("problem")
+            _spoken_as_is(str(known)).classes("problem")
             return
         local = _for_page(known, session, labels)
-        ui.label(local.problem).classes("problem")
+        _spoken_as_is(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
-                ui.label(f"{label}: ").classes("label")
-                ui.label(text)
+                ui.label(f"{say(label)}: ").classes("label")
+                _spoken_as_is(text)
+
+
+def _spoken_as_is(text: str) -> ui.label:
+    """Show a text of the engine: in English, and marked so for a screen reader, where no catalogue has it."""
+    known = say(text)
+    return ui.label(known).props("lang=en" if known == text else "")
 
 
 async def looked(user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any) -> Any:
@@ -61,20 +68,23 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
     """Omitted files, by reason."""
     if place.is_deleted or not left_out:
         return
-    count = sum(map(len, left_out.values()))
+    number = sum(map(len, left_out.values()))
     with place, ui.element("div").classes("warning").props('role=alert id="left-out"'):
-        ui.label(f"{count} file{'s were' if count != 1 else ' was'} left out; the rest is here.").classes("problem")
+        one, several = "{count} file was left out; the rest is here.", "{count} files were left out; the rest is here."
+        ui.label(say_count(number, one, several)).classes("problem")
         for reason, names in left_out.items():
-            ui.label(f"{reason}: {listed(names)}")
+            ui.label(f"{say(reason)}: {listed(names)}")
 
 
 def show_faults(place: ui.element, errors: Sequence[InputError], session: Session) -> None:
     """What is wrong in the files, each once with the places where it is."""
     places: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
-        places.setdefault(f"{error.problem.rstrip('.')} ({error.remedy})", []).append(error.where)
+        places.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(error.where)
     with place, ui.element("div").classes("warning").props("role=alert"):
-        ui.label(f"To mend before you identify, in {views.count(len(errors), 'file')}:").classes("problem")
+        one = "To mend before you identify, in {count} file:"
+        several = "To mend before you identify, in {count} files:"
+        ui.label(say_count(len(errors), one, several)).classes("problem")
         for problem, where in places.items():
             ui.label(f"{problem}: {listed(where)}")
 
@@ -82,15 +92,20 @@ def show_faults(place: ui.element, errors: Sequence[InputError], session: Sessio
 def listed(names: Sequence[str]) -> str:
     """Some names, and the number of the others."""
     kept = views.listed(len(names), _MOST_NAMES)
-    return ", ".join(names[:kept]) + (f" and {len(names) - kept} more" if len(names) > kept else "")
+    first = ", ".join(names[:kept])
+    return say("{names} and {number} more", names=first, number=len(names) - kept) if len(names) > kept else first
 
 
 def step(title: str, name: str, mark: str = "") -> ui.element:
-    """A section of the page with its heading; its number is its place among those that are shown, or ``mark``."""
+    """A section of the page with its heading; its number is its place among those that are shown, or ``mark``.
+
+    ``title``: in the page's language, as all words that are given to this module's functions.
+    """
     section = ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
     with section:
         ui.html(
-            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{mark}</span>{title}</h2>', sanitize=False
+            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{mark}</span>{html(title)}</h2>',
+            sanitize=False,
         )
     return section
 
@@ -99,7 +114,9 @@ def group(title: str, heading: int = 3) -> ui.element:
     """A group of fields, below a heading of this level; 0 for a group that has its name for a screen reader alone."""
     if heading:
         ui.html(f"<h{heading}>{html(title)}</h{heading}>", sanitize=False)
-    return ui.element("div").classes("fields w-full").props(f'role=group aria-label="{title}"')
+    place = ui.element("div").classes("fields w-full").props("role=group")
+    place.props["aria-label"] = title
+    return place
 
 
 def go(section: ui.element) -> None:
@@ -110,11 +127,13 @@ def go(section: ui.element) -> None:
 class Text:
     """Untrusted text, verbatim and monospaced, with a button to copy it."""
 
-    def __init__(self, name: str, text: str = "") -> None:
+    def __init__(self, name: str, title: str, text: str = "") -> None:
         with ui.element("div").classes("code w-full").props(f"id={name}"):
-            self._label = ui.label(text).classes("plain").props(f'tabindex=0 role=region aria-label="{name}"')
+            self._label = ui.label(text).classes("plain").props("tabindex=0 role=region")
+            self._label.props["aria-label"] = title
             copy = f"() => navigator.clipboard.writeText(document.querySelector('#{name} .plain').textContent)"
-            button = ui.button(icon="content_copy").props('round flat size=sm aria-label="Copy"').classes("copy")
+            button = ui.button(icon="content_copy").props("round flat size=sm").classes("copy")
+            button.props["aria-label"] = say("Copy")
             button.on("click", js_handler=copy)
 
     def show(self, text: str) -> None:

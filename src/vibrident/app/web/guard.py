@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from vibrident.app.web.door import Door, cookies, say
+from vibrident.app.web.language import SCOPE, chosen
 
 _ENVELOPE_BYTES = 1_000_000  # allowance for the browser's envelope around files
 _MOST_DIGITS = 18
@@ -74,6 +75,7 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = _headers(scope)
+        scope[SCOPE] = chosen(cookies(headers), headers.get(b"accept-language", ""))
         if not self._known(scope, headers) or _of_another_site(scope, headers):
             await _refuse(scope, send, 403, _STRANGER)
         elif scope["type"] == "websocket":

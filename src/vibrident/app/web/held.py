@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from vibrident.app.web.form.description import Description
+from vibrident.app.web.language import Language, phrase
 from vibrident.app.web.looks import Guess
 from vibrident.app.workflow.estimators import AUTO, estimators_with
 from vibrident.base import parcel
@@ -88,8 +89,8 @@ class Confirmed:
 class Job:
     """A running identification: its status, the cost of each start, and how it ended."""
 
-    BEGINNING: ClassVar[str] = "Reading the data, loading the libraries …"
-    DONE: ClassVar[str] = "Identified."
+    BEGINNING: ClassVar[str] = phrase("Reading the data, loading the libraries …")
+    DONE: ClassVar[str] = phrase("Identified.")
 
     words: str = BEGINNING
     starts: list[list[float]] = field(default_factory=list)
@@ -100,13 +101,16 @@ class Job:
     most_left_s: float | None = None
     choices: Choices | None = None  # what was asked for
 
-    @property
-    def status(self) -> str:
-        """The status, with the elapsed seconds, and those that this start can still take."""
+    def status(self, language: Language) -> str:
+        """Return the status, with the elapsed seconds, and those that this start can still take."""
+        words = language(self.words)
         if self.over:
-            return self.words
-        left = "" if self.most_left_s is None else f"; this start: at most {self.most_left_s:.0f} s more"
-        return f"{self.words} ({time.monotonic() - self.began:.0f} s{left})"
+            return words
+        lasted = f"{time.monotonic() - self.began:.0f}"
+        if self.most_left_s is None:
+            return f"{words} ({lasted} s)"
+        more = language(phrase("this start: at most {seconds} s more"), seconds=f"{self.most_left_s:.0f}")
+        return f"{words} ({lasted} s; {more})"
 
     def add(self, iteration: int, most: int, cost: float) -> None:
         """Record an iteration; if the count does not increase, another start has begun."""
@@ -117,8 +121,12 @@ class Job:
         self.share = iteration / most if most else None
         done = len(self.starts[-1]) - 1
         self.most_left_s = (time.monotonic() - self._started) / done * (most - iteration) if done else None
-        which = f"Start {len(self.starts)}, iteration" if len(self.starts) > 1 else "Iteration"
-        self.words = f"{which} {iteration} of at most {most}, cost {cost:.4g}"
+        facts = {"iteration": iteration, "most": most, "cost": f"{cost:.4g}"}
+        if len(self.starts) > 1:
+            start = "Start {start}, iteration {iteration} of at most {most}, cost {cost}"
+            self.words = phrase(start, start=len(self.starts), **facts)
+        else:
+            self.words = phrase("Iteration {iteration} of at most {most}, cost {cost}", **facts)
 
 
 def write_state(folder: Path, state: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ from nicegui import ui
 
 from vibrident.app.web import certificates, frame
 from vibrident.app.web.held import Named
+from vibrident.app.web.language import phrase, say
 from vibrident.app.web.outcome import give
 from vibrident.app.web.users import User
 from vibrident.base.escaping import html
@@ -16,7 +17,12 @@ from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
 
 _ANY_SIZE = 1 << 42  # most bytes of the store's file, as of the history
-_LABELS = {"pdf": "Certificate (PDF)", "dcc": "DCC", "json": "result.json", "p7s": "Its signature"}
+_LABELS = {
+    "pdf": phrase("Certificate (PDF)"),
+    "dcc": "DCC",
+    "json": "result.json",
+    "p7s": phrase("Its signature"),
+}
 
 
 class IssueStep:
@@ -32,10 +38,10 @@ class IssueStep:
 
     def build(self) -> None:
         """Build the section, hidden until there is a draft."""
-        self.section = frame.step("Review and issue", "issue", mark="✓")
+        self.section = frame.step(say("Review and issue"), "issue", mark="✓")
         with self.section:
             with ui.element("div").classes("actions"):
-                refresh = ui.button("Look again", on_click=self.show)
+                refresh = ui.button(say("Look again"), on_click=self.show)
                 refresh.props("outline id=refresh-drafts")
             self.words = ui.label("").classes("hint").props("role=status id=issue-words")
             self.errors = ui.element("div").props("aria-live=assertive")
@@ -69,48 +75,54 @@ class IssueStep:
             return
         await self.user.note("handed in", named.path, draft=number)
         await self.show()
-        self.words.text = f"Draft {number} waits for a review by another account."
+        self.words.text = say("Draft {number} waits for a review by another account.", number=number)
         frame.go(self.section)
 
     def _entry(self, draft: dict[str, Any], replaced_by: str | None) -> None:
         number = draft["id"]
-        title = f"Certificate {draft['number']}" if draft["state"] == ISSUED else f"Draft {number}"
+        issued = draft["state"] == ISSUED
+        title = say("Certificate {number}", number=draft["number"]) if issued else say("Draft {number}", number=number)
         ui.html(f"<h3>{html(title)}: {html(draft['sensor'])}</h3>", sanitize=False)
         ui.label(_history(draft, replaced_by)).classes("hint")
         with ui.element("div").classes("actions").props(f'id="draft-{number}"'):
-            forms = _LABELS if draft["state"] == ISSUED else {"pdf": "Draft (PDF)"}
+            forms = _LABELS if issued else {"pdf": phrase("Draft (PDF)")}
             for form, label in forms.items():
-                download = ui.button(label, on_click=partial(self._give, number, form))
-                download.props(f'outline aria-label="{label}, {html(title)}"')
-            if draft["state"] == ISSUED or not self.user.may("approve"):
+                download = ui.button(say(label), on_click=partial(self._give, number, form))
+                download.props("outline").props["aria-label"] = f"{say(label)}, {title}"
+            if issued or not self.user.may("approve"):
                 return
             if same_account(draft["author"], self.user.owner):
-                ui.label("Another account reviews what you handed in.").classes("hint")
+                ui.label(say("Another account reviews what you handed in.")).classes("hint")
             else:
                 self._review(number)
             if draft["state"] == REVIEWED and self.user.users.key is not None:
-                issue = ui.button("Issue and sign", on_click=partial(self._issue, number))
-                issue.props(f'aria-label="Issue and sign draft {number}"')
+                issue = ui.button(say("Issue and sign"), on_click=partial(self._issue, number))
+                issue.props["aria-label"] = say("Issue and sign draft {number}", number=number)
 
     def _review(self, number: int) -> None:
-        note = ui.input("What was found").props("dense outlined stack-label")
-        for label, accepted in (("Accept", True), ("Return", False)):
+        note = ui.input(say("What was found")).props("dense outlined stack-label")
+        accept, back = say("Accept draft {number}", number=number), say("Return draft {number}", number=number)
+        for label, called, accepted in ((say("Accept"), accept, True), (say("Return"), back, False)):
 
             async def review(accepted: bool = accepted) -> None:
                 await self._reviewed(number, accepted, note.value or "")
 
             button = ui.button(label, on_click=review)
-            button.props(f'outline aria-label="{label} draft {number}"')
+            button.props("outline").props["aria-label"] = called
 
     async def _reviewed(self, number: int, accepted: bool, note: str) -> None:
         asked = (certificates.reviewed, number, self.user.owner, accepted, note)
-        action = "reviewed" if accepted else "returned"
-        await self._change("review a draft", action, f"Draft {number} is {action}.", *asked)
+        if accepted:
+            said = say("Draft {number} is reviewed.", number=number)
+            await self._change("review a draft", "reviewed", said, *asked)
+        else:
+            said = say("Draft {number} is returned.", number=number)
+            await self._change("review a draft", "returned", said, *asked)
 
     async def _issue(self, number: int) -> None:
-        self.words.text = "Signing …"
+        self.words.text = say("Signing …")
         asked = (certificates.certified, number, self.user.owner, *(self.user.users.key or ()))
-        await self._change("issue a certificate", "issued", f"Draft {number} is issued.", *asked)
+        await self._change("issue a certificate", "issued", say("Draft {number} is issued.", number=number), *asked)
 
     async def _change(self, what: str, action: str, said: str, function: Any, number: int, *args: Any) -> None:
         """Do what the role ``approve`` may, note it, and show the drafts again."""
@@ -135,16 +147,17 @@ class IssueStep:
 
 def _history(draft: dict[str, Any], replaced_by: str | None) -> str:
     """Return who did what with a draft, in a sentence."""
-    said = [f"handed in by {draft['author']} on {draft['recorded'][:10]}"]
+    said = [say("handed in by {name} on {date}", name=draft["author"], date=draft["recorded"][:10])]
     if draft["reviewer"]:
         returned = draft["state"] not in (REVIEWED, ISSUED)
+        words = phrase("returned by {name}") if returned else phrase("reviewed by {name}")
         note = f" ({draft['note']})" if draft["note"] else ""
-        said.append(f"{'returned' if returned else 'reviewed'} by {draft['reviewer']}{note}")
+        said.append(say(words, name=draft["reviewer"]) + note)
     if draft["state"] == ISSUED:
-        said.append(f"issued by {draft['issuer']} on {draft['date']}")
+        said.append(say("issued by {name} on {date}", name=draft["issuer"], date=draft["date"]))
     if draft["replaces"]:
-        said.append(f"replaces {draft['replaces']}")
+        said.append(say("replaces {number}", number=draft["replaces"]))
     if replaced_by:
-        said.append(f"replaced by {replaced_by}")
+        said.append(say("replaced by {number}", number=replaced_by))
     text = "; ".join(said)
     return f"{text[:1].upper()}{text[1:]}."

@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.web.form.description import ROLES, Description, described, mark, paired
+from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.preview import preview
 from vibrident.app.web.session import refuse_outside
+from vibrident.app.web.translated import charts, fragment
 from vibrident.app.web.words import page_word
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.data.io import read
@@ -36,9 +38,8 @@ from vibrident.show.deviation_points import from_reference
 from vibrident.show.findings import told
 from vibrident.show.issue import Issue, issued
 from vibrident.show.issue import stated as with_statements
-from vibrident.show.media import charts, html
 from vibrident.show.report import content, file_name
-from vibrident.show.views import Figure, Sentence, count
+from vibrident.show.views import Figure, Sentence
 
 if TYPE_CHECKING:
     from vibrident.lab.history.store import Store
@@ -66,7 +67,7 @@ def prepare() -> None:
     """What a process does while it waits for one of these functions: this module loads the libraries."""
 
 
-def guess(folder: Path, files: Sequence[str]) -> Guess:
+def guess(folder: Path, files: Sequence[str], code: str = "en") -> Guess:
     """Guess the columns from the first file, and the excitation from several."""
     part = mark(files)
     columns, apart = _columns(folder, paired(files, part))
@@ -76,7 +77,7 @@ def guess(folder: Path, files: Sequence[str]) -> Guess:
     except MemoryError:  # the files may be too large for a guess
         excitation = None
     try:
-        drawn = chart(described(columns, excitation or "sine", part), folder, files)
+        drawn = chart(described(columns, excitation or "sine", part), folder, files, code)
     except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
     return Guess(_few(columns), excitation, len(columns.columns), drawn, part)
@@ -132,9 +133,9 @@ def calibration(folder: Path, name: str) -> str:
     return text if left <= 0 else f"{text[:MOST_TEXT]}\n# … and {left} characters more"
 
 
-def chart(given: Description, folder: Path, files: Sequence[str]) -> bytes:
-    """The beginning of the chosen columns, as JSON of a figure."""
-    return _json(preview(given, folder, files))
+def chart(given: Description, folder: Path, files: Sequence[str], code: str = "en") -> bytes:
+    """The beginning of the chosen columns, as JSON of a figure; ``code``: of its language."""
+    return _json(preview(given, folder, files, language(code)))
 
 
 def faults(given: Description, folder: Path, files: Sequence[str]) -> list[dict[str, str]]:
@@ -174,20 +175,21 @@ def facts(path: Path) -> tuple[str, str]:
     return result.model, result.estimator
 
 
-def outcome(path: Path) -> dict[str, Any]:
-    """The view of a result: verdict, numbers, warnings and findings as HTML, charts as JSON."""
+def outcome(path: Path, code: str = "en") -> dict[str, Any]:
+    """The view of a result in a language: verdict, numbers, warnings and findings as HTML, charts as JSON."""
+    speak = language(code)
     fitted = Result.load(path)  # warnings and findings count in its own u, as their sentences do
     result = raised_to_measured(fitted)
     drawn = figures.sensitivity(result), from_reference(result), figures.deviation(result)
-    shown, left = _fitting(_named(*drawn), MOST_BYTES)
-    found, left = _fitting(_named(figures.training(result)), left)
-    signals, left = _fitting(_charts(figures.signals(result)), left)
+    shown, left = _fitting(_named(speak, *drawn), MOST_BYTES)
+    found, left = _fitting(_named(speak, figures.training(result)), left)
+    signals, left = _fitting(_charts(speak, figures.signals(result)), left)
     return {
-        "verdict": html.fragment(document.verdict(result), *_scatter_only(result)),
+        "verdict": fragment(speak, document.verdict(result), *_scatter_only(result, speak)),
         "pdf": (certificate.title(result), file_name(result, "pdf")),
         "states": {"certificate": result.certificate, "sensor": result.sensor, "parameters": [*result.parameters]},
-        "parameters": html.fragment(tables.parameters(result), *map(Sentence, said_of_raised(result))),
-        "warnings": html.fragment(*told(fitted, page_word())),
+        "parameters": fragment(speak, tables.parameters(result), *map(Sentence, said_of_raised(result))),
+        "warnings": fragment(speak, *told(fitted, page_word(speak=speak))),
         "charts": shown,
         "found": found,
         "signals": signals,
@@ -196,22 +198,31 @@ def outcome(path: Path) -> dict[str, Any]:
 
 
 #: Sources by what they make known, in the words of the page.
-_SOURCES = {"gain": "a source of kind gain", "phase": "a source of kind phase or timing"}
+_SOURCES = {
+    ("gain",): phrase("To include it, add a source of kind gain under “{step}”, and identify again."),
+    ("phase",): phrase("To include it, add a source of kind phase or timing under “{step}”, and identify again."),
+    ("gain", "phase"): phrase(
+        "To include it, add sources of the kinds gain and phase (or timing) under “{step}”, and identify again."
+    ),
+}
 
 
-def _scatter_only(result: Result) -> tuple[Sentence, ...]:
+def _scatter_only(result: Result, speak: Language) -> tuple[Sentence, ...]:
     """Return that U covers scatter only, with what to state on the page; nothing where it is more."""
-    sources = " and ".join(_SOURCES[part] for part in unstated(result))
-    more = f"To include it, add {sources} under “Laboratory and uncertainty”, and identify again."
-    return tuple(replace(one, text=f"{one.text} {more}") for one in chain_unstated(result))
+    lacking = unstated(result)
+    if not lacking:
+        return ()
+    more = speak(_SOURCES[lacking], step=speak("Laboratory and uncertainty"))
+    return tuple(replace(one, text=f"{speak(one.text)} {more}") for one in chain_unstated(result))
 
 
-def _named(*drawn: Figure | None) -> list[tuple[str, Any]]:
-    return [(figure.title, chart) for figure in drawn if figure is not None for _, chart in _charts(figure)]
+def _named(speak: Language, *drawn: Figure | None) -> list[tuple[str, Any]]:
+    known = [figure for figure in drawn if figure is not None]
+    return [(speak(figure.title), chart) for figure in known for _, chart in _charts(speak, figure)]
 
 
-def _charts(figure: Figure | None) -> list[tuple[str, Any]]:
-    return [] if figure is None else charts.charts(figure)
+def _charts(speak: Language, figure: Figure | None) -> list[tuple[str, Any]]:
+    return [] if figure is None else charts(speak, figure)
 
 
 def _fitting(drawn: Sequence[tuple[str, Any]], most: int) -> tuple[list[tuple[str, bytes, int]], int]:
@@ -285,34 +296,37 @@ def everything(path: Path, calibration: Path | None, folder: Path, stated: Certi
     return archive.getvalue()
 
 
-def comparison(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Any]:
+def comparison(paths: Sequence[Path], names: Sequence[str], code: str = "en") -> dict[str, Any]:
     """Results side by side: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
-    shown, _ = _fitting(_charts(beside(results, names)), MOST_BYTES)
-    tables_beside = [(title, html.fragment(table)) for title, table in comparison_tables(results, names)]
+    speak = language(code)
+    shown, _ = _fitting(_charts(speak, beside(results, names)), MOST_BYTES)
+    tables_beside = [(speak(title), fragment(speak, table)) for title, table in comparison_tables(results, names)]
     return {"charts": shown, "tables": tables_beside}
 
 
-def history(path: Path, store: str, stated: CertificateData) -> dict[str, Any]:
+def history(path: Path, store: str, stated: CertificateData, code: str) -> dict[str, Any]:
     """Return what a store holds of the sensor of a result: words, charts as JSON, and tables as HTML.
 
-    ``stated``: what the form of the certificate states beside the result.
+    ``stated``: what the form of the certificate states beside the result; ``code``: of the language.
     """
-    return _history(path, store, stated, lambda opened, result: "")
+    return _history(path, store, stated, code, lambda opened, result: "")
 
 
-def added_to_history(path: Path, store: str, stated: CertificateData) -> dict[str, Any]:
+def added_to_history(path: Path, store: str, stated: CertificateData, code: str) -> dict[str, Any]:
     """Return the same, once the result was added."""
     from vibrident.lab.history.entry import add_all
 
     def add(opened: Store, result: Result) -> str:
         (added,) = add_all(opened, [result])
-        return f"Calibration {added.number}{'' if added.new else ' was there already'}. "
+        new = phrase("Calibration {number}.")
+        known = phrase("Calibration {number} was there already.")
+        return language(code)(new if added.new else known, number=added.number)
 
-    return _history(path, store, stated, add)
+    return _history(path, store, stated, code, add)
 
 
-def approved(path: Path, store: str, stated: CertificateData, by: str) -> dict[str, Any]:
+def approved(path: Path, store: str, stated: CertificateData, code: str, by: str) -> dict[str, Any]:
     """Return the same, once the result's calibration was added and approved."""
     from vibrident.lab.history.approval import approve
     from vibrident.lab.history.entry import add_all
@@ -321,27 +335,32 @@ def approved(path: Path, store: str, stated: CertificateData, by: str) -> dict[s
         (added,) = add_all(opened, [result])
         name = result.certificate.get("approved_by") or by
         approve(opened, added.number, by=name, note="" if name == by else f"entered by {by}")
-        return f"Calibration {added.number} is approved. "
+        return language(code)(phrase("Calibration {number} is approved."), number=added.number)
 
-    return _history(path, store, stated, add)
+    return _history(path, store, stated, code, add)
 
 
-def _history(path: Path, store: str, stated: CertificateData, change: Callable[[Store, Result], str]) -> dict[str, Any]:
+def _history(
+    path: Path, store: str, stated: CertificateData, code: str, change: Callable[[Store, Result], str]
+) -> dict[str, Any]:
     from vibrident.lab.history import page
     from vibrident.lab.history.document import of_result
     from vibrident.lab.history.store import Store
 
-    result = with_statements(Result.load(path), stated)
+    result, speak = with_statements(Result.load(path), stated), language(code)
     with Store(store) as opened:
         before = change(opened, result)
         life = of_result(opened, result)
     if life is None:
-        return {"words": f"{before}The history holds no calibration of this sensor.", "charts": [], "tables": ""}
+        nothing = speak("The history holds no calibration of this sensor.")
+        return {"words": f"{before} {nothing}".strip(), "charts": [], "tables": ""}
     blocks = [block for part in page.report(life).sections for block in part.blocks]
-    drawn = [(one.title, chart) for one in blocks if isinstance(one, Figure) for _, chart in _charts(one)]
-    rest = html.fragment(*(block for block in blocks if not isinstance(block, Figure)))
-    words = f"{before}The history holds {count(len(life['calibrations']), 'calibration')} of this sensor."
-    return {"words": words, "charts": _fitting(drawn, MOST_BYTES)[0], "tables": rest}
+    drawn = [(one.title, chart) for one in blocks if isinstance(one, Figure) for _, chart in _charts(speak, one)]
+    rest = fragment(speak, *(block for block in blocks if not isinstance(block, Figure)))
+    one = "The history holds {count} calibration of this sensor."
+    several = "The history holds {count} calibrations of this sensor."
+    words = speak.count(len(life["calibrations"]), one, several)
+    return {"words": f"{before} {words}".strip(), "charts": _fitting(drawn, MOST_BYTES)[0], "tables": rest}
 
 
 def _json(tree: Any) -> bytes:

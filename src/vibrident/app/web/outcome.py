@@ -12,6 +12,7 @@ from nicegui import ui
 from vibrident.app.web import frame, looks
 from vibrident.app.web.form.certify import CertificateForm
 from vibrident.app.web.held import Named
+from vibrident.app.web.language import say, spoken
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.users import User
 from vibrident.app.web.words import LABELS
@@ -48,9 +49,9 @@ class OutcomeStep:
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
-        self.section = frame.step("Result", "result")
+        self.section = frame.step(say("Result"), "result")
         with self.section:
-            self.choice = ui.select([], label="Shown").props("dense outlined stack-label").classes("w-full")
+            self.choice = ui.select([], label=say("Shown")).props("dense outlined stack-label").classes("w-full")
             self.choice.on_value_change(lambda: None if self.showing else self._draw())
             self.notice = ui.label("").classes("warning").props("role=status")
             self.body = ui.element("div")
@@ -61,7 +62,7 @@ class OutcomeStep:
         names = [named.name for named in self.user.results]
         self.section.visible = bool(names)
         self.choice.visible = len(names) > 1
-        self.notice.text = self.user.notice
+        self.notice.text = say(self.user.notice)
         self.notice.visible = bool(self.user.notice)
         if not names:
             return
@@ -86,7 +87,7 @@ class OutcomeStep:
         self.body.clear()
         with self.body:
             ui.spinner(size="28px")
-        shown = await frame.looked(self.user, self.body, looks.outcome, named.path)
+        shown = await frame.looked(self.user, self.body, looks.outcome, named.path, spoken().code)
         if shown is None or turn != self.turn or self.body.is_deleted:
             return
         self.body.clear()
@@ -108,20 +109,22 @@ class OutcomeStep:
                 await History(self.user, named, store, self.certificate, self.hand_in).build()
 
     def _downloads(self, named: Named, title: str, pdf: str) -> None:
-        ui.html(f"<h3>{LABELS['report.form']}</h3>", sanitize=False)
+        ui.html(f"<h3>{html(say(LABELS['report.form']))}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             called = self.certificate.name_of_file
             get = ui.button("result.json", on_click=lambda: ui.download.file(named.path, called(RESULT)))
             get.props("id=get-json")
-            for form, label in (("html", "Report (HTML)"), ("pdf", f"{title} (PDF)"), ("md", "Report (Markdown)")):
+            labels = {"html": say("Report (HTML)"), "pdf": f"{say(title)} (PDF)", "md": say("Report (Markdown)")}
+            for form, label in labels.items():
                 asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
                 ui.button(label, on_click=asked).props(f"outline id=get-{form}")
-            ui.button("Everything (zip)", on_click=partial(self._everything, named)).props("outline id=get-everything")
+            everything = ui.button(say("Everything (zip)"), on_click=partial(self._everything, named))
+            everything.props("outline id=get-everything")
         if named.choices is not None:
             name = named.choices.calibration
-            with ui.expansion("The same in a shell").classes("w-full").props("id=in-a-shell"):
-                ui.label(f"With {name} in the folder of the data:").classes("hint")
-                frame.Text("command", named.choices.command)
+            with ui.expansion(say("The same in a shell")).classes("w-full").props("id=in-a-shell"):
+                ui.label(say("With {file} in the folder of the data:", file=name)).classes("hint")
+                frame.Text("command", say("Command"), named.choices.command)
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
 
     def _exports(self, named: Named) -> None:
@@ -131,12 +134,12 @@ class OutcomeStep:
 
         forms = EXPORTS.all()
         plain = next(name for name, form in forms.items() if not (form.options or form.extra))
-        titles = {name: f"{name}: {form.title}" for name, form in forms.items()}
-        ui.html("<h3>Other formats</h3>", sanitize=False)
+        titles = {name: f"{name}: {say(form.title)}" for name, form in forms.items()}
+        ui.html(f"<h3>{html(say('Other formats'))}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            form = ui.select(titles, value=plain, label=LABELS["export.form"]).style("min-width: min(15rem, 100%)")
+            form = ui.select(titles, value=plain, label=say(LABELS["export.form"])).style("min-width: min(15rem, 100%)")
             fields = {
-                name: ui.number(option.label) if option.number else ui.input(option.label)
+                name: ui.number(say(option.label)) if option.number else ui.input(say(option.label))
                 for name, option in OPTIONS.items()
                 if option.label
             }
@@ -152,7 +155,7 @@ class OutcomeStep:
 
             needed(form.value)
             form.on_value_change(lambda event: needed(event.value))
-            ui.button("Export", on_click=export).props("outline id=get-export")
+            ui.button(say("Export"), on_click=export).props("outline id=get-export")
 
     async def _report(self, named: Named, form: str, name: str) -> None:
         self.errors.clear()
@@ -193,13 +196,13 @@ class History:
 
     async def build(self) -> None:
         """Build it, and show what is there."""
-        ui.html("<h3>History</h3>", sanitize=False)
+        ui.html(f"<h3>{html(say('History'))}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            self.button = ui.button("Add to history", on_click=self._add).props("outline id=add-to-history")
+            self.button = ui.button(say("Add to history"), on_click=self._add).props("outline id=add-to-history")
             self.button.visible = self.user.may("identify")
-            approve = ui.button("Add and approve", on_click=self._approve).props("outline id=approve")
+            approve = ui.button(say("Add and approve"), on_click=self._approve).props("outline id=approve")
             approve.visible = self.user.may("approve")
-            draft = ui.button("Hand in for review", on_click=self._hand_in).props("outline id=hand-in")
+            draft = ui.button(say("Hand in for review"), on_click=self._hand_in).props("outline id=hand-in")
             draft.visible = self.hand_in.offered and self.user.may("identify")
         self.words = ui.label("").classes("hint").props("role=status id=history-words")
         self.errors = ui.element("div").props("aria-live=assertive")
@@ -230,7 +233,7 @@ class History:
         self.errors.clear()
         if function is not looks.history and not self.user.may("identify"):
             return
-        asked = (self.named.path, self.store, self.certificate.given(), *more)
+        asked = (self.named.path, self.store, self.certificate.given(), spoken().code, *more)
         shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=ANY_SIZE)
         if shown is None or self.body.is_deleted:
             return
@@ -264,12 +267,12 @@ async def give(
 
 def _curves(shown: dict[str, Any]) -> None:
     if shown["left_out"]:
-        ui.label("Not everything can be drawn here; see the report (HTML).").classes("hint")
+        ui.label(say("Not everything can be drawn here; see the report (HTML).")).classes("hint")
     for title, figure, height in shown["charts"]:
         ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
         frame.Chart(figure, height)
     if shown["found"]:
-        behind = ui.expansion("How it was found").classes("w-full").props("id=how")
+        behind = ui.expansion(say("How it was found")).classes("w-full").props("id=how")
 
         def draw() -> None:  # plotly draws nothing in a hidden element
             if behind.value and not behind.default_slot.children:
@@ -279,10 +282,10 @@ def _curves(shown: dict[str, Any]) -> None:
 
         behind.on_value_change(draw)
     if signals := shown["signals"]:
-        ui.html("<h3>Signals</h3>", sanitize=False)
+        ui.html(f"<h3>{html(say('Signals'))}</h3>", sanitize=False)
         if len(signals) > 1:
             names = {number: name for number, (name, *_) in enumerate(signals)}
-            choice = ui.select(names, value=0, label="Record").props("dense outlined stack-label")
+            choice = ui.select(names, value=0, label=say("Record")).props("dense outlined stack-label")
             choice.style("max-width: 20rem")
             choice.on_value_change(lambda event: plot.show(signals[event.value][1]))
         plot = frame.Chart(*signals[0][1:])

@@ -16,11 +16,20 @@ window.vibrident = {
     const { Plotly } = await import('nicegui-plotly');
     // One after another: plotly stumbles over a second drawing of a chart before the first is done.
     this.drawing = (this.drawing ?? Promise.resolve()).then(
-      () => place?.isConnected && Plotly.react(place, data, layout, this.tools(place)),
+      () => place?.isConnected && Plotly.react(place, data, this.room(place, data, layout), this.tools(place)),
     ).catch(error => place?.isConnected && console.warn(error));
   },
   tools(place) {  // a narrow chart has no toolbar: it would lie on the legend
     return { responsive: false, displaylogo: false, displayModeBar: place.clientWidth < 520 ? false : 'hover' };
+  },
+  room(place, data, layout) {  // of a narrow chart the choice of the axis stands above the key, not on it
+    const menu = layout.updatemenus?.[0];
+    if (!menu) return layout;
+    const lines = place.clientWidth < 520 ? data.filter(trace => trace.showlegend).length : 0;
+    const more = 20 * lines, change = more - (layout.meta ?? 0);
+    return { ...layout, meta: more, height: layout.height + change,
+      margin: { ...layout.margin, t: layout.margin.t + change },
+      updatemenus: [{ ...menu, pad: { ...menu.pad, b: 4 + more } }] };
   },
   async fit() {
     const { Plotly } = await import('nicegui-plotly');
@@ -28,7 +37,8 @@ window.vibrident = {
       if (!plot._fullLayout || !plot.offsetParent || plot.clientWidth === plot._fullLayout.width) continue;
       const fitted = this.tools(plot).displayModeBar === plot._context.displayModeBar
         ? Plotly.Plots.resize(plot)
-        : Plotly.newPlot(plot, plot.data, { ...plot.layout, width: plot.clientWidth }, this.tools(plot));
+        : Plotly.newPlot(plot, plot.data, { ...this.room(plot, plot.data, plot.layout), width: plot.clientWidth },
+          this.tools(plot));
       await fitted.catch(() => {});  // one that was taken away meanwhile
     }
   },
@@ -43,10 +53,10 @@ window.vibrident = {
     new MutationObserver(name).observe(root, { childList: true, subtree: true });
     name();
   },
-  folders(id) {
+  folders(id, choose, files, folder) {
     const box = getElement(id), root = getHtmlElement(id), picker = document.createElement('input');
-    this.name(id, 'Choose files', 'Files');
-    picker.setAttribute('aria-label', 'Folder');
+    this.name(id, choose, files);
+    picker.setAttribute('aria-label', folder);
     const add = files => box.$refs.qRef.addFiles([...files].filter(f => !f.name.startsWith('.')));
     const all = async reader => {
       const found = [];
@@ -70,6 +80,11 @@ window.vibrident = {
     }, true);
   },
 };
+document.addEventListener('change', event => {  // the page is built anew in the language that was chosen
+  if (event.target.id !== 'language') return;
+  document.cookie = `vibrident-language=${event.target.value}; path=/; max-age=31536000; samesite=lax`;
+  location.reload();
+});
 let listing;
 const contents = () => {  // a link to each step that is there, once there is more than one
   const bar = document.getElementById('contents');

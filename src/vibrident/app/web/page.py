@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import copy
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
@@ -18,16 +20,17 @@ from vibrident.app.web.form.columns import ColumnsStep
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.issue import IssueStep
+from vibrident.app.web.language import LANGUAGES, LOCALES, phrase, say, say_count, spoken
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.sensors import SensorsStep
 from vibrident.app.web.tools import ToolsStep
 from vibrident.app.web.users import User, Users
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
-from vibrident.show.views import count
 
 _FOLDER = Path(__file__).parent
 _STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
+_SUBTITLE = phrase("From calibration records to a sensor's dynamic model")
 _MOST_OFFERED = 4  # most earlier tabs whose work a new one is offered
 _SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
@@ -37,16 +40,17 @@ async def page(users: Users) -> None:
     ui.colors(primary="#0a4b78", positive="#14632f", negative="#a1001a", warning="#7a4b00")
     ui.add_css(_STYLE)
     ui.add_body_html(f"<script>{_SCRIPT}</script>")
-    ui.html('<a class="skip" href="#main">To the content</a>', sanitize=False)
+    client = ui.context.client
+    client.page = copy.copy(client.page)  # Quasar's own words are in the language of this visitor
+    client.page.language = LOCALES[spoken().code]  # type: ignore[assignment]
+    ui.html(f'<a class="skip" href="#main">{html(say("To the content"))}</a>', sanitize=False)
     with ui.element("header").classes("top"):
-        ui.html("<h1>vibrident</h1><p>From calibration records to a sensor's dynamic model</p>", sanitize=False)
-        if account := ui.context.client.request.scope.get(ACCOUNT):
-            out = f'<form method="post" action="{SIGN_OUT}"><button>Sign out</button></form>' if account.hash else ""
-            ui.html(f'<div class="who"><span>{html(account.name)}</span>{out}</div>', sanitize=False)
-    contents = '<nav class="contents" aria-label="Contents" id="contents" hidden></nav>'  # filled by the script
+        ui.html(f"<h1>vibrident</h1><p>{html(say(_SUBTITLE))}</p>", sanitize=False)
+        _visitor(client.request.scope.get(ACCOUNT))
+    called = html(say("Contents"))
+    contents = f'<nav class="contents" aria-label="{called}" id="contents" hidden></nav>'  # filled by the script
     ui.html(contents, sanitize=False).classes("w-full")
     main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
-    client = ui.context.client
     await client.connected()
     if client.is_deleted:
         return
@@ -64,6 +68,22 @@ async def page(users: Users) -> None:
         await _steps(user)
 
 
+def _visitor(account: Any) -> None:
+    """Offer the languages, and to sign out where somebody has signed in."""
+    here = spoken().code
+    options = "".join(
+        f'<option value="{code}" lang="{LOCALES[code]}"{" selected" * (code == here)}>{name}</option>'
+        for code, name in LANGUAGES.items()
+    )
+    parts = f'<select id="language" aria-label="{html(say("Language"))}">{options}</select>'
+    if account:
+        parts += f"<span>{html(account.name)}</span>"
+        if account.hash:
+            button = html(say("Sign out"))
+            parts += f'<form method="post" action="{SIGN_OUT}"><button>{button}</button></form>'
+    ui.html(f'<div class="who">{parts}</div>', sanitize=False)
+
+
 async def _say_if_gone() -> None:
     """Before the steps, which tell the browser that it holds nothing: say it if the state of this tab is lost."""
     try:
@@ -72,8 +92,11 @@ async def _say_if_gone() -> None:
         return
     if held:
         with ui.element("div").classes("warning").props("role=alert id=gone"):
-            ui.label("The server no longer has the data, the form and the results of this page.").classes("problem")
-            ui.label("It needed the room, or the page was left for longer than it keeps them. Load the files again.")
+            gone = say("The server no longer has the data, the form and the results of this page.")
+            ui.label(gone).classes("problem")
+            ui.label(
+                say("It needed the room, or the page was left for longer than it keeps them. Load the files again.")
+            )
 
 
 def _offer(user: User) -> None:
@@ -85,11 +108,14 @@ def _offer(user: User) -> None:
         user.users.hand_over(one, user)
         ui.navigate.reload()
 
-    with ui.element("div").classes("actions").props("id=left-work role=group aria-label='Earlier work'"):
-        ui.label("Go on with earlier work:")
+    with ui.element("div").classes("actions").props("id=left-work role=group") as place:
+        place.props["aria-label"] = say("Earlier work")
+        ui.label(say("Go on with earlier work:"))
         for one in left[:_MOST_OFFERED]:
-            at = time.strftime("%d %b %H:%M", time.localtime(one.seen))
-            named = f"{count(len(one.session.names), 'file')}, {count(len(one.results), 'result')}, {at}"
+            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(one.seen))
+            files = say_count(len(one.session.names), "{count} file", "{count} files")
+            results = say_count(len(one.results), "{count} result", "{count} results")
+            named = f"{files}, {results}, {at}"
             ui.button(named, on_click=partial(take, one)).props("outline")
 
 

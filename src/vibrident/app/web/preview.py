@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.app.web.form.description import Description
+from vibrident.app.web.language import Language, phrase
+from vibrident.app.web.translated import charts
 from vibrident.base.amounts import pretty
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile, require_room
@@ -17,7 +19,8 @@ from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
 from vibrident.show import axes
 from vibrident.show.data_figures import lissajous
-from vibrident.show.media.charts import Chart, charts
+from vibrident.show.formulas import Mixed
+from vibrident.show.media.charts import Chart
 from vibrident.show.numbers import shortened
 from vibrident.show.views import BLUE, GREEN, VERMILION, Figure, Look, Panel, Series, Stack
 
@@ -25,7 +28,7 @@ HEIGHT = 360  # height of the chart in pixels
 MOST_SAMPLES = 3000  # samples drawn
 
 
-def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
+def preview(given: Description, folder: Path, files: Sequence[str], language: Language) -> Chart:
     """A figure of the first file: reference above response, or magnitude over frequency.
 
     Two photodetector signals are also drawn over each other, with their ellipse.
@@ -49,7 +52,7 @@ def preview(given: Description, folder: Path, files: Sequence[str]) -> Chart:
     if light is not source:
         signals = [column for column in given.motion if column is not None]
         stacks.insert(-1, _over(light, signals, None, table=False))
-    ((_, chart),) = charts(Figure("preview", "", tuple(stacks), across=len(stacks)))
+    ((_, chart),) = charts(language, Figure("preview", "", tuple(stacks), across=len(stacks)))
     return chart
 
 
@@ -61,13 +64,14 @@ def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | N
         x = x - x[0]
     size = min((column.size for column in values.values()), default=0)
     places = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
-    title = "Frequency in Hz" if table else "Sample" if x is None else "Time from the first sample in s"
+    in_time = phrase("Sample") if x is None else phrase("Time from the first sample in s")
+    title = phrase("Frequency in Hz") if table else in_time
     below = axes.frequency(places, title) if table else axes.linear(title, places, margin=0.02)
     mark = "o" if table else ""
     panels = []
     for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False):
         look = Look(colour, width=1.0, marker=mark)  # type: ignore[arg-type]
-        line = Series(places, values[column][:size], _named(source, column), look)
+        line = Series(places, values[column][:size], Mixed(_named(source, column)), look)  # the file's own words
         panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
     return Stack(tuple(panels))
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vibrident.app.web.language import Language, language
+from vibrident.app.web.translated import fragment
 from vibrident.data.io.certificate import CertificateData
 from vibrident.result import Result
 from vibrident.show.issue import lacking
 from vibrident.show.issue import stated as with_statements
-from vibrident.show.media import html
 from vibrident.show.views import Column, Table, columns
 
 MAX_SENSORS = 500  # rows of the table
@@ -26,11 +27,11 @@ class Draft:
     missing: int  # entries that a certificate must state and this one does not
 
 
-def sensors(store: str, wanted: str) -> dict[str, Any]:
+def sensors(store: str, wanted: str, code: str) -> dict[str, Any]:
     """Return the sensors of a store with last calibration and next due date, the soonest first.
 
-    ``wanted``: a part of the serial number. ``table`` is HTML, ``count`` the number of sensors,
-    None where there is no store yet.
+    ``wanted``: a part of the serial number; ``code``: of the language. ``table`` is HTML, ``count``
+    the number of sensors, None where there is no store yet.
     """
     from vibrident.lab.history.document import Question, all_due
     from vibrident.lab.history.store import Store
@@ -41,10 +42,10 @@ def sensors(store: str, wanted: str) -> dict[str, Any]:
         rows = all_due(opened, Question())
     part = wanted.strip().casefold()
     named = [row for row in rows if part in str(row["serial_number"]).casefold()]
-    return {"count": len(named), "table": html.fragment(_table(named)) if named else ""}
+    return {"count": len(named), "table": fragment(language(code), _table(named, language(code))) if named else ""}
 
 
-def _table(rows: Sequence[dict[str, Any]]) -> Table:
+def _table(rows: Sequence[dict[str, Any]], speak: Language) -> Table:
     today = datetime.date.today().isoformat()
     cells, overdue = [], []
     for number, row in enumerate(rows[:MAX_SENSORS]):
@@ -52,7 +53,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         if due and due < today:
             overdue.append(number)
         sensor = " ".join(filter(None, (row.get("manufacturer"), row.get("type"))))
-        remark = row["recalled"] or ("overdue" if due and due < today else "")
+        remark = row["recalled"] or (speak("overdue") if due and due < today else "")
         cells.append(
             (
                 str(row["serial_number"]),
@@ -64,9 +65,9 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
             )
         )
     heads = (
-        *columns("serial number", "sensor", "last calibration"),
-        Column("calibrations", "number"),
-        *columns("next due", "remark"),
+        *columns(speak("serial number"), speak("sensor"), speak("last calibration")),
+        Column(speak("calibrations"), "number"),
+        *columns(speak("next due"), speak("remark")),
     )
     return Table(heads, tuple(cells), doubtful=tuple(overdue))
 

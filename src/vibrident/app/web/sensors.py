@@ -11,11 +11,11 @@ from nicegui import ui
 from vibrident.app.web import frame, register
 from vibrident.app.web.form.entries import PLAIN
 from vibrident.app.web.held import Named
+from vibrident.app.web.language import say, say_count, spoken
 from vibrident.app.web.outcome import ANY_SIZE
 from vibrident.app.web.users import User
 from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
-from vibrident.show.views import count
 
 _MAX_WORK = 40  # results listed of this user
 
@@ -30,12 +30,12 @@ class SensorsStep:
     def build(self, on_open: Callable[[str], Awaitable[Any]]) -> None:
         """Build the section; ``on_open`` is called with the name of a result of this tab."""
         self.on_open = on_open
-        with frame.step("Sensors and open work", "sensors", mark="≡") as self.section:
-            self.wanted = ui.input("Find a serial number").props(f"{PLAIN} id=serial-wanted")
+        with frame.step(say("Sensors and open work"), "sensors", mark="≡") as self.section:
+            self.wanted = ui.input(say("Find a serial number")).props(f"{PLAIN} id=serial-wanted")
             self.wanted.style("max-width: 20rem")
             self.wanted.on("keydown.enter", lambda: self.show())
             with ui.element("div").classes("actions"):
-                ui.button("Search", on_click=lambda: self.show()).props("outline id=find-serial")
+                ui.button(say("Search"), on_click=lambda: self.show()).props("outline id=find-serial")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.words = ui.label("").classes("hint").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
@@ -60,7 +60,7 @@ class SensorsStep:
         known: dict[str, Any] = {"count": None, "table": ""}
         failed = False
         if store:
-            asked = (register.sensors, store, wanted)
+            asked = (register.sensors, store, wanted, spoken().code)
             read = await frame.looked(user, self.errors, *asked, file_bytes=ANY_SIZE)
             failed = read is None
             known = read or known
@@ -75,27 +75,32 @@ class SensorsStep:
         ]
         begun = known["count"] is not None
         self.section.visible = begun or failed or bool(work)
-        said = [f"{count(known['count'], 'sensor')} in the history"] if begun else []
-        self.words.text = ", ".join([*said, f"{count(len(open_work), 'open draft')}"]) + "."
+        drafts_words = say_count(len(open_work), "{count} open draft", "{count} open drafts")
+        words = [drafts_words]
+        if begun:
+            one, several = "{count} sensor in the history", "{count} sensors in the history"
+            words.insert(0, say_count(known["count"], one, several))
+        self.words.text = ", ".join(words) + "."
         self.body.clear()
         with self.body:
             if open_work:
-                ui.html("<h3>Open drafts</h3>", sanitize=False)
-                with ui.element("div").props('role=list aria-label="Open drafts"'):
+                ui.html(f"<h3>{html(say('Open drafts'))}</h3>", sanitize=False)
+                with ui.element("div").props("role=list") as listing:
+                    listing.props["aria-label"] = say("Open drafts")
                     for draft, owner, named in open_work:
                         self._draft(draft, owner, named)
             if known["table"]:
-                ui.html("<h3>Sensors</h3>", sanitize=False)
+                ui.html(f"<h3>{html(say('Sensors'))}</h3>", sanitize=False)
                 ui.html(known["table"], sanitize=False)  # escaped in the process that made it
 
     def _draft(self, draft: register.Draft, owner: User, named: Named) -> None:
-        entries = "entry" if draft.missing == 1 else "entries"
-        missing = f"{draft.missing} {entries} missing" if draft.missing else "complete"
-        serial = html(draft.serial_number or "no serial number")
+        lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")
+        missing = html(lacking if draft.missing else say("complete"))
+        serial = html(draft.serial_number or say("no serial number"))
         with ui.element("div").classes("actions").props("role=listitem"):
             ui.html(f"<b>{serial}</b> · {html(named.name)} · {missing}", sanitize=False)
-            name = f"Open {draft.serial_number} {named.name}"
-            button = ui.button("Open", on_click=partial(self._open, owner, named))
+            name = say("Open {what}", what=f"{draft.serial_number} {named.name}")
+            button = ui.button(say("Open"), on_click=partial(self._open, owner, named))
             button.props("outline dense").props["aria-label"] = name
 
     async def _open(self, owner: User, named: Named) -> None:

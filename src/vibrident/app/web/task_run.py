@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.looks import facts
 from vibrident.app.web.task_work import ARCHIVE, CHOSEN, OUT, work
 from vibrident.app.web.tasks import TASKS, TaskRequest
@@ -24,7 +25,7 @@ class TaskProgress:
     """A task under way, and what it made."""
 
     request: TaskRequest
-    words: str = "Reading the data, loading the libraries …"
+    words: str = phrase("Reading the data, loading the libraries …")
     share: float | None = None
     lines: dict[str, list[list[float]]] = field(default_factory=dict)  # name → points of the chart
     across: str = ""  # what the chart is over: cost or time
@@ -51,10 +52,10 @@ class TaskProgress:
             if math.isfinite(y) and len(line) < _MAX_POINTS:
                 line.append([x, y])
 
-    @property
-    def status(self) -> str:
+    def status(self, language: Language) -> str:
         """Return the status, with the elapsed seconds."""
-        return self.words if self.over else f"{self.words} ({time.monotonic() - self.began:.0f} s)"
+        words = language(self.words)
+        return words if self.over else f"{words} ({time.monotonic() - self.began:.0f} s)"
 
 
 class TaskRun:
@@ -97,17 +98,17 @@ class TaskRun:
                     chosen = next(one for one in user.results if one.name == request.result)
                     await asyncio.to_thread(shutil.copyfile, chosen.path, folder / CHOSEN)
                 if user.users.identifying.locked():
-                    now.words = "Waiting for other computations …"
+                    now.words = phrase("Waiting for other computations …")
                 async with user.users.identifying:
-                    asked = (request.task, request.options, list(request.files))
+                    asked = (request.task, request.options, list(request.files), request.language)
                     now.shown = await self.worker.run(work, *asked, folder=folder, progress=now.tell)
                 await user.note("ran", task=request.task, options=request.options)
                 await self._keep(now, folder)
-            now.words = "Done."
+            now.words = phrase("Done.")
         except asyncio.CancelledError:
-            now.words = "Cancelled."
+            now.words = phrase("Cancelled.")
         except StopIteration:
-            now.words = "The result is no longer there."
+            now.words = phrase("The result is no longer there.")
         except Exception as error:
             now.words, now.error = "", error
         finally:
@@ -122,6 +123,6 @@ class TaskRun:
         for name in now.shown["results"][:_MAX_RESULTS]:
             path = folder / OUT / name
             model, estimator = await self.user.look(facts, path)
-            title = TASKS[now.request.task].title
+            title = language(now.request.language)(TASKS[now.request.task].title)
             self.user.keep(f"{title}: {path.parent.name}, {model}, {estimator}", path)
             now.kept += 1

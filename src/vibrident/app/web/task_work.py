@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from vibrident.app.web import translated
+from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.session import refuse_outside
 from vibrident.app.workflow.made import Made, Teller
 
@@ -29,7 +31,8 @@ class Told(Teller):
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
         """Tell an iteration: its cost is a point of the chart."""
-        words = f"{self._words}: iteration {iteration} of at most {most}"
+        facts = {"words": self._words, "iteration": iteration, "most": most}
+        words = phrase("{words}: iteration {iteration} of at most {most}", **facts)
         point = {self._words or "cost": [float(iteration), float(cost)]}
         self._progress(words, iteration / most if most else -1.0, "cost", point)
 
@@ -49,9 +52,16 @@ class Told(Teller):
 
 
 def work(
-    task: str, options: dict[str, Any], files: Sequence[str], *, progress: Callable[..., object]
+    task: str,
+    options: dict[str, Any],
+    files: Sequence[str],
+    code: str,
+    *,
+    progress: Callable[..., object],
 ) -> dict[str, Any]:
     """Do a task on the files of the folder; the files that it makes lie in ``OUT``.
+
+    ``code``: of the language of what is shown.
 
     Returns:
         ``tables`` as HTML, ``charts`` as JSON with their heights, ``notes``, names of the
@@ -68,22 +78,20 @@ def work(
             packed.write(path, path.relative_to(folder))
     names = [str(path.relative_to(folder)) for path in written]
     results = [name for name in names if Path(name).name == "result.json"]
-    return {**_shown(made), "files": names, "results": results}
+    return {**_shown(made, language(code)), "files": names, "results": results}
 
 
-def _shown(made: Made) -> dict[str, Any]:
-    from vibrident.show.media import charts, html
-
+def _shown(made: Made, speak: Language) -> dict[str, Any]:
     drawn = []
     for figure in made.figures:
-        for title, chart in charts.charts(figure):
+        for title, chart in translated.charts(speak, figure):
             text = json.dumps(chart, separators=(",", ":"), allow_nan=False).encode()
             if len(text) < _MAX_CHART_BYTES:
-                drawn.append((title or figure.title, text, chart["layout"]["height"]))
+                drawn.append((title or speak(figure.title), text, chart["layout"]["height"]))
     return {
-        "tables": html.fragment(*made.blocks),
+        "tables": translated.fragment(speak, *made.blocks),
         "charts": drawn,
-        "notes": [*(f"{one.message}" for one in made.findings), *made.notes],
+        "notes": [speak(note) for note in (*(one.message for one in made.findings), *made.notes)],
     }
 
 
@@ -107,7 +115,7 @@ def _predict(options: dict[str, Any], files: Sequence[str], folder: Path, tell: 
     from vibrident.app.workflow.uses import predict
     from vibrident.data.io import read
 
-    tell.step("Predicting")
+    tell.step(phrase("Predicting"))
     return predict(load_result(Path(CHOSEN)), read(files[0]), folder)
 
 
@@ -116,7 +124,7 @@ def _correct(options: dict[str, Any], files: Sequence[str], folder: Path, tell: 
     from vibrident.app.workflow.uses import correct
     from vibrident.data.io import read
 
-    tell.step("Correcting")
+    tell.step(phrase("Correcting"))
     return correct(
         load_result(Path(CHOSEN)),
         read(files[0]),
@@ -131,7 +139,7 @@ def _track(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
     from vibrident.app.workflow.tracked import TrackRequest, track
     from vibrident.app.workflow.tracking import FALSE_ALARMS
 
-    tell.step("Tracking")
+    tell.step(phrase("Tracking"))
     asked = TrackRequest(
         Path(CHOSEN),
         Path(files[0]),
@@ -149,7 +157,7 @@ def _plan(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Tol
     from vibrident.physics.simulation import one_third_octave
     from vibrident.use.planning import plan
 
-    tell.step("Planning")
+    tell.step(phrase("Planning"))
     band = _band(options)
     made = plan(
         load_result(Path(CHOSEN)),
@@ -169,7 +177,7 @@ def _joint(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
     model, shared = options.get("model"), options.get("share")
     request = Request(models=[model] if model else None, share=shared or None)
     request.check(len(files))
-    tell.step("Identifying together")
+    tell.step(phrase("Identifying together"))
     results = run(request, [read(file) for file in files], tell)
     for result, place in zip(results, places([*map(Path, files)], folder), strict=True):
         place.mkdir(parents=True, exist_ok=True)
@@ -189,7 +197,9 @@ def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
     outcome = run(
         Asked(patterns, orders),
         Local(processors()),
-        lambda now: tell.share(f"{now.done} of {now.total} sensors", now.done, now.total),
+        lambda now: tell.share(
+            phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total
+        ),
     )
     return Made(overview(outcome))
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from vibrident.app.web.language import phrase
+
 #: What a field takes: one or several names of a list, a number, a mark.
 Kind = Literal["models", "model", "estimators", "shared", "number", "whole", "flag"]
 
@@ -37,61 +39,68 @@ class Task:
 
 TASKS: Mapping[str, Task] = {
     "compare": Task(
-        "Compare models and estimators",
-        "Fits each to the data; of several models it recommends one, with the reason.",
+        phrase("Compare models and estimators"),
+        phrase("Fits each to the data; of several models it recommends one, with the reason."),
         ("data",),
         {
-            "models": Field("Models", "models"),
-            "estimators": Field("Estimators", "estimators"),
-            "validate": Field("Cross-validate: predict each fifth of the records", "flag"),
+            "models": Field(phrase("Models"), "models"),
+            "estimators": Field(phrase("Estimators"), "estimators"),
+            "validate": Field(phrase("Cross-validate: predict each fifth of the records"), "flag"),
         },
     ),
-    "predict": Task("Predict", "The response of these records, by the chosen result.", ("result", "data")),
+    "predict": Task(
+        phrase("Predict"), phrase("The response of these records, by the chosen result."), ("result", "data")
+    ),
     "correct": Task(
-        "Correct",
-        "The acceleration from the response, with an uncertainty for every sample. Records without reference: decay.",
+        phrase("Correct"),
+        phrase(
+            "The acceleration from the response, with an uncertainty for every sample. "
+            "Records without reference: decay."
+        ),
         ("result", "data"),
         {
-            "low_hz": Field("Band to restore: from, Hz", "number"),
-            "high_hz": Field("Band to restore: to, Hz", "number"),
-            "noise": Field("Noise of the response, rms", "number"),
-            "track": Field("Track the sensor through the records", "flag"),
+            "low_hz": Field(phrase("Band to restore: from, Hz"), "number"),
+            "high_hz": Field(phrase("Band to restore: to, Hz"), "number"),
+            "noise": Field(phrase("Noise of the response, rms"), "number"),
+            "track": Field(phrase("Track the sensor through the records"), "flag"),
         },
     ),
     "track": Task(
-        "Track",
-        "The parameters over the records, and when the sensor changed.",
+        phrase("Track"),
+        phrase("The parameters over the records, and when the sensor changed."),
         ("result", "data"),
         {
-            "every": Field("Seconds between rows", "number", 1e-6),
-            "false_alarms_per_day": Field("False alarms in a day", "number", 1e-9),
+            "every": Field(phrase("Seconds between rows"), "number", 1e-6),
+            "false_alarms_per_day": Field(phrase("False alarms in a day"), "number", 1e-9),
         },
     ),
     "plan": Task(
-        "Plan the next calibration",
-        "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result.",
+        phrase("Plan the next calibration"),
+        phrase(
+            "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result."
+        ),
         ("result",),
         {
-            "low_hz": Field("Frequencies: from, Hz", "number"),
-            "high_hz": Field("Frequencies: to, Hz", "number"),
-            "best": Field("Choose the best N of them", "whole", 1),
-            "times_as_long": Field("Records X times as long", "number"),
+            "low_hz": Field(phrase("Frequencies: from, Hz"), "number"),
+            "high_hz": Field(phrase("Frequencies: to, Hz"), "number"),
+            "best": Field(phrase("Choose the best N of them"), "whole", 1),
+            "times_as_long": Field(phrase("Records X times as long"), "number"),
         },
     ),
     "joint": Task(
-        "Fit several calibrations together",
-        "Upload a calibration file (.toml) for each, with their data: one sensor, one fit.",
+        phrase("Fit several calibrations together"),
+        phrase("Upload a calibration file (.toml) for each, with their data: one sensor, one fit."),
         ("all",),
         {
-            "share": Field("Shared parameters", "shared"),
-            "model": Field("Model for all", "model"),
+            "share": Field(phrase("Shared parameters"), "shared"),
+            "model": Field(phrase("Model for all"), "model"),
         },
     ),
     "fleet": Task(
-        "Identify many sensors",
-        "Upload a calibration file (.toml) for each, with their data: one table, a row each.",
+        phrase("Identify many sensors"),
+        phrase("Upload a calibration file (.toml) for each, with their data: one table, a row each."),
         ("all",),
-        {"model": Field("Model for all", "model")},
+        {"model": Field(phrase("Model for all"), "model")},
     ),
 }
 
@@ -104,3 +113,4 @@ class TaskRequest:
     options: dict[str, object]
     result: str = ""  # name of the chosen result
     files: tuple[str, ...] = ()  # calibration files, in the folder of the data
+    language: str = "en"  # of the tables and charts

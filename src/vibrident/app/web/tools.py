@@ -9,8 +9,10 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN
+from vibrident.app.web.language import phrase, say, say_count, spoken
 from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
+from vibrident.app.web.translated import charts
 from vibrident.app.web.users import User
 from vibrident.app.web.worker import Stopped
 from vibrident.base.errors import InputError
@@ -33,22 +35,22 @@ class ToolsStep:
         """Build the section, hidden until there are data or results."""
         self.on_result = on_result
         now = self.user.task.progress
-        with frame.step("More with these data", "more", mark="+") as self.section:
-            titles = {name: task.title for name, task in TASKS.items()}
+        with frame.step(say("More with these data"), "more", mark="+") as self.section:
+            titles = {name: say(task.title) for name, task in TASKS.items()}
             first = now.request.task if now else "compare"
-            self.task = ui.select(titles, value=first, label="Task")
+            self.task = ui.select(titles, value=first, label=say("Task"))
             self.task.props("dense outlined stack-label").classes("w-full")
             self.task.on_value_change(lambda: self._ask())
             self.hint = ui.label("").classes("hint")
             self.fields = ui.element("div").classes("fields wide")
             with ui.element("div").classes("actions"):
-                self.start = ui.button("Run", on_click=self._run).props("id=run")
-                self.stop = ui.button("Cancel", on_click=self.user.task.worker.cancel)
+                self.start = ui.button(say("Run the task"), on_click=self._run).props("id=run")
+                self.stop = ui.button(say("Cancel"), on_click=self.user.task.worker.cancel)
                 self.stop.props("outline color=negative id=cancel-task")
                 self.spinner = ui.spinner(size="28px")
                 self.status = ui.label("").props("role=status id=task-status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
-            self.share.props('id=task-share aria-label="share of the task"')
+            self.share.props("id=task-share").props["aria-label"] = say("share of the task")
             self.errors = ui.element("div").props("aria-live=assertive")
             place = ui.element("div").classes("chart").props("id=task-live")
             self.live = frame.GrowingChart(place, _LIVE_HEIGHT)
@@ -74,14 +76,14 @@ class ToolsStep:
     def _ask(self) -> None:
         """Ask for the options of the chosen task."""
         task = TASKS[self.task.value]
-        self.hint.text = task.hint
+        self.hint.text = say(task.hint)
         self.given: dict[str, Any] = {}
         self.result = None
         self.fields.clear()
         with self.fields:
             if "result" in task.takes:
                 names = [named.name for named in self.user.results]
-                self.result = ui.select(names, value=self._usual(), label="Result")
+                self.result = ui.select(names, value=self._usual(), label=say("Result"))
                 self.result.props("dense outlined stack-label")
             for name, asked in task.fields.items():
                 self.given[name] = _entry(asked)
@@ -107,7 +109,7 @@ class ToolsStep:
                 continue
             options[option] = _number(asked, value) if asked.is_number else value
         _require_band(task, options)
-        return TaskRequest(name, options, result, files)
+        return TaskRequest(name, options, result, files, spoken().code)
 
     async def _run(self) -> None:
         self._begin(self._chosen)
@@ -140,7 +142,7 @@ class ToolsStep:
         if now is None or now is self.over:
             self.timer.deactivate()
             return
-        self.status.text = now.status
+        self.status.text = now.status(spoken())
         self.share.visible = now.share is not None and not now.over
         self.share.value = now.share or 0.0
         if not now.over and self.live.grows_to(sum(map(len, now.lines.values()))):
@@ -158,26 +160,27 @@ class ToolsStep:
 
     def _tell(self, now: TaskProgress) -> None:
         """Show what a task made, or why it failed."""
-        title = TASKS[now.request.task].title
+        title = say(TASKS[now.request.task].title)
         if now.error is not None:
             frame.show_error(self.errors, now.error, self.user.session)
             if isinstance(now.error, Stopped) and not self.errors.is_deleted:
                 with self.errors:
-                    ui.label(f"Broken off: {title}").classes("hint").props("id=task-broken-off")
-                    again = ui.button("Repeat", on_click=lambda: self._begin(lambda: now.request))
+                    broken_off = say("Broken off: {what}", what=title)
+                    ui.label(broken_off).classes("hint").props("id=task-broken-off")
+                    again = ui.button(say("Repeat"), on_click=lambda: self._begin(lambda: now.request))
                     again.props("outline id=repeat-task")
         if now.shown is None:
             return
         with self.body:
             for note in (*now.notes, *now.shown["notes"]):
-                ui.label(note).classes("doubt")
+                ui.label(say(note)).classes("doubt")
             ui.html(now.shown["tables"], sanitize=False).classes("scroll")  # escaped in the process
             for heading, chart, height in now.shown["charts"]:
                 ui.html(f"<h3>{html(heading)}</h3>", sanitize=False)
                 frame.Chart(chart, height)
             if now.archive is not None:
                 count, archive = len(now.shown["files"]), now.archive
-                label = f"All {count} files (zip)" if count > 1 else "The file (zip)"
+                label = say_count(count, "The file (zip)", "All {count} files (zip)")
                 name = f"{now.request.task}.zip"
                 get = ui.button(label, on_click=lambda: ui.download.file(archive, name))
                 get.props("outline id=get-all")
@@ -188,7 +191,6 @@ def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, An
     import numpy as np
 
     from vibrident.show import axes
-    from vibrident.show.media.charts import charts
     from vibrident.show.views import LINES, Figure, Panel, Series, Stack
 
     named = {name: np.array(points, dtype=float) for name, points in lines.items() if points}
@@ -199,27 +201,28 @@ def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, An
     x = np.concatenate([np.zeros(0), *(one.x for one in series)])
     y = np.concatenate([np.zeros(0), *(one.y for one in series)])
     if across == "cost":
-        below = axes.linear("Iteration", np.append(x, [0.0, 2.0]), whole=True, most=8)
-        beside = axes.size("Cost", y)
+        below = axes.linear(phrase("Iteration"), np.append(x, [0.0, 2.0]), whole=True, most=8)
+        beside = axes.size(phrase("Cost"), y)
     else:
-        below, beside = axes.linear("Time in s", x), axes.linear("", y)
+        below, beside = axes.linear(phrase("Time in s"), x), axes.linear("", y)
     panel = Panel(below, beside, series, 1.1)
-    ((_, chart),) = charts(Figure("live", "", (Stack((panel,)),)))
+    ((_, chart),) = charts(spoken(), Figure("live", "", (Stack((panel,)),)))
     return chart
 
 
 def _entry(asked: Field) -> Any:
     """Return the element of an option."""
     several = {"models": models(), "estimators": _estimators(), "shared": shared()}
+    label = say(asked.label)
     if asked.kind in several:
-        element = ui.select(several[asked.kind], value=[], multiple=True, label=asked.label)
+        element = ui.select(several[asked.kind], value=[], multiple=True, label=label)
         return element.props(f"{PLAIN} options-dense use-chips")
     if asked.kind == "model":
-        element = ui.select({"": "that of each", **models()}, value="", label=asked.label)
+        element = ui.select({"": say("that of each"), **models()}, value="", label=label)
         return element.props(f"{PLAIN} options-dense")
     if asked.kind == "flag":
-        return ui.checkbox(asked.label).props("dense")
-    return ui.number(asked.label, format="%.12g").props(f"{PLAIN} step=any")
+        return ui.checkbox(label).props("dense")
+    return ui.number(label, format="%.12g").props(f"{PLAIN} step=any")
 
 
 def models() -> dict[str, str]:
@@ -233,7 +236,7 @@ def models() -> dict[str, str]:
 
 
 def _estimators() -> dict[str, str]:
-    return {name: f"{name}: {one.title}" for name, one in ESTIMATORS.all().items()}
+    return {name: f"{name}: {say(one.title)}" for name, one in ESTIMATORS.all().items()}
 
 
 def shared() -> dict[str, str]:
@@ -243,7 +246,7 @@ def shared() -> dict[str, str]:
     found: dict[str, str] = {}
     for kind in (*CORES.values(), *ADD_ONS.values()):
         for parameter in kind.parameters:
-            found[parameter.name] = in_words(parameter.name)
+            found[parameter.name] = say(in_words(parameter.name))
     return found
 
 

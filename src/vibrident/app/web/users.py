@@ -20,6 +20,7 @@ from vibrident.app.web.door import Door
 from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.held import Choices, Confirmed, Form, Job, Named, read_state, write_state
 from vibrident.app.web.laboratories import Laboratories
+from vibrident.app.web.language import phrase
 from vibrident.app.web.looks import facts, prepare
 from vibrident.app.web.session import MEGABYTE, RESULT, Session
 from vibrident.app.web.task_run import TaskRun
@@ -167,12 +168,12 @@ class User:
                 await asyncio.to_thread(self.session.copy_to, copy)
                 self.session.take_ran(copy, choices.calibration)
                 if self.users.identifying.locked():
-                    job.words = "Waiting for other identifications …"
+                    job.words = phrase("Waiting for other identifications …")
                 async with self.users.identifying:
                     job.words = Job.BEGINNING
                     task = (identify, choices.calibration, choices.options, made)
                     await self.worker.run(*task, folder=copy, progress=job.add)
-                job.words = "Reading the result …"
+                job.words = phrase("Reading the result …")
                 model, estimator = await self.look(facts, made)
                 await self.note("identified", made, model=model, estimator=estimator)
                 taken = [named.name.partition(":")[0] for named in self.results]
@@ -180,7 +181,7 @@ class User:
                 self.keep(f"{number}: {model}, {estimator}", made, copy / choices.calibration, choices)
                 job.words = Job.DONE
         except asyncio.CancelledError:
-            job.words = "Cancelled."
+            job.words = phrase("Cancelled.")
         except Exception as error:
             job.words, job.error = "", error
         finally:
@@ -199,7 +200,7 @@ class User:
         self.results = [named for named in self.results if named.path not in gone]
         if lost:
             names = ", ".join(f"“{name}”" for name in lost)
-            self.notice = f"Too many results; removed: {names}."
+            self.notice = phrase("Too many results; removed: {names}.", names=names)
         self.changed()
 
     def close(self) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+from vibrident.app.web.language import phrase, say
 from vibrident.app.web.tasks import TASKS
 from vibrident.base import memory
 from vibrident.base.settings import Word, plain
@@ -11,27 +12,29 @@ from vibrident.export.form import OPTIONS
 
 #: Setting → label of its field.
 LABELS: Mapping[str, str] = {
-    "identify.model": "Model",
-    "identify.estimator": "Estimator",
-    "identify.discretisation": "Discretisation",
-    "identify.uncertainty": "Uncertainties cover",
-    "export.form": "Export as",
-    "export.certificate": "What the certificate states",
-    "report.form": "Download",
+    "identify.model": phrase("Model"),
+    "identify.estimator": phrase("Estimator"),
+    "identify.discretisation": phrase("Discretisation"),
+    "identify.uncertainty": phrase("Uncertainties cover"),
+    "export.form": phrase("Export as"),
+    "export.certificate": phrase("What the certificate states"),
+    "report.form": phrase("Download"),
     **{f"export.{name}": option.label for name, option in OPTIONS.items() if option.label},
 }
 _COMMANDS = {
-    "identify": "“Identify”",
-    "inspect": "“Draw these columns”",
-    "serve": "the server",
-    "export": "“Export”",
-    **{name: f"“{task.title}”" for name, task in TASKS.items()},
+    "identify": phrase("Identify"),
+    "inspect": phrase("Draw these columns"),
+    "export": phrase("Export"),
+    **{name: task.title for name, task in TASKS.items()},
 }
 _ELSEWHERE = "(in Python or on the command line)"
 
 
-def page_word(labels: Mapping[str, str] = LABELS) -> Word:
-    """Return the words of a form with these labels, by setting or by option."""
+def page_word(labels: Mapping[str, str] = LABELS, speak: Callable[[str], str] = say) -> Word:
+    """Return the words of a form with these labels, by setting or by option.
+
+    ``speak``: says a label in the language of the form; by default that of the page being served.
+    """
 
     def word(name: str, value: str) -> str | None:
         if name == "here":
@@ -39,14 +42,17 @@ def page_word(labels: Mapping[str, str] = LABELS) -> Word:
         if name == "install":
             return f"ask whoever runs the server to install {value}"
         if name == "command":
-            return _COMMANDS.get(value, f"`vibrident {value}` (on the command line)")
+            if value == "serve":
+                return "the server"
+            button = _COMMANDS.get(value)
+            return f"“{speak(button)}”" if button else f"`vibrident {value}` (on the command line)"
         if name == f"environment.{memory.VARIABLE}":
             return "the memory that the server may take for a file"
         if not name.startswith("--") and "." not in name:
             return None
         argument = "" if value.isupper() else plain(value)
         setting = name.removeprefix("--").rpartition(".")[2].replace("_", " ").replace("-", " ")
-        said = f"“{labels.get(name, setting)}” {argument}".rstrip()
+        said = f"“{speak(labels.get(name, setting))}” {argument}".rstrip()
         return said if name in labels else f"{said} {_ELSEWHERE}"
 
     return word

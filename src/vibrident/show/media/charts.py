@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -134,7 +135,7 @@ def _scales(axis: Axis) -> Chart:
         "linear": {**ends, **words, "yaxis.type": "linear", "yaxis.tickmode": "auto"},
     }
     if axis.levels:
-        re_unit = axis.label.replace("\nin ", "\nin dB re 1 ")
+        re_unit = re.sub(r"\n(\S+) ", r"\n\1 dB re 1 ", axis.label, count=1)  # after the word for "in"
         kinds["dB"] = {**of_log, "yaxis.title.text": label(re_unit), **_at_axis(_levels(axis))}
     buttons = [{"label": kind, "method": "relayout", "args": [how]} for kind, how in kinds.items()]
     place = {"x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}

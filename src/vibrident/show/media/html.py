@@ -83,7 +83,8 @@ def _template() -> Any:
 def _called(block: Block) -> str:
     """What a table is called for those who do not see it."""
     title = getattr(block, "title", "")
-    return title or ("table: " + ", ".join(filter(None, block.header[:3])) if isinstance(block, Table) else "facts")
+    names = block.header if isinstance(block, Table) else [name for name, _ in getattr(block, "rows", ())]
+    return title or ", ".join([name for name in names if name][:3])
 
 
 def _mark(column: Column, cell: str) -> str:

@@ -14,6 +14,7 @@ from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
 from vibrident.app.web.held import Named
 from vibrident.app.web.laboratories import OWN
+from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.users import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
@@ -26,10 +27,13 @@ from vibrident.data.io.certificate import (
     check_dates,
 )
 from vibrident.data.io.keys import keys_of
+from vibrident.physics.naming import in_words
 from vibrident.show.issue import FormField, form, lacking
 from vibrident.show.language import ENGLISH
 from vibrident.show.report import name_of_sensor
 
+#: What an entry of a list is called.
+ENTRY_NAMES = {"instruments": phrase("Instrument"), "requirements": phrase("Requirement")}
 _MOST_TEXT = 100_000  # most characters of all entries
 _KEYS = keys_of(CertificateSection)
 _SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model"]
@@ -63,7 +67,9 @@ class CertificateForm:
         if not self.user.may("identify"):
             return
         self.place = (
-            ui.expansion(LABELS["export.certificate"]).classes("w-full").props("id=certificate")
+            ui.expansion(say(LABELS["export.certificate"]))
+            .classes("w-full")
+            .props("id=certificate")
         )
         self.place.on_value_change(self._open)
 
@@ -87,11 +93,11 @@ class CertificateForm:
 
     def _say(self) -> None:
         missing = lacking(*self._stated())
-        names = ", ".join(str(ENGLISH("label", key)) for key in missing)
+        names = ", ".join(say(str(ENGLISH("label", key))) for key in missing)
         self.lacking.text = (
-            f"The PDF is a draft until these are stated: {names}."
+            say("The PDF is a draft until these are stated: {names}.", names=names)
             if missing
-            else "Nothing is missing in the PDF."
+            else say("Nothing is missing in the PDF.")
         )
 
     async def _open(self) -> None:
@@ -103,19 +109,22 @@ class CertificateForm:
         }
         with self.place:
             ui.label(
-                "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
-                "laboratory's certificates comes from its profile."
+                say(
+                    "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
+                    "laboratory's certificates comes from its profile."
+                )
             ).classes("hint")
-            with frame.group("Object", 4):
+            asked = form(spoken().code)
+            with frame.group(say("Object"), 4):
                 for key in _SENSOR:
-                    label = key.label + (" *" if key.name == "serial_number" else "")
+                    label = say(key.label) + (" *" if key.name == "serial_number" else "")
                     self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
-            for title in dict.fromkeys(one.group for one in form()):
-                self._group(title, [one for one in form() if one.group == title], stated)
+            for title in dict.fromkeys(one.group for one in asked):
+                self._group(title, [one for one in asked if one.group == title], stated)
             self._more()
             with ui.element("div").classes("actions"):
-                ui.button("Save", on_click=self._save).props("id=save-certificate")
-                file = ui.button("Save as a file", on_click=self._file)
+                ui.button(say("Save"), on_click=self._save).props("id=save-certificate")
+                file = ui.button(say("Save as a file"), on_click=self._file)
                 file.props("outline id=get-certificate-toml")
             self.said = ui.label("").classes("hint").props("role=status")
             self.errors = ui.element("div").props("aria-live=assertive")
@@ -129,14 +138,15 @@ class CertificateForm:
                     key = replace(_KEYS[one.key], title=one.label)
                     label = key.label + (" *" if one.required else "")
                     self.entries[one.key] = entry(key, stated.get(one.key), label=label)
-        for name, one in lists.items():
+        for name in lists:
             section, values = _KEYS[name].section, stated.get(name) or []
-            known = ("sensitivity_deviation", *self.known["parameters"])
+            known = {name: say(in_words(name)) for name in self.known["parameters"]}
+            words = {"sensitivity_deviation": say("deviation of the sensitivity"), **known}
             self.entries[name] = Rows(
-                one.label.removesuffix("s"),
+                ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
                 [value if isinstance(value, Mapping) else {"name": value} for value in values],
-                options={"quantity": {parameter: parameter for parameter in known}},
+                options={"quantity": words},
             )
 
     def _more(self) -> None:
@@ -146,9 +156,10 @@ class CertificateForm:
         }
         own = self.named.stated
         value = str(own.before) if own and str(own.before) in others else None
-        with frame.group("Adjustment", 4):
-            choices = {None: "none", **others}
-            self.before = ui.select(choices, value=value, label="Before adjustment").props(PLAIN)
+        with frame.group(say("Adjustment"), 4):
+            choices = {None: say("none"), **others}
+            label = say("Before adjustment")
+            self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
     def _laboratory(self) -> dict[str, Any]:
         """Return what the chosen profile states."""
@@ -194,7 +205,7 @@ class CertificateForm:
             return False
         self.user.changed()
         self._say()
-        self.said.text = "Saved: reports and exports of this result state it."
+        self.said.text = say("Saved: reports and exports of this result state it.")
         return True
 
     async def _file(self) -> None:

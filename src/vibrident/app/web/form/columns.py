@@ -26,11 +26,13 @@ from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.form.written import edited
 from vibrident.app.web.held import Confirmed, Form
+from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
 from vibrident.app.web.preview import HEIGHT
 from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.users import User
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import html
 from vibrident.data.io.keys import Key
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -42,7 +44,7 @@ _GROUPS = (
     ("table",),
     ("sensor",),
 )
-_PART = "Reference files: more in names"
+_PART = phrase("Reference files: more in names")
 
 
 class _Outdated(Exception):
@@ -60,7 +62,7 @@ class ColumnsStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are data."""
-        self.section = frame.step("Columns, units and model", "columns")
+        self.section = frame.step(say("Columns, units and model"), "columns")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -93,7 +95,7 @@ class ColumnsStep:
             return False
         with self.body, ui.element("div").classes("actions"):
             ui.spinner(size="28px")
-            ui.label("Looking at the files …").props("role=status")
+            ui.label(say("Looking at the files …")).props("role=status")
         try:
             if not session.files:
                 raise InputError(
@@ -107,7 +109,7 @@ class ColumnsStep:
             look = self.user.look
             text = "" if name is None else await look(calibration, session.data, name)
             if name is None and (again or self.user.form is None):
-                guessed = await look(guess, session.data, session.files)
+                guessed = await look(guess, session.data, session.files, spoken().code)
                 if turn == self.turn:
                     self.user.form = merged(self.user.form, guessed)
                     self.user.changed()
@@ -130,14 +132,17 @@ class ColumnsStep:
 
     def _as_it_stands(self, name: str, text: str) -> None:
         """Show the uploaded calibration file."""
-        ui.label(f"{name} came with the data and describes the columns:").classes("hint")
-        frame.Text("calibration-came", text)
+        came = say("{file} came with the data and describes the columns:", file=name)
+        ui.label(came).classes("hint")
+        frame.Text("calibration-came", say("Calibration file"), text)
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
-            confirm = ui.button("Confirm", on_click=lambda: self.fit.show(Confirmed(name, False)))
+            confirm = ui.button(
+                say("Confirm"), on_click=lambda: self.fit.show(Confirmed(name, False))
+            )
             confirm.props("id=confirm")
             if len(text) <= MOST_TEXT:
-                edit = ui.button("Edit", on_click=lambda: self._write(name, text))
+                edit = ui.button(say("Edit"), on_click=lambda: self._write(name, text))
                 edit.props("outline id=edit-text")
 
     def _edit_as_text(self) -> None:
@@ -166,30 +171,36 @@ class ColumnsStep:
         self.form = form = self.user.form
         self.elements: dict[str, Any] = {}
         self.groups: list[tuple[ui.element, list[str]]] = []
-        kept = "; your settings are kept" if form.touched else ""
         first = self.user.session.files[0]
-        guessed = f"Guessed from the names in {first} and the motion{kept}. Please check."
-        ui.label(guessed).classes("hint")
+        guessed = "Guessed from the names in {file} and the motion. Please check."
+        kept = (
+            "Guessed from the names in {file} and the motion; your settings are kept. Please check."
+        )
+        ui.label(say(kept if form.touched else guessed, file=first)).classes("hint")
         if form.guess.all_columns > len(form.guess.columns.columns):
-            ui.label(
-                f"The file has {form.guess.all_columns} columns: enter the name or number of each "
-                f"that is needed. The first are {frame.listed(form.guess.columns.labels)}."
-            ).classes("hint")
-        kinds = {False: "Records in time", True: "Table of a response"}
+            many = (
+                "The file has {number} columns: enter the name or number of each that is needed. "
+                "The first are {names}."
+            )
+            names = frame.listed(form.guess.columns.labels)
+            ui.label(say(many, number=form.guess.all_columns, names=names)).classes("hint")
+        kinds = {False: say("Records in time"), True: say("Table of a response")}
         kind = ui.toggle(kinds, value=form.given.table).props("no-caps")
         kind.on_value_change(lambda event: self._edited("table", event.value))
         for sections in _GROUPS:
             await self._group(sections, "basic", 3)
-        self.more = ui.expansion("More that a calibration file can state").classes("w-full")
-        self.more.props("id=more").on_value_change(self._open)
+        self.more = ui.expansion(say("More that a calibration file can state")).classes("w-full")
+        self.more.props("id=more-keys").on_value_change(self._open)
         with ui.element("div").classes("actions"):
-            ui.button("Draw these columns", on_click=self._plot).props("outline id=show")
+            ui.button(say("Draw these columns"), on_click=self._plot).props("outline id=show")
         self.plot, self.chart = ui.element("div").classes("chart"), None
         self.faults = ui.element("div").props("aria-live=polite id=faults")
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
-            ui.button("Confirm", on_click=self._confirm).props("id=confirm")
-            ui.button("Edit as text", on_click=self._edit_as_text).props("outline id=edit-text")
+            ui.button(say("Confirm"), on_click=self._confirm).props("id=confirm")
+            ui.button(say("Edit as text"), on_click=self._edit_as_text).props(
+                "outline id=edit-text"
+            )
         if form.guess.chart and not form.touched:
             self._draw(form.guess.chart)
             await self._examine()
@@ -203,7 +214,8 @@ class ColumnsStep:
         with self.plot:
             self.chart = frame.Chart(drawn, HEIGHT)
             first = self.user.session.files[0]
-            ui.label(f"{first}, the beginning of the file as it is.").classes("hint")
+            said = say("{file}, the beginning of the file as it is.", file=first)
+            ui.label(said).classes("hint")
 
     async def _open(self) -> None:
         """Build what is asked for less often."""
@@ -219,7 +231,8 @@ class ColumnsStep:
         paths = [path for path in mine if KEYS[path].level == level]
         if not paths:
             return
-        title = SECTIONS[sections[0]].label if level == "basic" else "Channels and records"
+        basic = say(SECTIONS[sections[0]].label)
+        title = basic if level == "basic" else say("Channels and records")
         with ui.element("div").classes("w-full") as place, frame.group(title, heading):
             self.groups.append((place, paths))
             self._visible()
@@ -232,7 +245,8 @@ class ColumnsStep:
                     await self._placed(path, element, KEYS[path])
             if "records.excitation" in paths and len(self.user.session.files) > 1:
                 value = self.form.given.optical_part
-                part = ui.input(_PART, value=value, placeholder="such as _ref").props(PLAIN)
+                hint = say("such as _ref")
+                part = ui.input(say(_PART), value=value, placeholder=hint).props(PLAIN)
                 part.on_value_change(lambda event: self._edited("optical_part", event.value or ""))
 
     async def _placed(self, path: str, element: Any, key: Key) -> None:
@@ -269,14 +283,14 @@ class ColumnsStep:
             return None
         optional = path not in NEEDED and KEYS[path].default is not ...
         listed = dict(zip(columns.columns, columns.labels, strict=True))
-        return {None: "none", **listed} if optional else listed
+        return {None: say("none"), **listed} if optional else listed
 
     async def _model(self) -> None:
         """Ask for the model's core and its add-ons, which are one key."""
         core, *add_ons = (self.form.get("sensor.model") or "").split("+")
-        cores = ui.select([*CORES], value=core, label="Model")
+        cores = ui.select([*CORES], value=core, label=say("Model"))
         cores.props(f"{PLAIN} options-dense id=core")
-        more = ui.select([*ADD_ONS], value=add_ons, label="Add-ons", multiple=True)
+        more = ui.select([*ADD_ONS], value=add_ons, label=say("Add-ons"), multiple=True)
         more.props(f"{PLAIN} options-dense use-chips id=add-ons")
         for element in (cores, more):
             element.on_value_change(
@@ -289,7 +303,7 @@ class ColumnsStep:
         keys = [key for key in ENTRIES["records"] if key.name != "reference_file"]
         values = self.form.get("different") or []
         with ui.element("div").classes("w-full") as place:
-            ui.html("<h4>Records that differ</h4>", sanitize=False)
+            ui.html(f"<h4>{html(say('Records that differ'))}</h4>", sanitize=False)
             rows = Rows(ENTRY_NAMES["records"], keys, values, options={"file": files})
             rows.on_change = lambda: self._edited("different", rows.value)
         self.groups.append((place, ["records"]))
@@ -301,7 +315,7 @@ class ColumnsStep:
             return
         self.errors.clear()
         place, errors = self.plot, self.errors
-        asked = form.given, session.data, session.files
+        asked = form.given, session.data, session.files, spoken().code
         drawn = await frame.looked(self.user, errors, chart, *asked)
         if drawn is not None and place is self.plot and not place.is_deleted:
             self._draw(drawn)

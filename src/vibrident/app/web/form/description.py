@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from vibrident.app.web.language import phrase
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import CalibrationFile, checked_calibration
 from vibrident.data.io.guess import Columns
@@ -20,7 +21,7 @@ HERE = "columns and units"  # what messages call the form
 SECTIONS = {n: key for n, key in keys_of(CalibrationFile).items() if n != "certificate"}
 #: Section → its keys that a form can ask for.
 ENTRIES = {
-    name: [key for key in keys_of(section.section).values() if key.kind not in ("pairs", "entries")]
+    name: [key for key in keys_of(section.section).values() if key.kind != "entries"]
     for name, section in SECTIONS.items()
     if section.section
 }
@@ -31,9 +32,11 @@ def _asked() -> Iterator[tuple[str, Key]]:
     for section, keys in ENTRIES.items():
         for key in keys:
             if key.kind == "columns":
-                for place, title in enumerate(
-                    ("First signal: cos, or carrier", "Second signal: sin")
-                ):
+                first, second = (
+                    phrase("First signal: cos, or carrier"),
+                    phrase("Second signal: sin"),
+                )
+                for place, title in enumerate((first, second)):
                     yield f"{section}.{key.name}.{place}", replace(key, title=title, kind="column")
             else:
                 yield f"{section}.{key.name}", key
@@ -47,7 +50,11 @@ NEEDED = (
     *("uncertainty.standard_uncertainty", "uncertainty.frequency_hz"),
 )
 #: What one entry of a list of sections is called.
-ENTRY_NAMES = {"records": "Record", "uncertainty": "Source", "cmc": "Capability"}
+ENTRY_NAMES = {
+    "records": phrase("Record"),
+    "uncertainty": phrase("Source"),
+    "cmc": phrase("Capability"),
+}
 
 
 @dataclass
@@ -190,6 +197,8 @@ def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:
     """Refuse an entry that lacks what it must have, in the words of the form."""
     for key in ENTRIES[section]:
         path = f"{section}.{key.name}"
+        if path == "uncertainty.standard_uncertainty" and entry.get("table"):
+            continue
         if entry.get(key.name) is None and (key.default is ... or path in NEEDED):
             row = {other.name: other.default for other in ENTRIES[section]} | entry
             if key.applies(row):

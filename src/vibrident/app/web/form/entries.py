@@ -9,6 +9,8 @@ from typing import Any
 from nicegui import events, ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.form.sources import BANDS, bands_of, table_of
+from vibrident.app.web.language import phrase, say, spoken
 from vibrident.data.io.keys import Key
 
 PLAIN = "dense outlined stack-label"  # the style of all entries
@@ -24,16 +26,18 @@ def entry(
 ) -> Any:
     """Return an element to fill a key in; ``label``, ``options`` and ``unit`` go before its own.
 
-    ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
+    ``label`` and the words of ``options`` are in the page's language; those of the key are said in
+    it here. ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
     ``in_form`` of a key.
     """
-    label, kind, usual = label or key.label, key.kind, key.default
-    options = options if options is not None else key.options if kind == "choice" else None
+    label, kind, usual = label or spoken().label(key.label), key.kind, key.default
+    if options is None and kind == "choice":
+        options = {choice: say(words) for choice, words in key.options.items()}
     if options is not None:
         stated = value is not None or None in options or usual not in options
         chosen = value if stated else usual
         if chosen is not None and chosen not in options:
-            options = {**options, chosen: f"{chosen} (not in this file)"}
+            options = {**options, chosen: say("{column} (not in this file)", column=chosen)}
         element = ui.select(dict(options), value=chosen, label=label)
         return element.props(f"{PLAIN} options-dense")
     if kind == "flag":
@@ -46,7 +50,7 @@ def entry(
     text = "\n".join(value) if isinstance(value, list) else "" if value is None else str(value)
     if kind in ("lines", "paragraphs"):
         return ui.textarea(label, value=text).props(f"{PLAIN} autogrow rows=1")
-    hint = "name, or number from 1" if kind == "column" else ""
+    hint = say("name, or number from 1") if kind == "column" else ""
     element = ui.input(label, value=text, placeholder=hint)
     return element.props(f"{PLAIN} type=date" if kind == "date" else PLAIN)
 
@@ -59,6 +63,10 @@ def filled(key: Key, entered: Any, unit: tuple[str, float] | None = None) -> Any
     value = entered.strip() if isinstance(entered, str) else entered
     if value in (None, "", []):
         return None
+    if key.kind == "pairs":
+        size = (unit or key.in_form)[1]
+        pairs: Any = value
+        return [[f, None if u is None else float(f"{u / size:.15g}")] for f, u in pairs]
     if key.kind == "paragraphs":
         return [line for line in value.split("\n") if line.strip()]
     if key.kind == "column" and isinstance(value, str) and value.isdecimal() and len(value) < 9:
@@ -82,24 +90,31 @@ class Rows:
         options: Mapping[str, Mapping[Any, str]] | None = None,
         rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
+        asked: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
+        written: Callable[[Mapping[str, Any]], dict[str, Any]] = dict,
     ) -> None:
-        """Build the rows of ``values``.
+        """Build the rows of ``values``; each is called ``name``, in English, and its number.
 
         ``options``: key → value → words, before its own; ``rare``: keys that are shown where
-        somebody has stated one, or wants them all.
+        somebody has stated one, or wants them all; ``asked``: what the file states as the form asks
+        for it, ``written``: the way back.
         """
         self.name, self.options, self.on_change = name, options or {}, on_change
+        thing = say(name.lower())
+        self.asked, self.written = asked, written
         self.keys = {key.name: key for key in keys}
         self.rare = {key for key in rare if key in self.keys}
         self.with_all = any(self.rare & {*value} for value in values)
         self.rows: list[dict[str, Any]] = []
         self.place = ui.element("div").classes("w-full")
         for value in values:
-            self.add(value)
+            self.add(self.asked(value))
         with ui.element("div").classes("actions"):
-            ui.button(f"Add {name.lower()}", on_click=lambda: self.add({})).props("outline")
+            ui.button(
+                say("Add {thing}", thing=thing), on_click=lambda: self.add(self.asked({}))
+            ).props("outline")
             if self.rare and not self.with_all:
-                ui.checkbox("By temperature", on_change=self._reveal).props("dense")
+                ui.checkbox(say("By temperature"), on_change=self._reveal).props("dense")
 
     def _reveal(self, event: events.ValueChangeEventArguments) -> None:
         """Show or hide the rare keys."""
@@ -112,17 +127,22 @@ class Rows:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.place, frame.group(f"{self.name} {number}", 0) as place:
+        with self.place, frame.group(f"{say(self.name)} {number}", 0) as place:
             place.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
                 options = self.options.get(name)
+                if key.kind == "pairs":
+                    row[name] = Bands(value.get(name) or (), unit)
+                    row[name].on_change = lambda: self._edited(row)
+                    continue
                 row[name] = entry(key, value.get(name), options=options, unit=unit)
                 row[name].classes("long" if key.kind == "text" else "")
                 row[name].on_value_change(lambda: self._edited(row))
             button = ui.button(icon="close", on_click=partial(self._remove, row))
-            button.props("flat round size=sm").props["aria-label"] = (
-                f"remove {self.name.lower()} {number}"
+            which = f"{say(self.name.lower())} {number}"
+            button.props("flat round size=sm").props["aria-label"] = say(
+                "remove {thing}", thing=which
             )
         self.rows.append(row)
         self._fit(row)
@@ -137,7 +157,7 @@ class Rows:
         for name, key in self.keys.items():
             row[name].visible = key.applies(entered) and (self.with_all or name not in self.rare)
             if key.in_form_by is not None:
-                row[name].props["suffix"] = key.asked_in(entered)[0]
+                _show_unit(row[name], key.asked_in(entered)[0])
 
     def _remove(self, row: dict[str, Any]) -> None:
         self.rows.remove(row)
@@ -147,7 +167,7 @@ class Rows:
     @property
     def value(self) -> list[dict[str, Any]]:
         """The rows that are filled in, with the keys that apply."""
-        return [row for row in map(self._value, self.rows) if row]
+        return [row for row in map(self.written, map(self._value, self.rows)) if row]
 
     def _value(self, row: Mapping[str, Any]) -> dict[str, Any]:
         entered = {name: element.value for name, element in row.items()}
@@ -157,3 +177,43 @@ class Rows:
             if key.applies(entered) and value not in (None, key.default):
                 stated[name] = value
         return stated
+
+
+class Bands(Rows):
+    """A value by frequency within a row: bands, or single frequencies, with a value each.
+
+    ``unit``: in which the values are asked for, and how many of it are one of the file's.
+    """
+
+    def __init__(self, table: Sequence[Sequence[float]], unit: tuple[str, float]) -> None:
+        bands = [{**band, "value": band["value"] * unit[1]} for band in bands_of(table)]
+        self.unit = unit[0]
+        with ui.element("div").classes("bands") as self.frame:
+            super().__init__(phrase("Band"), BANDS, bands or [{}])
+
+    @property
+    def visible(self) -> bool:
+        """Return whether it is seen."""
+        return self.frame.visible
+
+    @visible.setter
+    def visible(self, seen: bool) -> None:
+        self.frame.visible = seen
+
+    @property
+    def value(self) -> Any:
+        """Return the table, its values in the unit in which they were asked for."""
+        return table_of(super().value)
+
+    def add(self, value: Mapping[str, Any]) -> None:
+        """Add a band."""
+        super().add(value)
+        _show_unit(self, self.unit)
+
+
+def _show_unit(element: Any, unit: str) -> None:
+    """Show the unit behind what is filled in; of bands, behind the value of each."""
+    if isinstance(element, Bands):
+        element.unit = unit
+    for each in [row["value"] for row in element.rows] if isinstance(element, Bands) else [element]:
+        each.props["suffix"] = unit

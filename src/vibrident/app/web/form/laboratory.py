@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from nicegui import events, ui
 
@@ -13,8 +14,12 @@ from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.sources import asked as as_asked
+from vibrident.app.web.form.sources import source_keys, written
 from vibrident.app.web.laboratories import MAX_OWN_BYTES, OWN
+from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.users import User
+from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
 from vibrident.data.io.laboratory import LABORATORY_KEYS
@@ -23,10 +28,33 @@ from vibrident.show.issue import form
 _KEYS = keys_of(CertificateSection)
 #: Lists of a calibration file that a profile holds, too.
 _LISTS = ("uncertainty", "cmc")
-#: The laboratory's own files: what they are, and their endings.
+
+
+class OwnFile(NamedTuple):
+    """What the page says of one of the laboratory's own files."""
+
+    label: str
+    choose: str
+    here: str
+    remove: str
+    endings: str
+
+
 _OWN_KINDS = {
-    "logo": ("PNG, JPEG or SVG", ".png,.jpg,.jpeg,.svg"),
-    "template": ("a typst file in place of ours", ".typ"),
+    "logo": OwnFile(
+        phrase("Logo: PNG, JPEG or SVG"),
+        phrase("Choose the logo"),
+        phrase("The logo is here."),
+        phrase("Remove the logo"),
+        ".png,.jpg,.jpeg,.svg",
+    ),
+    "template": OwnFile(
+        phrase("Template: a typst file in place of ours"),
+        phrase("Choose the template"),
+        phrase("The template is here."),
+        phrase("Remove the template"),
+        ".typ",
+    ),
 }
 _SOON_DAYS = 30  # days before an instrument is due from which it is named
 
@@ -39,7 +67,7 @@ class LaboratoryStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are data or results."""
-        self.section = frame.step("Laboratory and uncertainty", "laboratory")
+        self.section = frame.step(say("Laboratory and uncertainty"), "laboratory")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -87,14 +115,16 @@ class LaboratoryStep:
                 self.fit.refresh()
 
     def _choice(self) -> None:
-        names = {"": "none", **{name: name for name in self.user.users.laboratories.names}}
+        names = {"": say("none"), **{name: name for name in self.user.users.laboratories.names}}
         chosen = self.user.profile if self.user.profile in names else ""
         with ui.element("div").classes("fields wide"):
-            choice = ui.select(names, value=chosen, label="Laboratory profile")
+            choice = ui.select(names, value=chosen, label=say("Laboratory profile"))
             choice.props(f"{PLAIN} id=profile").on_value_change(self._chosen)
         ui.label(
-            "A profile keeps what is the same on each calibration: sources of uncertainty, name "
-            "and address, instruments. It lies on the server, for all who use this page."
+            say(
+                "A profile keeps what is the same on each calibration: sources of uncertainty, "
+                "name and address, instruments. It lies on the server, for all who use this page."
+            )
         ).classes("hint")
 
     def _chosen(self, event: events.ValueChangeEventArguments) -> None:
@@ -119,22 +149,29 @@ class LaboratoryStep:
         for date, name in sorted(dates):
             days = (date - today).days
             if days < 0:
-                said = ui.label(f"{name}: its calibration ended on {date}.")
+                said = ui.label(
+                    say("{name}: its calibration ended on {date}.", name=name, date=date)
+                )
                 said.classes("warning").props("role=status")
             elif days <= _SOON_DAYS:
-                ui.label(f"{name}: to be calibrated by {date}.").classes("hint")
+                due = say("{name}: to be calibrated by {date}.", name=name, date=date)
+                ui.label(due).classes("hint")
 
     def _sources(self, profile: Mapping[str, Any]) -> None:
         """Ask for the lists of a calibration file, of the data that there are or of the profile."""
         asked = self.user.asked
         if self.user.session.names and asked is None:
-            ui.label("The sources are those of the calibration file that came with the data.")
+            ui.label(say("The sources are those of the calibration file that came with the data."))
         self.lists: dict[str, Rows] = {}
         for name in _LISTS:
             values = profile[name] if asked is None else asked.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
-                ui.html(f"<h3>{SECTIONS[name].label}</h3>", sanitize=False)
-                rows = Rows(ENTRY_NAMES[name], ENTRIES[name], values, rare=("from_c", "to_c"))
+                ui.html(f"<h3>{html(say(SECTIONS[name].label))}</h3>", sanitize=False)
+                ways: dict[str, Any] = {}
+                if name == "uncertainty":
+                    ways = {"asked": as_asked, "written": written, "rare": ("from_c", "to_c")}
+                keys = source_keys() if name == "uncertainty" else ENTRIES[name]
+                rows = Rows(ENTRY_NAMES[name], keys, values, **ways)
                 rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
             self.lists[name] = rows
 
@@ -148,17 +185,17 @@ class LaboratoryStep:
     def _laboratory(self, stated: Mapping[str, Any]) -> None:
         """Ask for what the certificates of a laboratory have in common."""
         self.entries: dict[str, Any] = {}
-        place = ui.expansion("Name, address, instruments, logo").classes("w-full")
+        place = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
         place.props("id=laboratory-data")
-        asked = {one.key: one for one in form() if one.key in LABORATORY_KEYS}
+        asked = {one.key: one for one in form(spoken().code) if one.key in LABORATORY_KEYS}
         with place:
-            with frame.group("Name and address"):
+            with frame.group(say("Name and address")):
                 for name in (name for name in asked if _KEYS[name].kind != "entries"):
                     key = replace(_KEYS[name], title=asked[name].label)
-                    self.entries[name] = entry(key, stated.get(name))
+                    self.entries[name] = entry(key, stated.get(name), label=key.label)
             section = _KEYS["instruments"].section
             assert section is not None
-            ui.html("<h3>Instruments</h3>", sanitize=False)
+            ui.html(f"<h3>{html(say('Instruments'))}</h3>", sanitize=False)
             instruments = stated.get("instruments") or []
             rows = Rows("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
@@ -167,7 +204,7 @@ class LaboratoryStep:
 
     def _own(self, kind: str) -> None:
         """Let one of the laboratory's own files be chosen and removed."""
-        words, endings = _OWN_KINDS[kind]
+        words = _OWN_KINDS[kind]
 
         async def keep(event: events.UploadEventArguments) -> None:
             self.user.session.keep_own(kind, await event.file.read())
@@ -179,26 +216,26 @@ class LaboratoryStep:
 
         with ui.element("div"):
             chosen = ui.upload(
-                label=f"{kind.capitalize()}: {words}",
+                label=say(words.label),
                 auto_upload=True,
                 max_file_size=MAX_OWN_BYTES,
                 on_upload=keep,
             )
-            chosen.classes("uploader").props(f'flat bordered accept="{endings}"')
+            chosen.classes("uploader").props(f'flat bordered accept="{words.endings}"')
             chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
             with ui.element("div").classes("actions") as here:
-                ui.label(f"The {kind} is here.").classes("hint").props("role=status")
-                ui.button(f"Remove the {kind}", on_click=remove).props("flat")
+                ui.label(say(words.here)).classes("hint").props("role=status")
+                ui.button(say(words.remove), on_click=remove).props("flat")
             here.visible = self.user.session.own(kind) is not None
-        name = f"'Choose the {kind}', '{kind.capitalize()}'"
-        ui.run_javascript(f"vibrident.name({chosen.id}, {name})")
+        names = json.dumps([say(words.choose), say(words.label).partition(":")[0]])
+        ui.run_javascript(f"vibrident.name({chosen.id}, ...{names})")
 
     def _keeping(self) -> None:
         with ui.element("div").classes("actions"):
-            self.name = ui.input("Name of the profile", value=self.user.profile).props(PLAIN)
-            ui.button("Save the profile", on_click=self._save).props("outline id=save-profile")
+            self.name = ui.input(say("Name of the profile"), value=self.user.profile).props(PLAIN)
+            ui.button(say("Save the profile"), on_click=self._save).props("outline id=save-profile")
             if self.user.profile:
-                remove = ui.button("Remove the profile", on_click=self._remove)
+                remove = ui.button(say("Remove the profile"), on_click=self._remove)
                 remove.props("flat id=remove-profile")
         self.said = ui.label("").classes("hint").props("role=status id=profile-said")
 
@@ -224,7 +261,8 @@ class LaboratoryStep:
         user.changed()
         name = user.profile
         self.show()
-        self.said.text = f"Saved as “{name}”: new calibrations and certificates begin with it."
+        said = "Saved as “{name}”: new calibrations and certificates begin with it."
+        self.said.text = say(said, name=name)
 
     async def _remove(self) -> None:
         try:

@@ -8,13 +8,14 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.language import phrase, say
 from vibrident.app.web.looks import calibration, readable
 from vibrident.app.web.users import User
 from vibrident.base.errors import InputError
 
-_HINT = (
-    "A calibration file can state more than the form asks, such as an [[uncertainty]] by frequency "
-    "(table). To come back to the form, remove the file above."
+_HINT = phrase(
+    "A calibration file can state more than the form asks. "
+    "To come back to the form, remove the file above."
 )
 _TRIED = ".tried.toml"  # name under which a text is read before it takes the place of a file
 
@@ -27,8 +28,8 @@ def edited(
     on_back: Callable[[], Awaitable[Any]],
 ) -> None:
     """Show a text to be edited; taken, it is a file of the user, as if it had been uploaded."""
-    ui.label(_HINT).classes("hint")
-    written = ui.textarea("Calibration file", value=text).classes("written w-full")
+    ui.label(say(_HINT)).classes("hint")
+    written = ui.textarea(say("Calibration file"), value=text).classes("written w-full")
     written.props("dense outlined stack-label autogrow")
     errors = ui.element("div").props("aria-live=assertive")
 
@@ -54,5 +55,5 @@ def edited(
             tried.unlink(missing_ok=True)
 
     with ui.element("div").classes("actions"):
-        ui.button("Use this file", on_click=take).props("id=use-text")
-        ui.button("Back", on_click=on_back).props("outline")
+        ui.button(say("Use this file"), on_click=take).props("id=use-text")
+        ui.button(say("Back"), on_click=on_back).props("outline")

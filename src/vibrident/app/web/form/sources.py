@@ -1,0 +1,109 @@
+"""Sources of uncertainty as certificates state them: u, U with its k, or by frequency.
+
+The calibration file knows u, and a table over frequency; a form fills these in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vibrident.app.web.form.description import ENTRIES
+from vibrident.app.web.language import phrase
+from vibrident.data.io.keys import Key
+
+_EDGE = 1e-9  # relative distance of two rows at the edge between bands, which rise so
+_K = 2.0  # coverage factor that is usual
+_WAYS = {
+    "u": "u",
+    "U": phrase("U with k"),
+    "table": phrase("by frequency"),
+}
+
+
+#: Columns of a value by frequency.
+BANDS = (
+    Key("from_hz", None, "number", {}, None, "", phrase("From"), "Hz", in_form=("Hz", 1.0)),
+    Key("to_hz", None, "number", {}, None, "", phrase("To"), "Hz", in_form=("Hz", 1.0)),
+    Key("value", None, "number", {}, None, "", phrase("Standard uncertainty")),
+)
+
+
+@dataclass(frozen=True)
+class SourceKey(Key):
+    """A key that holds for some of the ways in which a source is stated."""
+
+    ways: Sequence[str] = tuple(_WAYS)
+
+    def applies(self, row: Mapping[str, Any]) -> bool:
+        """Return whether the key has a meaning beside the values of the others."""
+        return super().applies(row) and row.get("stated_as") in self.ways
+
+
+def _key(key: Key, *ways: str, **changed: Any) -> SourceKey:
+    return SourceKey(**{**vars(key), **changed}, ways=ways or tuple(_WAYS))
+
+
+def source_keys() -> list[Key]:
+    """Return the keys of a source in a form: those of the file, and how its size is stated."""
+    found: list[Key] = []
+    for key in ENTRIES["uncertainty"]:
+        if key.name == "standard_uncertainty":
+            title = phrase("Stated as")
+            found.append(Key("stated_as", "u", "choice", _WAYS, None, "", title))
+            found.append(_key(key, "u"))
+            found.append(_key(key, "U", name="expanded_uncertainty", title="U"))
+            plain = replace(key, name="coverage_factor", title="k", default=_K, in_form_by=None)
+            found.append(_key(plain, "U", in_form=("", 1.0)))
+        elif key.name == "table":
+            by_kind = next(one for one in found if one.name == "standard_uncertainty").in_form_by
+            found.append(_key(key, "table", in_form_by=by_kind))
+        else:
+            found.append(_key(key, *(("u", "U") if key.name in ("from_hz", "to_hz") else ())))
+    return found
+
+
+def asked(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an entry of the file as the form asks for it."""
+    return {"stated_as": "table" if entry.get("table") else "u", **entry}
+
+
+def written(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is filled in as the file states it: of U its k-th part."""
+    entry = {name: value for name, value in row.items() if name != "stated_as"}
+    expanded, k = entry.pop("expanded_uncertainty", None), entry.pop("coverage_factor", _K)
+    if expanded is not None:
+        entry["standard_uncertainty"] = float(f"{expanded / k:.15g}") if k > 0.0 else -expanded
+    return entry
+
+
+def bands_of(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
+    """Return the rows of a table as bands of one value, and the others as single frequencies."""
+    found: list[dict[str, float]] = []
+    rows = [tuple(row) for row in table]
+    while rows:
+        frequency, value = rows.pop(0)
+        band = {"from_hz": frequency, "value": value}
+        if found and frequency < found[-1].get("to_hz", 0.0) * (1.0 + 2.0 * _EDGE):
+            band["from_hz"] = found[-1]["to_hz"]
+        if rows and rows[0][1] == value:
+            band["to_hz"] = rows.pop(0)[0]
+        found.append(band)
+    return found
+
+
+def table_of(bands: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+    """Return the rows of a table that is constant over bands, and linear between them.
+
+    A band without an upper end is a single frequency; a value that is missing is None.
+    """
+    table: list[list[Any]] = []
+    for band in bands:
+        low, high, value = (band.get(name) for name in ("from_hz", "to_hz", "value"))
+        if table and low is not None and low == table[-1][0]:
+            low *= 1.0 + _EDGE
+        table.append([low, value])
+        if high is not None:
+            table.append([high, value])
+    return table

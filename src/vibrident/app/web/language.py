@@ -1,0 +1,168 @@
+"""The page's sentences in the language of their reader, from a text file a language.
+
+A sentence is keyed by its English words, and values are inserted by name, as gettext does it:
+``say("{name} came with the data", name=file)``. What the certificates say already is theirs.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import cache, cached_property, lru_cache
+from pathlib import Path
+from string import Formatter
+from typing import Any
+
+from vibrident.show.language import COMMA, Say, from_english
+
+#: Code → what the language calls itself.
+LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
+#: Code → the name of the language for browser and Quasar.
+LOCALES = {"en": "en-US", "de": "de", "zh": "zh-CN"}
+COOKIE = "vibrident-language"  # of the browser, where somebody has chosen a language
+SCOPE = "vibrident.language"  # key of a request's scope: the language of its page
+_FOLDER = Path(__file__).parent / "languages"
+_NUMBERS = ("count", "number", "iteration", "most", "start", "done", "total", "frequency")
+_LEAST_LETTERS = 4  # of a template's own words, by which a finished sentence is recognised
+_NUMBER, _FILE = re.compile(r"[-+−±<(]?\s?\d"), re.compile(r"\.[A-Za-z]|\d{4}-\d\d")
+
+
+def chosen(cookies: Mapping[str, str], accepted: str) -> str:
+    """Return the code of a page's language: what was chosen, else the first that a browser accepts."""
+    if (code := cookies.get(COOKIE, "")) in LANGUAGES:
+        return code
+    wanted = []
+    for place, part in enumerate(accepted[:1000].split(",")):
+        name, _, weight = part.partition(";")
+        quality = re.fullmatch(r"\s*q=([01](?:\.\d{1,3})?)\s*", weight)
+        size = float(quality[1]) if quality else 0.0 if weight else 1.0
+        wanted.append((-size, place, name.strip().lower().partition("-")[0]))
+    return next((code for size, _, code in sorted(wanted) if size and code in LANGUAGES), "en")
+
+
+def say(english: str, /, **values: Any) -> str:
+    """Return a sentence in the language of the page that is being built or served."""
+    return spoken()(english, **values)
+
+
+def say_count(number: int, one: str, several: str, /, **values: Any) -> str:
+    """Return a sentence for ``{count}`` of something, in the same language."""
+    return spoken().count(number, one, several, **values)
+
+
+def phrase(english: str, /, **values: Any) -> str:
+    """Return a sentence in English that ``say`` says in another language when it is shown."""
+    return english.format(**values) if values else english
+
+
+def spoken() -> Language:
+    """Return the language of the page that is being built or served; English where there is none."""
+    from nicegui import context
+
+    try:
+        request = context.client.request
+    except RuntimeError:  # no page
+        return language("en")
+    return language(request.scope.get(SCOPE, "en"))
+
+
+@cache
+def language(code: str) -> Language:
+    """Return a language by its code."""
+    return Language(code)
+
+
+@cache
+def catalogue(code: str) -> Mapping[str, Mapping[str, str]]:
+    """Return the page's own catalogue of a language: English sentence → sentence, in two parts.
+
+    ``said`` are those that the page says itself, ``made`` those that it is given in English, with
+    their values in them.
+    """
+    if code == "en":
+        return {"said": {}, "made": {}}
+    return tomllib.loads((_FOLDER / f"{code}.toml").read_text(encoding="utf-8"))
+
+
+class Language:
+    """A language that the page can speak."""
+
+    def __init__(self, code: str) -> None:
+        self.code = code
+        self.comma = code in COMMA
+        self._certificates = Say(code)
+
+    def __call__(self, english: str, /, **values: Any) -> str:
+        """Return a sentence, with values by name; one that is finished is recognised by its words.
+
+        English words that no catalogue has stay as they are.
+        """
+        text = self.known(english)
+        if values:
+            filled = {name: self._value(value) for name, value in values.items()}
+            return (english if text is None else text).format(**filled)
+        return self._finished(english) if text is None else text
+
+    def count(self, number: int, one: str, several: str, /, **values: Any) -> str:
+        """Return one of two sentences, by the ``{count}`` of something."""
+        return self(one if number == 1 else several, count=number, **values)
+
+    def known(self, english: str) -> str | None:
+        """Return what the page or its certificates call this; None for neither."""
+        if self.code == "en":
+            return english
+        return self._words.get(english)
+
+    def label(self, english: str) -> str:
+        """Return a label whose unit, after the last comma, stays as it is."""
+        title, comma, unit = english.rpartition(", ")
+        return f"{self(title)}{comma}{unit}" if comma and self.known(english) is None else self(english)
+
+    def number(self, text: str) -> str:
+        """Return our own numbers, and what stands beside them, with the decimal sign."""
+        return self._certificates.number(text)
+
+    def _value(self, value: Any) -> Any:
+        """Return a value with the decimal sign, where it begins with a number and names no file."""
+        if isinstance(value, str) and _NUMBER.match(value) and not _FILE.search(value):
+            return self.number(value)
+        return value
+
+    @lru_cache(maxsize=4000)  # noqa: B019 - one object a language, for as long as the server runs
+    def _finished(self, english: str) -> str:
+        """Return a sentence whose values are inserted already."""
+        for pattern, text in self._templates:
+            if found := pattern.fullmatch(english):
+                parts = {name: self.label(part) for name, part in found.groupdict().items()}
+                return text.format(**{name: self._value(part) for name, part in parts.items()})
+        return self._value(english)
+
+    @cached_property
+    def _words(self) -> Mapping[str, str]:
+        own = catalogue(self.code)
+        return {**from_english(self.code), **own["made"], **own["said"]}
+
+    @cached_property
+    def _templates(self) -> list[tuple[re.Pattern[str], str]]:
+        """Return patterns of the sentences with values, those of most words first."""
+        if self.code == "en":
+            return []
+        known = {**from_english(self.code), **catalogue(self.code)["made"]}
+        parts = {english: [*Formatter().parse(english)] for english in known if "{" in english}
+        words = {english: "".join(part[0] for part in found) for english, found in parts.items()}
+        telling = [one for one in parts if len(re.findall("[A-Za-z]", words[one])) >= _LEAST_LETTERS]
+        ordered = sorted(telling, key=lambda one: -len(words[one]))
+        return [(_pattern(parts[one]), known[one]) for one in ordered]
+
+
+def _pattern(parts: list[Any]) -> re.Pattern[str]:
+    """Return a pattern of a sentence with any values; a name that comes twice has one value."""
+    made, seen = "", set()
+    for literal, name, _, _ in parts:
+        made += re.escape(literal)
+        if name is not None:
+            values = r"[-+−\d.,e]+" if name in _NUMBERS else r"[^\n]+?"
+            made += f"(?P={name})" if name in seen else f"(?P<{name}>{values})"
+            seen.add(name)
+    return re.compile(made)

@@ -1,0 +1,110 @@
+"""The words of the page: what its sources give to ``say``, what they say past it, what they say of others."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+from tests.support.sources import modules, tree
+
+SAYING = ("say", "say_count", "phrase", "speak", "count", "known")
+#: Calls whose texts are no words of the page: errors, notes for the server, names, styles, scripts.
+SILENT = (
+    *("InputError", "Stopped", "WorkerError", "VibridentError", "_refused", "_unguarded", "_there", "_stopped"),
+    *("require", "note", "error", "props", "classes", "style", "run_javascript", "on", "getLogger"),
+    *("mkdtemp", "compile", "open_columns", "position_of", "checked_laboratory", "certificate_section"),
+    *("check_dates", "_refuse", "certificate_data", "require_finite", "add_body_html", "add_argument"),
+)
+_WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}|^[A-Z][a-z]{2,}[.:]?$")
+_SPOKEN = re.compile(r"aria-label=[\"']?[A-Za-z]|placeholder=[\"']?[A-Za-z]")
+
+
+def _name(call: ast.Call) -> str:
+    function = call.func
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def _constants(node: ast.AST) -> Iterator[str]:
+    """Yield the texts of an expression that can be what it is: of a choice, both."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+    elif isinstance(node, ast.IfExp):
+        yield from _constants(node.body)
+        yield from _constants(node.orelse)
+
+
+def said() -> set[str]:
+    """Return each sentence that a module of the page gives to ``say``, directly or by a name."""
+    found = set()
+    for module in _page():
+        names: dict[str, set[str]] = {}
+        for node in ast.walk(tree(module)):
+            for target, value in _assigned(node):
+                names.setdefault(target, set()).update(_constants(value))
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.Call) and _name(node) in SAYING:
+                for argument in node.args:
+                    found |= set(_constants(argument))
+                    for part in ast.walk(argument):
+                        if isinstance(part, ast.Name):
+                            found |= names.get(part.id, set())
+    return {text for text in found if re.search("[A-Za-z]{2}", text)}
+
+
+def with_values() -> set[str]:
+    """Return each sentence that a module gives to ``phrase`` with values, to be said when finished."""
+    found = set()
+    for module in _page():
+        names: dict[str, set[str]] = {}
+        for node in ast.walk(tree(module)):
+            for target, value in _assigned(node):
+                names.setdefault(target, set()).update(_constants(value))
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.Call) and _name(node) == "phrase" and node.keywords:
+                first = node.args[0]
+                found |= names.get(first.id, set()) if isinstance(first, ast.Name) else {*_constants(first)}
+    return found
+
+
+def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    if not isinstance(node, ast.Assign):
+        return
+    for target in node.targets:
+        if isinstance(target, ast.Name):
+            yield target.id, node.value
+        elif isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            for name, value in zip(target.elts, node.value.elts, strict=False):
+                if isinstance(name, ast.Name):
+                    yield name.id, value
+
+
+def unsaid() -> list[str]:
+    """Return each literal of a module of the page that reads like words and is not said."""
+    known, found = said(), []
+    for module in _page():
+        whole = tree(module)
+        silent = {id(part) for call in ast.walk(whole) for part in _silent(call)}
+        for node in ast.walk(whole):
+            if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+                continue
+            text = re.sub(r"<[^>]*>?", "\n", node.value)
+            aloud = _SPOKEN.search(node.value)
+            if aloud or (id(node) not in silent and node.value not in known and _reads(text)):
+                found.append(f"{module}, line {node.lineno}: {node.value[:60]!r}")
+    return found
+
+
+def _reads(text: str) -> bool:
+    return any(_WORDS.search(part.strip()) for part in text.split("\n"))
+
+
+def _silent(node: ast.AST) -> Iterator[ast.AST]:
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        yield node.value  # a docstring
+    if isinstance(node, ast.Call) and _name(node) in SILENT:
+        yield from ast.walk(node)
+
+
+def _page() -> list[str]:
+    return [module for module in modules() if module.startswith("vibrident.app.web")]
