@@ -78,11 +78,9 @@ def fit(
         from vibrident.fit.decay import estimate as decays  # only where there are decays
 
         decays.require_plain(estimator)
-        evidence, chosen, reason = (
-            decays.gathered(calibration, sensor_model),
-            decays.FreeDecays(),
-            decays.METHOD,
-        )
+        evidence = decays.gathered(calibration, sensor_model)
+        chosen = decays.FreeDecays()
+        reason = decays.METHOD
         found = Fitted.of(evidence, chosen, progress)
         found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
     else:

@@ -20,7 +20,8 @@ from vibrident.data.records import FloatArray
 
 #: Nor is more to be known where the gains of so many steps fall to half, and are less than this (or the tolerance)
 #: together: large residuals converge slowly, and what is left is less than a tenth of a standard uncertainty.
-SLOW, LITTLE = 5, 0.01
+SLOW = 5
+LITTLE = 0.01
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
 LEAST_SHOWN = 1e-14
 
@@ -123,7 +124,9 @@ def levenberg_marquardt(
     here = _Point.of(np.asarray(start, dtype=float), objective, args)
     if not np.isfinite(here.cost):
         raise NotConverged(NOT_FINITE)
-    way, damping, rejected = [here], 1.0, 0  # in units of the coordinates, which are near one
+    way = [here]
+    damping = 1.0
+    rejected = 0  # in units of the coordinates, which are near one
     none = lacking = used = np.zeros((len(here.z), len(here.z)))
 
     def arrived() -> bool:
@@ -146,7 +149,8 @@ def levenberg_marquardt(
             break
         step = here.step(damping, used)
         trial = _Point.of(here.z + step, objective, args)
-        promised, gain = here.promised(step, used), here.cost - trial.cost
+        promised = here.promised(step, used)
+        gain = here.cost - trial.cost
         gained = gain / promised if promised > 0.0 else -np.inf
         gained = gained if np.isfinite(gained) else -np.inf
         if gained >= 0.01:  # of what the linear residual promised
@@ -155,7 +159,8 @@ def levenberg_marquardt(
             )
             lacking = secant(lacking, step, here.gradient - trial.gradient, trial.matrix)
             used = lacking if better else none
-            here, rejected = trial, 0
+            here = trial
+            rejected = 0
             way.append(here)
             damping *= (
                 1.0 / 3.5 if gained > 0.9 else 1.0
@@ -185,7 +190,8 @@ class _Point:
     def of(cls, z: FloatArray, objective: Objective, args: Any) -> _Point:
         with np.errstate(all="ignore"):  # a step may be far too long
             local = objective(z, args)
-        gradient, matrix = np.asarray(local.gradient), np.asarray(local.matrix)
+        gradient = np.asarray(local.gradient)
+        matrix = np.asarray(local.matrix)
         finite = np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))
         return cls(z, float(local.cost) if finite else np.inf, gradient, matrix)
 
@@ -220,7 +226,9 @@ def secant(
 
     ``matrix``: JᵀJ behind the step. The update of Dennis, Gay & Welsch (ACM TOMS 7, 1981), with their sizing.
     """
-    along, off, now = float(step @ change), change - matrix @ step, float(step @ lacking @ step)
+    along = float(step @ change)
+    off = change - matrix @ step
+    now = float(step @ lacking @ step)
     if not along > 0.0:
         return lacking
     sized = lacking * (min(1.0, abs(step @ off) / abs(now)) if now else 1.0)

@@ -219,12 +219,14 @@ class Shape(Departure):
 
         By the two nodes y ± σ of Gauss and Hermite's quadrature.
         """
-        n, signal = group.samples, self.signal(group, scale)
+        n = group.samples
+        signal = self.signal(group, scale)
         noise = np.divide(
             2.0, n * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0
         )
         gain = np.broadcast_to(np.asarray(self.gain(group, scale), dtype=complex), group.gain.shape)
-        doubt, answer = group.errors.doubt, np.asarray(self.answer(group, scale), dtype=complex)
+        doubt = group.errors.doubt
+        answer = np.asarray(self.answer(group, scale), dtype=complex)
         power = doubt * noise * np.abs(gain) ** 2
         sigma = np.sqrt(2.0 * np.sum(power, axis=1) / n)
         share = 2.0 / n * np.sum(doubt * np.real(answer * gain), axis=1)

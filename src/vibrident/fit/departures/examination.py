@@ -113,7 +113,8 @@ def _among_records(
     groups: Groups, scale: Scale, uncertainty: FloatArray, rounds: int
 ) -> list[Together]:
     """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
-    found, beside = list[list[Found]](), groups
+    found = list[list[Found]]()
+    beside = groups
     for _ in range(rounds):
         now = _strongest(of_records(beside, scale, uncertainty))
         if not now:
@@ -180,8 +181,11 @@ def _shifts(
     ]
     if not every:
         return shifts
-    before, beside = list[Own](), list[Own]()
-    own, sizes, rounds = list[Sums](), list[FloatArray](), list[list[int]]()
+    before = list[Own]()
+    beside = list[Own]()
+    own = list[Sums]()
+    sizes = list[FloatArray]()
+    rounds = list[list[int]]()
     alone = [one for _, one in every]
     for group in groups:
         columns = _side_by_side(
@@ -269,7 +273,8 @@ def _strongest(found: Sequence[Found]) -> list[Found]:
 
 def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
     """Departures of a response at points; their sums need no bound."""
-    made, fit = list[Together](), points.fit(uncertainty)
+    made = list[Together]()
+    fit = points.fit(uncertainty)
     kinds = DEPARTURES.all()
     for _ in range(rounds):
         found = list[tuple[Found, PointsPart]]()
@@ -284,7 +289,8 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
         if not found:
             break
         strongest, beside = max(found, key=lambda one: one[0].score.explained)
-        before, points = fit, beside
+        before = fit
+        points = beside
         fit = points.fit(uncertainty)
         more = np.diag(fit.inverse) - np.diag(before.inverse)  # Hausman 1978
         doubt = np.sqrt(np.maximum(more, 0.0))

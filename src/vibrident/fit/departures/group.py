@@ -24,7 +24,8 @@ from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Rounding of columns that others span, in squares; and of what is left of rows that are spanned.
-ROUNDING, LOST = 1e-13, 1e-12
+ROUNDING = 1e-13
+LOST = 1e-12
 #: Columns of which nuisance parameters and coordinates leave less than this part, in squares, tell nothing.
 WITHIN = 1e-7
 #: A tone lies on a bin to this angle a sample.
@@ -32,7 +33,8 @@ ON_BIN = 1e-13
 #: Blocks of a record in time, between which it may change.
 BLOCKS = 32
 #: Stretches of a record over which its noise may change, and the least samples of one.
-STRETCHES, MIN_STRETCH = 16, 128
+STRETCHES = 16
+MIN_STRETCH = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,8 @@ class WhitenedGroup:
         """
         turn = self.turns[:, None] * np.arange(2, HARMONICS + 1)
         step = np.where(turn < USABLE_BAND, 2.0 * np.pi * turn, 0.0)
-        ahead, behind = self._turning(step), self._turning(-step)
+        ahead = self._turning(step)
+        behind = self._turning(-step)
         waves = np.stack([ahead + behind, (ahead - behind) / 1j], axis=2)
         return 0.5 * waves * (turn < USABLE_BAND)[:, :, None, None]
 
@@ -255,7 +258,8 @@ class WhitenedGroup:
 
     def sums_of_products(self, products: FloatArray, gram: FloatArray) -> Sums:
         """The same by the products of rows with :attr:`others`, and with each other."""
-        first, size = self.free.shape[1], self.jacobian.shape[1]
+        first = self.free.shape[1]
+        size = self.jacobian.shape[1]
         shared = products[..., :first]
         power = np.diagonal(gram, axis1=-2, axis2=-1)
         gram = gram - shared @ shared.mT
@@ -281,7 +285,8 @@ class WhitenedGroup:
         if doubt is not None:
             common[..., -1] = doubt
         sums = self.sums(rows[:, None]).at((slice(None), 0))
-        spread, cross_spread = loud @ signals.mT, loud @ self._jacobian_in_time.mT
+        spread = loud @ signals.mT
+        cross_spread = loud @ self._jacobian_in_time.mT
         return Exact(
             **vars(sums), spread=spread, cross_spread=cross_spread, common=common, steps=self.steps
         )
@@ -328,7 +333,8 @@ class WhitenedGroup:
 
     def only(self, kept: Sequence[int]) -> WhitenedGroup:
         """Some of the records."""
-        chosen, errors_of = list(kept), self.errors_of
+        chosen = list(kept)
+        errors_of = self.errors_of
         arrays = {each.name: getattr(self, each.name) for each in fields(self)}
         return replace(
             self,

@@ -31,7 +31,8 @@ from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.linearised import Linearised
 
 #: Longer records are looked at in pieces of so many samples, so many of them: a limit of memory.
-LONGEST, MOST_PIECES = 1 << 16, 4
+LONGEST = 1 << 16
+MOST_PIECES = 4
 #: Central differences of a nonlinear model's response, in its coordinates.
 STEP = 1e-5
 
@@ -120,17 +121,16 @@ def _of_bins(
     evidence: Evidence, estimate: Estimate, in_noise: InNoise, predicted: Sequence[FloatArray]
 ) -> Iterator[Part]:
     """Of the segments that the fit is of, at all bins that count."""
-    tones, segments = tones_of(evidence), in_noise.band.problem.segments
+    tones = tones_of(evidence)
+    segments = in_noise.band.problem.segments
     for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
         grid = place.group.grid
         if not grid.driven:
             continue
         for row, number in enumerate(place.group.segments):
             segment = segments[number]
-            given, series = (
-                evidence.records[segment.record],
-                predicted[segment.record][segment.span],
-            )
+            given = evidence.records[segment.record]
+            series = predicted[segment.record][segment.span]
             used = (
                 np.ones(grid.samples, dtype=bool)
                 if place.group.used is None
@@ -138,7 +138,8 @@ def _of_bins(
             )
             if used.sum() < SHORTEST:
                 continue
-            rest, jacobian = place.rows.residual[row], place.rows.jacobian[row]
+            rest = place.rows.residual[row]
+            jacobian = place.rows.jacobian[row]
             jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
             if grid.samples <= LONGEST:
                 signals = (
@@ -180,7 +181,8 @@ def _of_sines(
     )
     inverse = inverse_normal(linear.matrix.T @ linear.matrix)
     for place, index in enumerate(evidence.tones.record.tolist()):
-        record, series = evidence.records[index], predicted[index]
+        record = evidence.records[index]
+        series = predicted[index]
         for span in _spans(record, series):
             used = (record.mask & np.isfinite(series))[span]
             turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
@@ -208,7 +210,8 @@ def _of_samples(
     """Of a network that runs in time, with slopes by differences."""
     if estimate.problem is None or estimate.findings.learned is not None:
         return
-    step, tones = np.eye(len(estimate.z)) * STEP, tones_of(evidence)
+    step = np.eye(len(estimate.z)) * STEP
+    tones = tones_of(evidence)
     ends = [
         [
             estimate.problem.predict(estimate.coordinates, estimate.z + sign * each)
@@ -244,7 +247,8 @@ def _spans(record: Record, series: FloatArray) -> list[slice]:
     used = record.mask & np.isfinite(series)
     if used.sum() < SHORTEST:
         return []
-    first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
+    first = int(np.argmax(used))
+    last = used.size - int(np.argmax(used[::-1]))
     pieces = _pieces(fast_below(last - first, MAX_LOST))
     spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
     return [span for span in spans if used[span].sum() >= SHORTEST]

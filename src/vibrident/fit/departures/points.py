@@ -76,8 +76,10 @@ class PointsPart:
 
     def fit(self, uncertainty: FloatArray) -> LinearFit:
         """The linearised fit; ``uncertainty``: of the coordinates as stated, shape (P,)."""
-        rows, rest = self._freed(self.linear.matrix.T), self._freed(self.linear.rest)
-        normal, gradient = rows @ rows.T, rows @ rest
+        rows = self._freed(self.linear.matrix.T)
+        rest = self._freed(self.linear.rest)
+        normal = rows @ rows.T
+        gradient = rows @ rest
         inverse = inverse_where_shown(normal)
         chi2 = max(float(rest @ rest - gradient @ inverse @ gradient), 0.0)
         freedom = float(max(len(rest) - len(uncertainty) - len(self.basis), 1))
@@ -100,9 +102,11 @@ class PointsPart:
         """What the columns of a place have in common with the fit."""
         rows = self._rows(point)
         freed = self._freed(rows)
-        gram, cross = freed @ freed.T, freed @ self.linear.matrix
+        gram = freed @ freed.T
+        cross = freed @ self.linear.matrix
         least = WITHIN * np.einsum("ij,ij->i", rows, rows)
-        nothing, none = np.zeros_like(cross), np.zeros(())
+        nothing = np.zeros_like(cross)
+        none = np.zeros(())
         return Exact(
             freed @ self.linear.rest,
             gram,

@@ -104,7 +104,8 @@ class LinearFit:
     @classmethod
     def of(cls, own: Own, uncertainty: FloatArray) -> LinearFit:
         """Of all records; ``uncertainty``: of the coordinates as stated, shape (P,)."""
-        normal, gradient = np.sum(own.normal, axis=0), np.sum(own.gradient, axis=0)
+        normal = np.sum(own.normal, axis=0)
+        gradient = np.sum(own.gradient, axis=0)
         inverse = inverse_where_shown(normal)
         chi2 = max(float(np.sum(own.chi2) - gradient @ inverse @ gradient), 0.0)
         freedom = max(float(np.sum(own.freedom)) - len(uncertainty), 1.0)
@@ -161,7 +162,8 @@ class LinearFit:
         if not seen.any():
             return None
         turn = vectors[:, kept].T * scale
-        turned, errors = turn @ score, turn @ (sums.common - share @ self.common)
+        turned = turn @ score
+        errors = turn @ (sums.common - share @ self.common)
         covariance = turn @ sums.spread_beside(share, self.spread) @ turn.T + errors @ errors.T
         statistic = float(turned @ np.linalg.pinv(covariance, 1e-9, hermitian=True) @ turned)
         parts = turned / values[kept]
@@ -208,9 +210,11 @@ class LinearFit:
 @functools.lru_cache(maxsize=256)
 def critical_f(above: float, below: float, chance: float) -> float:
     """Value that an F of such degrees of freedom exceeds with this chance."""
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     while f_tail(above, below, high) > chance and high < 1e12:
-        low, high = high, 4.0 * high
+        low = high
+        high = 4.0 * high
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if f_tail(above, below, middle) > chance else (low, middle)
@@ -232,7 +236,8 @@ def shifts_beside(
         sizes: of the amounts that each showed by itself, shape (m,): standard deviations of a normal prior. Without it
             the common gain is not determined where each record has a gain of its own.
     """
-    normal, gradient = fit.normal.copy(), fit.gradient.copy()
+    normal = fit.normal.copy()
+    gradient = fit.gradient.copy()
     solved = []
     for part, size in zip(sums, sizes, strict=True):
         ridged = np.eye(len(size)) + size[:, None] * part.gram * size

@@ -120,7 +120,8 @@ def of_records(
         return []
     all_own = Own.joined([one.own for one in seen])
     fit = LinearFit.of(all_own, uncertainty)
-    count, quietest = len(all_own.chi2), np.min(all_own.quietest)
+    count = len(all_own.chi2)
+    quietest = np.min(all_own.quietest)
     asked = [
         _of_all(fit, departure, shared[departure], quietest, len(kinds)) for departure in shared
     ]
@@ -155,7 +156,8 @@ def _first(left: list[tuple[float, Candidate]]) -> list[Candidate]:
 
 def _of_each(fit: LinearFit, departure: Departure, seen: _Seen, several: int) -> list[Asked]:
     """What the bound leaves of a departure in each record of a group."""
-    places, own = seen.places[departure], seen.own
+    places = seen.places[departure]
+    own = seen.own
     if not places:
         return []
     counts = np.sum([np.sum(some.there, axis=1) for some in places], axis=0)
@@ -181,7 +183,9 @@ def _of_every(
     fit: LinearFit, departure: Departure, seen: Sequence[_Seen], several: int
 ) -> list[Asked]:
     """Ask all records, where their first places could be significant together: T add up beside own parameters."""
-    total, columns, asked = 0.0, 0, list[Asked]()
+    total = 0.0
+    columns = 0
+    asked = list[Asked]()
     for one in seen:
         for first in one.places[departure][:1]:
             explained, number = fit.explained(
@@ -199,7 +203,8 @@ def _tested(
     groups: Iterable[WhitenedGroup], scale: Scale, fit: LinearFit, asked: Sequence[Asked]
 ) -> list[Found]:
     """The tests of what the bound leaves, in one pass over the groups."""
-    spreads, commons = list[FloatArray](), list[FloatArray]()
+    spreads = list[FloatArray]()
+    commons = list[FloatArray]()
     for group in groups:
         for made, part in zip((spreads, commons), group.spread, strict=True):
             made.append(np.sum(part, axis=0))

@@ -31,7 +31,8 @@ MIN_BINS = 512
 #: Samples of the motion in time for each bin of the band: products of three signals alias behind the motion alone.
 OVERSAMPLED = 4.0 - 2.0 / BAND
 #: Records whose bands differ by less than this factor are worked on side by side, so many samples at once.
-ALIKE, AT_ONCE = 1.5, 1 << 18
+ALIKE = 1.5
+AT_ONCE = 1 << 18
 
 #: Relative change of the response by one standard uncertainty of each stated effect, shape (K, bins).
 EffectsOf = Callable[["Signals"], ComplexArray]
@@ -174,7 +175,8 @@ def group_of(
         else np.stack([one.pull for one in every if one.pull is not None])
     )
     turns = np.array([np.nan if one.turns is None else one.turns for one in every])
-    tone, jacobian = None, slopes
+    tone = None
+    jacobian = slopes
     if pull is None:  # the tone of a sine is told from its points
         jacobian = without(flat(slopes * (likely != 0.0)[:, None]), basis)
     else:
@@ -288,7 +290,9 @@ def _errors_of(
     one: Signals, effects: ComplexArray, likely: ComplexArray, gain: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of a record: converters, effects and doubt of the reference's noise, as in :class:`Errors`."""
-    samples, counted, part = one.used.size, one.counted, slice(1, gain.size + 1)
+    samples = one.used.size
+    counted = one.counted
+    part = slice(1, gain.size + 1)
 
     def flat(columns: ComplexArray) -> FloatArray:
         return np.ascontiguousarray(columns * gain).view(float)

@@ -77,10 +77,8 @@ def groups_of(
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
     """What the records have in common; ``linear``: the fit at all excited frequencies, linearised at the estimate."""
     order = np.argsort(linear.frequency_hz, kind="stable")
-    hz, told = (
-        linear.frequency_hz[order],
-        np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1)),
-    )
+    hz = linear.frequency_hz[order]
+    told = np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1))
     top_hz = 0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0)
     inner = (
         np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS)
@@ -136,14 +134,18 @@ def _signals_of_alike(
 ) -> list[Signals]:
     """Return parts of one length and rate with their noise."""
     first = parts[0]
-    samples, count = first.used.size, first.rest.size
+    samples = first.used.size
+    count = first.rest.size
     hz = line_frequencies(samples, first.record.sampling_rate_hz)[:count]
-    values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
+    values = estimate.coordinates.values(estimate.z)
+    model = evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
     passed = power_of(transfer)
-    one_sided, colour = counts_in_band(samples)[:count], reference_colour(first.record, samples)
+    one_sided = counts_in_band(samples)[:count]
+    colour = reference_colour(first.record, samples)
     colour = colour[:count] if isinstance(colour, np.ndarray) else 1.0
-    last, through = int(np.flatnonzero(one_sided)[-1]), passed * colour
+    last = int(np.flatnonzero(one_sided)[-1])
+    through = passed * colour
     seen = [
         Motion(
             part.bins,
@@ -164,7 +166,8 @@ def _signals_of_alike(
 
     signals = list[Signals]()
     for part, motion, read in zip(parts, seen, _read(parts, one_sided, seen), strict=True):
-        spectrum, columns = read.spectrum, part.columns
+        spectrum = read.spectrum
+        columns = part.columns
         if part.pull is not None:
             spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, motion.lines))
         share = spectrum.input_noise_at * passed / spectrum.psd

@@ -19,7 +19,8 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
 
     The response is the same to rounding, and so is all that was predicted from it.
     """
-    old, model = estimate.coordinates, estimate.coordinates.model
+    old = estimate.coordinates
+    model = estimate.coordinates.model
     values = upright(model, old.values(estimate.z))
     change = rule(model, values)
     if change is None:

@@ -31,7 +31,8 @@ from vibrident.physics.network.residual import STRUCTURES, initial_weights, with
 from vibrident.physics.network.sensitivity import Normal
 
 #: Steps over which squared residuals are summed to be compared, and fewest such blocks held out.
-BLOCK, FEWEST_BLOCKS = 32, 16
+BLOCK = 32
+FEWEST_BLOCKS = 16
 #: Deviation of a weight from where it begins, in coordinates, that costs as much as one standard deviation of noise:
 #: enough to keep apart what the data cannot, too little to move what they can.
 PRIOR = {
@@ -117,7 +118,8 @@ class _Candidate:
 
     @classmethod
     def physics(cls, plain: Estimate, evidence: Evidence) -> _Candidate:
-        values, network = plain.coordinates.values(plain.z), plain.findings.network
+        values = plain.coordinates.values(plain.z)
+        network = plain.findings.network
         assert network is not None
         step = plain.findings.method
         require_rational(evidence.model)
@@ -151,10 +153,8 @@ class _Candidate:
 
     def trained(self, lanes: np.ndarray, progress: Progress, tolerance: float = 0.1) -> _Candidate:
         """Trained on the lanes chosen, from z, noise refreshed between rounds; ``tolerance``: that of a trial."""
-        now, beside = (
-            self,
-            (jnp.asarray(self.coordinates.first), jnp.asarray(_prior(self.coordinates))),
-        )
+        now = self
+        beside = (jnp.asarray(self.coordinates.first), jnp.asarray(_prior(self.coordinates)))
         for _ in range(2):
             args = (now.args(lanes), *beside)
             trace = levenberg_marquardt(
@@ -241,8 +241,10 @@ def _judged(
     except NotConverged:
         return _Judged(physics, 0.0, np.inf, False, {"status": "not converged"})
     scale = best.problem.by_lane(best.noise)
-    first, after = before / scale, best.residuals(~train) / scale
-    gain, left = float(np.sum(first**2 - after**2)), float(np.sum(after**2))
+    first = before / scale
+    after = best.residuals(~train) / scale
+    gain = float(np.sum(first**2 - after**2))
+    left = float(np.sum(after**2))
     # Where the network has learned nothing but noise, its prediction moves by δ at random: Σ r δ has this deviation.
     products = np.sum((after * (first - after)).reshape(-1, BLOCK, scale.size), axis=1)
     deviation = 2.0 * float(np.sqrt(np.sum(products**2)))
@@ -306,8 +308,11 @@ def _beside(
     structure: tuple[str, ...], physics: _Candidate, memory: Mapping[str, float]
 ) -> _Candidate:
     """The physics as trained, with a network beside it that does nothing yet."""
-    problem, old, frame = physics.problem, physics.coordinates, physics.problem.frame
-    model, size = with_residual(frame.model, structure), float(old.response_size)
+    problem = physics.problem
+    old = physics.coordinates
+    frame = physics.problem.frame
+    model = with_residual(frame.model, structure)
+    size = float(old.response_size)
     start = dict(zip(old.model.parameter_names, np.asarray(old.start).tolist(), strict=True))
     start |= initial_weights(structure, size, memory)
     values = {**start, **old.values(physics.z)}
@@ -335,7 +340,8 @@ def _with(
     What is left to be explained, of the records less what was learned, is that of both.
     """
     assert plain.problem is not None
-    count, records = len(plain.z), whole.problem.records
+    count = len(plain.z)
+    records = whole.problem.records
     normal = whole.normal(np.ones(whole.problem.lanes.segment.shape, dtype=bool))
     lines = whole.problem.lines(whole.z, whole.coordinates, whole.noise)
     covariance, freedom = hac_covariance(
@@ -356,7 +362,8 @@ def _with(
         ),
     }
     share = _share(np.concatenate(added), np.concatenate(predicted))
-    network, trace = plain.findings.network, whole.trace
+    network = plain.findings.network
+    trace = whole.trace
     assert trace is not None
     assert network is not None
     left = tuple(
@@ -368,7 +375,8 @@ def _with(
         replace(network, noise=whole.noise, weights=""),
         learned=LearnedShare(True, share, tried, about),
     )
-    problem, in_noise = plain.problem.of_frame(left, plain.problem.frame), plain.in_noise
+    problem = plain.problem.of_frame(left, plain.problem.frame)
+    in_noise = plain.in_noise
     if in_noise is not None and isinstance(problem, BinProblem):
         in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).again(
             z, plain.coordinates

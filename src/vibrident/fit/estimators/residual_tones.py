@@ -59,14 +59,16 @@ def residual_tones(
     """
     plain = evidence.tones
     assert plain is not None
-    model, values = evidence.model, coordinates.values(z)
+    model = evidence.model
+    values = coordinates.values(z)
 
     def at(frequency: FloatArray) -> ComplexArray:
         return np.asarray(
             model.frequency_response(values, frequency, evidence.quantity), dtype=complex
         )
 
-    records, poles = [evidence.records[index] for index in plain.record], model.poles(values)
+    records = [evidence.records[index] for index in plain.record]
+    poles = model.poles(values)
     unknown = [np.full(record.samples, np.nan) for record in records]
     if predicted is None and problem is not None:
         predicted = problem.predict(coordinates, z)
@@ -77,7 +79,8 @@ def residual_tones(
     ):  # only the network brings its tones to what the linear part answers
         return cleaned
     samples = np.array([record.mask.sum() for record in records])
-    deviation, noisier = cleaned.error_deviation(at), 1.5
+    deviation = cleaned.error_deviation(at)
+    noisier = 1.5
     # Noise of the reference passes the network: where it is above the noise beside the tone, a plain sine with the free
     # motion is fitted, if that is not the noisier way.
     loud = (rest > 3.0 * deviation * np.sqrt(samples / 2.0)) | (
@@ -105,15 +108,18 @@ def roughly_cleaned(
 
     None where the network reaches no record.
     """
-    first, plain = evidence.first_look, evidence.tones
+    first = evidence.first_look
+    plain = evidence.tones
     if problem is None or first is None or plain is None:
         return None
-    predicted, values = problem.predict(coordinates, z), coordinates.values(z)
+    predicted = problem.predict(coordinates, z)
+    values = coordinates.values(z)
     frequency, reference, response, deviation = first.data
     explained = reference * evidence.model.frequency_response(values, frequency, evidence.quantity)
     cleaned = np.array(response)
     for place, index in enumerate(plain.record):
-        record, series = evidence.records[index], predicted[index]
+        record = evidence.records[index]
+        series = predicted[index]
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
@@ -134,7 +140,8 @@ def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
     Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and the sensor's answer
     to that is in no sine.
     """
-    mask, turns = record.mask, tones.frequency_hz[place] / record.sampling_rate_hz
+    mask = record.mask
+    turns = tones.frequency_hz[place] / record.sampling_rate_hz
     wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
     rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
     faded = rows * hann(record.samples)[mask]
@@ -159,7 +166,8 @@ def _cleaned(
     Records and what the network predicts of them, NaN where it does not reach, are in the order of the tones; ``at``:
     response of the model.
     """
-    left, reached = [], []
+    left = []
+    reached = []
     for record, series in zip(records, predicted, strict=True):
         used = record.mask & np.isfinite(series)
         # Where the network reaches too little, or interpolates by too few samples to be good to 1e-5, the record keeps

@@ -155,7 +155,8 @@ def _balanced(
     progress: Progress,
 ) -> tuple[Balance, tuple[Effect, ...]]:
     """The joint estimate by moments, from where the sum of costs led; ``lost``: fits whose own estimate is not used."""
-    moments, there = [], together.at(theta)
+    moments = []
+    there = together.at(theta)
     for i, (one, z) in enumerate(zip(together.fitted, there, strict=True)):
         if i in lost:
             spread = near[i].covariance(z) * (one.judgement.scatter or 1.0) ** 2
@@ -169,7 +170,8 @@ def _balanced(
     prior = np.concatenate([np.zeros(len(theta)), np.ones(len(effects))])
     way = np.concatenate([theta, np.zeros(len(effects))])
     for _ in range(ROUNDS):
-        begin, there = way, [place.z(way) for place in where]
+        begin = way
+        there = [place.z(way) for place in where]
         parts = [
             functools.partial(m.local, weight=m.weight(z))
             for m, z in zip(moments, there, strict=True)
@@ -249,13 +251,15 @@ def _found(together: Together, progress: Progress) -> tuple[FloatArray, list[Sco
 
 def _starts(together: Together) -> list[FloatArray]:
     """Joint coordinates by each calibration in turn: shared ones from it, and once more with its delay for all."""
-    fitted, starts = together.fitted, []
+    fitted = together.fitted
+    starts = []
     for preferred, by_preferred in itertools.product(range(len(fitted)), (False, True)):
         values = fitted[preferred].estimate.coordinates.values(fitted[preferred].estimate.z)
         theta = np.zeros(len(together.numbers))
         for column, number in enumerate(together.numbers):
             owner, index = next((m for m in number.members if m[0] == preferred), number.members[0])
-            place, estimate = together.places[owner], fitted[owner].estimate
+            place = together.places[owner]
+            estimate = fitted[owner].estimate
             z = estimate.z[index]
             if (
                 by_preferred

@@ -123,7 +123,9 @@ def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) 
 
 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]) -> list[Result]:
-    fitted, places, balance = descent.together.fitted, descent.together.places, descent.balance
+    fitted = descent.together.fitted
+    places = descent.together.places
+    balance = descent.balance
     alone = [own_rows(one, uncertainty) for one in fitted]
     data = [rows[0] for rows in alone]
     for i, one in enumerate(fitted):
@@ -168,22 +170,23 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
 
 def _estimate(descent: Descent, index: int) -> Estimate:
     """A calibration's estimate in the joint fit."""
-    fitted, place, near = (
-        descent.together.fitted,
-        descent.together.places[index],
-        descent.near[index],
-    )
+    fitted = descent.together.fitted
+    place = descent.together.places[index]
+    near = descent.near[index]
     estimate = fitted[index].estimate
-    findings, more = estimate.findings, {}
+    findings = estimate.findings
+    more = {}
     if index not in descent.alone and findings.noise is not None:
-        nothing, none = np.zeros(0), np.zeros((0, 0))
+        nothing = np.zeros(0)
+        none = np.zeros((0, 0))
         findings = replace(
             findings, noise=replace(findings.noise, reference=nothing, doubt=nothing, pulls=none)
         )
     if near.noise is not None and findings.network is not None:
         findings = replace(findings, network=replace(findings.network, noise=near.noise))
         more["problem"] = near.problem
-    theta, trace = descent.balance.theta, descent.trace
+    theta = descent.balance.theta
+    trace = descent.trace
     return replace(
         estimate,
         z=place.z(theta),
@@ -201,7 +204,8 @@ def _estimate(descent: Descent, index: int) -> Estimate:
 
 
 def _consistency(descent: Descent, data: Sequence[BudgetRow]) -> Consistency | None:
-    together, estimates = descent.together, descent.balance.estimates
+    together = descent.together
+    estimates = descent.balance.estimates
     stacked = [
         np.concatenate([effect.shifts.get(i, np.zeros(len(z))) for i, z in enumerate(estimates)])
         for effect in descent.effects
@@ -232,8 +236,10 @@ def _disagreement(
     labels: Sequence[str],
     descent: Descent,
 ) -> ResultWarning:
-    name, whole = consistency.worst, consistency.whole
-    fitted, values = descent.together.fitted, []
+    name = consistency.worst
+    whole = consistency.whole
+    fitted = descent.together.fitted
+    values = []
     number = next(n for n in descent.together.numbers if n.name == name and len(n.members) > 1)
     for owner, _ in number.members:
         estimate = fitted[owner].estimate
@@ -308,7 +314,8 @@ def _about(
 
 def _alone(one: Fitted, rows: Sequence[BudgetRow]) -> dict[str, Parameter]:
     """The parameters of a separate fit, with its whole budget."""
-    estimate, covariance = one.estimate, np.sum([row.covariance for row in rows], axis=0)
+    estimate = one.estimate
+    covariance = np.sum([row.covariance for row in rows], axis=0)
     units = unit_fields(one.evidence.calibration)
     return parameter_table(
         estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {}

@@ -39,7 +39,8 @@ class Score:
     @classmethod
     def of(cls, fitted: Fitted) -> Score:
         """The residual of an estimate, weighted as there."""
-        estimate, network = fitted.estimate, fitted.estimate.findings.network
+        estimate = fitted.estimate
+        network = fitted.estimate.findings.network
         if estimate.findings.decays is not None:
             from vibrident.fit.decay.estimate import decays_at  # only where there are decays
 
@@ -119,7 +120,8 @@ class MomentConditions:
     def local(self, z: FloatArray, weight: FloatArray) -> Local:
         """Cost, gradient and normal matrix of mᵀ S⁻¹ m, with S⁻¹ held."""
         found = self.score.local(z)
-        moment, half = found.gradient - self.offset, found.matrix @ weight
+        moment = found.gradient - self.offset
+        half = found.matrix @ weight
         return Local(half @ found.matrix, half @ moment, float(moment @ weight @ moment))
 
     def step(self, z: FloatArray) -> FloatArray:

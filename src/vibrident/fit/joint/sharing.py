@@ -128,7 +128,8 @@ def places(numbers: Sequence[Joint], coordinates: Sequence[Coordinates]) -> tupl
 
 def _onto(one: Coordinates, i: int, other: Coordinates, j: int) -> tuple[float, float]:
     """Offset and scale from a coordinate to another of the same physical value: one is linear in the other."""
-    name, beside = one.model.parameters[i].name, other.values(np.zeros(len(other.model.parameters)))
+    name = one.model.parameters[i].name
+    beside = other.values(np.zeros(len(other.model.parameters)))
     values = [one.values(np.full(len(one.model.parameters), at))[name] for at in (0.0, 1.0)]
     begin, end = (float(other.place(beside | {name: value})[j]) for value in values)
     return begin, end - begin

@@ -86,13 +86,16 @@ class Judgement:
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     """Predict every record and compare, band by band."""
-    model, quantity = evidence.model, evidence.quantity
+    model = evidence.model
+    quantity = evidence.quantity
     values = estimate.coordinates.values(estimate.z)
 
     def response(frequency: FloatArray) -> Any:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
-    points, tones, shares = list[Points](), None, list[FloatArray]()
+    points = list[Points]()
+    tones = None
+    shares = list[FloatArray]()
     predicted, weights = _predict(evidence, estimate)
     if evidence.tones is not None and estimate.criterion != "samples":
         tones = estimate.tones or _tones(evidence, estimate, values)
@@ -113,7 +116,8 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     if _is_the_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
         adequacy = replace(adequacy, adequate=True)
     birge = _birge(estimate, points, adequacy, decays)
-    text, share = _misfit(adequacy, points, response, decays), shares_of(shares)
+    text = _misfit(adequacy, points, response, decays)
+    share = shares_of(shares)
     if share.lacking:
         adequacy, text = (
             replace(adequacy, adequate=False),
@@ -304,13 +308,16 @@ def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     """Compare the model with a table."""
-    table, problem = evidence.calibration.table, evidence.first_look
+    table = evidence.calibration.table
+    problem = evidence.first_look
     assert table is not None
     assert problem is not None
     residual = np.asarray(problem.residual(estimate.z, estimate.coordinates))
-    squares, degrees = float(np.sum(residual**2)), len(residual) - len(estimate.z)
+    squares = float(np.sum(residual**2))
+    degrees = len(residual) - len(estimate.z)
     chi2 = squares / degrees if degrees > 0 else None
-    chance, scatter = probability(squares, degrees), None
+    chance = probability(squares, degrees)
+    scatter = None
     measured = _is_the_measurement(evidence, degrees, table.frequency_hz)
     adequate = measured or (degrees > 0 and chance >= REJECTION)
     if table.magnitude_uncertainty is None:
@@ -320,7 +327,8 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         order = np.argsort(table.frequency_hz, kind="stable")
         n = table.points
         parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
-        chi2, chance = None, 1.0
+        chi2 = None
+        chance = 1.0
         adequate = measured or (degrees > 0 and all(looks_random(part) for part in parts))
         text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
     else:
@@ -335,7 +343,8 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     model = evidence.model.frequency_response(
         estimate.coordinates.values(estimate.z), table.frequency_hz, evidence.quantity
     )
-    left, size = table.response - model, np.abs(table.response)
+    left = table.response - model
+    size = np.abs(table.response)
     if not problem.has_phase:
         left = size - np.abs(model)
     names = (table.provenance.file or "table",) * table.points
@@ -356,7 +365,8 @@ def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Si
 
     They have :data:`_EXCERPT_SAMPLES` samples together. One that took no part in the fit is NaN.
     """
-    signals, tones = [], evidence.tones
+    signals = []
+    tones = evidence.tones
     most = int(np.clip(_EXCERPT_SAMPLES // max(len(predicted), 1), 24, 600))
     owners = {} if tones is None else dict(zip(tones.record, tones.frequency_hz, strict=True))
     for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
@@ -375,7 +385,8 @@ def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Si
             peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
             span = min(used.size, max(64, used.size // 4))
             start = int(np.clip(peak - span // 3, 0, used.size - span))
-        first, last = int(used[start]), int(used[start + span - 1])
+        first = int(used[start])
+        last = int(used[start + span - 1])
         step = -(-(last - first + 1) // most)
         piece = slice(first, last + 1, step)
         measured = np.where(takes_part[piece], record.response[piece], np.nan)

@@ -63,7 +63,8 @@ def _settled(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
 
     ``known``: whether the fit is at an ε of its own already.
     """
-    best, u = fitted, math.inf
+    best = fitted
+    u = math.inf
     for number in range(MAX_ROUNDS):
         step = _step(best)
         if step is None:
@@ -176,7 +177,9 @@ def _with_u(offset: float, u: float) -> str:
 
 def _pattern(records: Sequence[Record]) -> tuple[tuple[float, float, float], ...]:
     """Return change of log H for ε = 1: a delay as long as the time at which each frequency was excited."""
-    hz, power, late = [], [], []
+    hz = []
+    power = []
+    late = []
     for record in records:
         if record.reference is None:
             continue

@@ -51,8 +51,12 @@ def document(
     fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()
 ) -> Result:
     """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    calibration, model, coordinates = evidence.calibration, evidence.model, estimate.coordinates
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    calibration = evidence.calibration
+    model = evidence.model
+    coordinates = estimate.coordinates
     data = [row for row in rows if row.kind == DATA]
     by_data, total = (np.sum([row.covariance for row in some], axis=0) for some in (data, rows))
     freedom = float(np.min(effective_degrees_of_freedom(rows)))
@@ -133,8 +137,11 @@ def _sensitivity_per(model: SensorModel, calibration: Calibration) -> dict[str, 
 
 def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | None:
     """Return the profile likelihood of the response, where χ² is no parabola; None elsewhere."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    coordinates, adequacy = estimate.coordinates, judgement.adequacy
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    coordinates = estimate.coordinates
+    adequacy = judgement.adequacy
     linear = (
         coordinates.model.is_linear
         and evidence.first_look is not None
@@ -167,7 +174,9 @@ def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> li
 
 def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurve]:
     """The sensitivity over the band, and the points; empty for free decays, which have no gain."""
-    evidence, estimate, calibration = fitted.evidence, fitted.estimate, fitted.evidence.calibration
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    calibration = fitted.evidence.calibration
     if not evidence.model.has_gain:
         return Curve.none(), MeasuredCurve.none()
     reference_hz = calibration.certificate.get("reference_frequency_hz")
@@ -201,8 +210,11 @@ def _seen(fitted: Fitted) -> dict[str, Any]:
 
 def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
     """Covariance of z, its degrees of freedom, and in words what it covers."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    adequacy, freedom = judgement.adequacy, estimate.degrees_of_freedom
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    adequacy = judgement.adequacy
+    freedom = estimate.degrees_of_freedom
     if judgement.scatter is not None:
         scatter = "the scatter of the points (no uncertainty was stated)"
         if adequacy.degrees_of_freedom <= 0:
@@ -236,7 +248,9 @@ def _warnings(
     fitted: Fitted, table: dict[str, Parameter], doubts: list[ResultWarning], scope: str
 ) -> tuple[ResultWarning, ...]:
     """Of the data, of the lack of fit (one for all that is said of it), of what is doubted, and of the sign."""
-    evidence, adequacy, model = fitted.evidence, fitted.judgement.adequacy, fitted.evidence.model
+    evidence = fitted.evidence
+    adequacy = fitted.judgement.adequacy
+    model = fitted.evidence.model
     warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
     if not adequacy.adequate:
         more = "".join(f" {w.message}" for w in doubts if w.code == "lack_of_fit")
@@ -271,7 +285,8 @@ def _learned(estimate: Estimate) -> list[ResultWarning]:
 
 def _training(estimate: Estimate) -> Training:
     """The way from the grid to the optimum: start values from the response, then the estimator's own iterations."""
-    trace, begin = estimate.trace, estimate.begin
+    trace = estimate.trace
+    begin = estimate.begin
     names = estimate.coordinates.model.parameter_names
     keep = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), 400)).astype(int))
     before = (

@@ -25,7 +25,8 @@ from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
 
 #: Another reading of the data is proposed where it fits this many times better, and well.
-BETTER, WELL = 10.0, 4.0
+BETTER = 10.0
+WELL = 4.0
 #: … and if chance would make a wrong reading fit as well with a probability below this.
 CHANCE = 1e-4
 ANGULAR = (
@@ -52,7 +53,8 @@ def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarnin
 
 def _one_frequency(fitted: Fitted) -> list[ResultWarning]:
     """Propose the gain alone for the data of a single frequency."""
-    model, points = fitted.evidence.model, fitted.judgement.adequacy
+    model = fitted.evidence.model
+    points = fitted.judgement.adequacy
     at = points.frequency_hz
     if model.is_gain_alone or not at.size or np.max(at) > np.min(at) * (1.0 + SAME):
         return []
@@ -68,8 +70,12 @@ def _one_frequency(fitted: Fitted) -> list[ResultWarning]:
 
 def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
     """Other solutions that fit as well."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    coordinates = estimate.coordinates
+    z = estimate.z
+    points = judgement.adequacy
     if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
         return []
     problem = evidence.first_look
@@ -156,7 +162,8 @@ def _in_angular_frequencies(table: ResponseTable | None) -> bool:
 def _nominal(frequency_hz: FloatArray) -> bool:
     """Whether all frequencies are of the one-third-octave series, exact or as they are printed (ISO 266)."""
     steps = np.round(10.0 * np.log10(frequency_hz)).astype(int)
-    exact, printed = 10.0 ** (steps / 10.0), np.array([nominal_value(int(n)) for n in steps])
+    exact = 10.0 ** (steps / 10.0)
+    printed = np.array([nominal_value(int(n)) for n in steps])
     off = np.minimum(np.abs(exact / frequency_hz - 1.0), np.abs(printed / frequency_hz - 1.0))
     return bool(np.all(off < 2e-3))
 
@@ -200,7 +207,8 @@ def _readings_of_table(
                 )
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
-    root, relative_u = np.sqrt(magnitude), magnitude_u / magnitude
+    root = np.sqrt(magnitude)
+    relative_u = magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
     yield text, replace(problem, data=(frequency, root, phase, 0.5 * relative_u * root, phase_u))
     if (

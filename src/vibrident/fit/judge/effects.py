@@ -24,7 +24,9 @@ def all_effects(evidence: Evidence, judgement: Judgement) -> list[SystematicEffe
 
 def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Linearised:
     """The fit at all excited frequencies, linearised at the estimate; without rows for free decays."""
-    coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
+    coordinates = estimate.coordinates
+    z = estimate.z
+    points = judgement.adequacy
     if evidence.calibration.table is not None and evidence.first_look is not None:
         return Linearised.of_table(coordinates, z, evidence.first_look)
     if estimate.findings.decays is not None:
@@ -35,7 +37,8 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
 
 def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
     """The judgement by noise alone, with the systematic effects in the covariance of the deviations."""
-    effects, adequacy = all_effects(evidence, judgement), judgement.adequacy
+    effects = all_effects(evidence, judgement)
+    adequacy = judgement.adequacy
     if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
         return judgement
     if not evidence.model.is_linear or (
@@ -54,10 +57,13 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
         adequacy.chi2_reduced is None
     ):  # no uncertainty was stated: the scatter of the points is all there is
         return allowed
-    deviations, degrees = weighted(estimate.z, np.zeros(len(shape))), adequacy.degrees_of_freedom
+    deviations = weighted(estimate.z, np.zeros(len(shape)))
+    degrees = adequacy.degrees_of_freedom
     before = adequacy.chi2_reduced * degrees
     chi2 = max(before - (float(deviations @ deviations) - found.chi2), 0.0)
-    text, adequate, believed = judgement.lack_of_fit, False, found.probability >= REJECTION
+    text = judgement.lack_of_fit
+    adequate = False
+    believed = found.probability >= REJECTION
     if adequacy.adequate or adequacy.chance < REJECTION:
         adequate = believed and _chance(judgement, found, chi2) >= REJECTION
         text = _misfit(judgement, chi2 / degrees) if believed else _beyond(effects, found)
@@ -92,7 +98,8 @@ def _misfit(judgement: Judgement, chi2_reduced: float) -> str:
 
 def _beyond(effects: Sequence[SystematicEffect], found: Explained) -> str:
     index = int(np.argmax(np.abs(found.amounts)))
-    effect, size = effects[index], abs(float(found.amounts[index]))
+    effect = effects[index]
+    size = abs(float(found.amounts[index]))
     seen, stated = (
         amount(times * effect.standard_uncertainty, effect.unit, 3) for times in (size, 1.0)
     )
@@ -104,7 +111,9 @@ def _beyond(effects: Sequence[SystematicEffect], found: Explained) -> str:
 
 def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Weighted:
     """The deviations at all points over their noise, as a function of z and of a change of log H."""
-    coordinates, quantity, adequacy = estimate.coordinates, evidence.quantity, judgement.adequacy
+    coordinates = estimate.coordinates
+    quantity = evidence.quantity
+    adequacy = judgement.adequacy
     problem = evidence.first_look
 
     def model(z: FloatArray, change: np.ndarray) -> np.ndarray:

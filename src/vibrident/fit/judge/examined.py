@@ -33,7 +33,9 @@ TOLD_FROM = 0.01
 
 def departures_of(fitted: Fitted) -> tuple[Together, ...]:
     """All departures from a fit, tested where they were not yet; those of one kind together."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
     if fitted.departures is not None:
         return fitted.departures
     if estimate.findings.decays is not None:  # they have tests of their own
@@ -78,7 +80,8 @@ def told(fitted: Fitted, total: FloatArray) -> Told:
 
 def told_as_nuisances(fitted: Fitted) -> Told:
     """The same of those that :func:`with_nuisances` gives the records: the values stated are then without them."""
-    words, own = _words(fitted), _nuisances(fitted)
+    words = _words(fitted)
+    own = _nuisances(fitted)
     matter = [group for group in own if group in _that_matter(words)]
     words = replace(words, admitted=True)
     return Told(words.findings(own), tuple(words.warning(group) for group in matter))
@@ -101,7 +104,8 @@ def _that_matter(words: _Words) -> list[Together]:
     An interferometer's light that is wrong at a harmonic is wrong at the tone, and a spring that rests beside its
     middle moves the parameters by the square of what shows it.
     """
-    adequacy, bent = words.fitted.judgement.adequacy, not words.fitted.evidence.model.is_linear
+    adequacy = words.fitted.judgement.adequacy
+    bent = not words.fitted.evidence.model.is_linear
     unexplained = not adequacy.adequate and adequacy.degrees_of_freedom > 0
     return [
         group
@@ -115,18 +119,17 @@ def _that_matter(words: _Words) -> list[Together]:
 
 def _points(fitted: Fitted) -> PointsPart | None:
     """The response of a table or of sines; None for other motion, or where nothing is left to judge by."""
-    evidence, estimate, judgement, linear = (
-        fitted.evidence,
-        fitted.estimate,
-        fitted.judgement,
-        fitted.linear,
-    )
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    linear = fitted.linear
     alone = evidence.calibration.table is not None or (
         evidence.only_sines and estimate.criterion != "samples"
     )
     if not alone or not evidence.model.is_linear or judgement.adequacy.degrees_of_freedom <= 0:
         return None
-    size, record = judgement.scatter or 1.0, judgement.adequacy.record
+    size = judgement.scatter or 1.0
+    record = judgement.adequacy.record
     linear = replace(
         linear, matrix=linear.matrix / size, rest=linear.rest / size, weight=linear.weight / size
     )
@@ -183,7 +186,8 @@ class _Words:
 
     def warning(self, group: Together) -> ResultWarning:
         """One for all records of a group."""
-        first, others = group.found[0], len({one.record for one in group.found}) - 1
+        first = group.found[0]
+        others = len({one.record for one in group.found}) - 1
         kinds = {
             one.departure: one for one in reversed(group.found)
         }  # the most significant of each
@@ -204,7 +208,8 @@ class _Words:
 
     def _without(self, one: Found, shift: FloatArray, doubt: FloatArray, it: str) -> str:
         """What the parameter that moves most would be."""
-        evidence, size = self.fitted.evidence, self.sizes(shift)
+        evidence = self.fitted.evidence
+        size = self.sizes(shift)
         name = evidence.model.parameter_names[int(np.argmax(size))]
         moved = f"{plain(float(np.max(size)), 2)} u"
         if np.max(size) < TOLD_FROM:
@@ -216,12 +221,11 @@ class _Words:
             )
         if one.departure.own_columns:  # the data do not tell which of them is wrong
             return f"Where it is largest, it moves the {in_words(name)} by {moved}."
-        stated, without = self.fitted.values[name], self._values_without(shift)[name]
+        stated = self.fitted.values[name]
+        without = self._values_without(shift)[name]
         here, there = (stated, without) if self.admitted else (without, stated)
-        digits, unit = (
-            _digits(here, there),
-            parameter_units(evidence.model, evidence.calibration)[name],
-        )
+        digits = _digits(here, there)
+        unit = parameter_units(evidence.model, evidence.calibration)[name]
         values = f"{amount(here, unit, digits)} in place of {amount(there, unit, digits)}"
         would = f"the {in_words(name)} would be {values} ({moved})."
         if self.admitted:

@@ -19,9 +19,11 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
     Systematic effects, common to all points, are in the uncertainty of each point, but in that of its deviation only as
     far as the parameters cannot follow them.
     """
-    points, linear = fitted.judgement.adequacy, fitted.linear
+    points = fitted.judgement.adequacy
+    linear = fitted.linear
     order = np.argsort(points.frequency_hz, kind="stable")
-    frequency, measured = points.frequency_hz[order], points.measured[order]
+    frequency = points.frequency_hz[order]
+    measured = points.measured[order]
     noise = points.relative_deviation[order]
     turn = noise if points.phase_deviation is None else points.phase_deviation[order]
     shape = patterns(fitted.effects, linear, points.frequency_hz)
@@ -81,9 +83,11 @@ def fit_of_signals(fitted: Fitted) -> Fit:
 
 def fit_of_table(fitted: Fitted) -> Fit:
     """Metrics of measured minus model response over a table's points."""
-    adequacy, problem = fitted.judgement.adequacy, fitted.evidence.first_look
+    adequacy = fitted.judgement.adequacy
+    problem = fitted.evidence.first_look
     assert problem is not None
-    measured, model = adequacy.measured, _model_at(fitted, adequacy.frequency_hz)
+    measured = adequacy.measured
+    model = _model_at(fitted, adequacy.frequency_hz)
     residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
     return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), fitted)
 
@@ -96,7 +100,8 @@ def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
 
 
 def _metrics(sums: FloatArray, fitted: Fitted) -> Fit:
-    adequacy, shares = fitted.judgement.adequacy, fitted.judgement.shares
+    adequacy = fitted.judgement.adequacy
+    shares = fitted.judgement.shares
     mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()
     rmse = float(np.sqrt(mse))
     ratio = rmse / np.sqrt(variance) if variance > 0 else float("nan")

@@ -42,7 +42,8 @@ LIBRARIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 def provenance(fitted: Fitted) -> dict[str, Any]:
     """Return versions, files and time of an identification, as plain values."""
-    evidence, calibration = fitted.evidence, fitted.evidence.calibration
+    evidence = fitted.evidence
+    calibration = fitted.evidence.calibration
     sources = [record.provenance for record in evidence.records or calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]

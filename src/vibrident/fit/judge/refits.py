@@ -52,16 +52,16 @@ def with_phase_scatter(first: Fitted) -> Fitted:
     It is taken in proportion to the magnitude's. Where the deviations follow a pattern, the model does not explain the
     phase, and their size says nothing of its uncertainty.
     """
-    calibration, problem, now = first.evidence.calibration, first.evidence.first_look, first
+    calibration = first.evidence.calibration
+    problem = first.evidence.first_look
+    now = first
     table = calibration.table
     if table is None or problem is None or not problem.has_phase:
         return first
     if table.magnitude_uncertainty is None or table.phase_uncertainty_rad is not None:
         return first
-    free, order = (
-        table.points - 0.5 * len(first.estimate.z),
-        np.argsort(table.frequency_hz, kind="stable"),
-    )
+    free = table.points - 0.5 * len(first.estimate.z)
+    order = np.argsort(table.frequency_hz, kind="stable")
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     known = 1.0
     for _ in range(20 if free > 1.0 else 0):
@@ -71,7 +71,8 @@ def with_phase_scatter(first: Fitted) -> Fitted:
         scatter = float(np.sqrt(np.sum(turn**2) / free))
         if abs(scatter - known) < 0.01 * known or scatter == 0.0:
             return now if looks_random(turn) else first
-        known, stated = scatter, scatter * problem.relative_deviation
+        known = scatter
+        stated = scatter * problem.relative_deviation
         told = replace(table, phase_uncertainty_rad=stated, provenance=provenance)
         again = first.anew(Evidence.gather(replace(calibration, table=told), first.evidence.model))
         now = replace(again, phase_by_scatter=True)

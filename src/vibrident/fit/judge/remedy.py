@@ -26,7 +26,8 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
     ones by one fit from the values at the points. What is said is what a user gets who asks for
     that model: ``fit_anew`` fits it from nothing, and its χ² is stated.
     """
-    evidence, judgement = fitted.evidence, fitted.judgement
+    evidence = fitted.evidence
+    judgement = fitted.judgement
     declared = judgement.adequacy.chi2_reduced or 0.0
     if fitted.adequate or declared <= 0.0 or not _may_be_the_model(fitted):
         return fitted
@@ -48,10 +49,8 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
 
 def _may_be_the_model(found: Fitted) -> bool:
     """Whether the model may be at fault: not its discretisation, nor what no linear model explains."""
-    findings, few = (
-        found.estimate.findings,
-        found.judgement.adequacy.degrees_of_freedom < LEAST_FREE,
-    )
+    findings = found.estimate.findings
+    few = found.judgement.adequacy.degrees_of_freedom < LEAST_FREE
     network = findings.network
     plain_fit = (
         findings.learned is None
@@ -88,7 +87,8 @@ def _likely(
     values: dict[str, float],
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
     """Models that leave a tenth of χ²/ν or less, or little; and no more than 30 times what the best one leaves."""
-    found, worth = [], min(max(own / 10.0, LITTLE), 0.5 * own)
+    found = []
+    worth = min(max(own / 10.0, LITTLE), 0.5 * own)
     for other in others:
         free = problem.equations - len(other.parameter_names)
         start = _start(problem, other, model, values, worth * free) if free >= LEAST_FREE else None
@@ -131,10 +131,8 @@ def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
 
     Of either those with as many parameters together, the fewest first.
     """
-    own, possible = (
-        evidence.model.name.split("+"),
-        [addon for addon in ADD_ONS.values() if addon.force is None],
-    )
+    own = evidence.model.name.split("+")
+    possible = [addon for addon in ADD_ONS.values() if addon.force is None]
     if evidence.bands is not None:  # broadband motion needs a network
         possible = [addon for addon in possible if addon.factor is None]
     more = [addon.name for addon in possible if addon.name not in own]

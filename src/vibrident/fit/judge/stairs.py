@@ -61,12 +61,11 @@ def _lateness(fitted: Fitted) -> tuple[float, float] | None:
         delayed = fitted.once(replace(evidence, model=model, start=start))
     except VibridentError:
         return None
-    coordinates, z = delayed.estimate.coordinates, delayed.estimate.z
+    coordinates = delayed.estimate.coordinates
+    z = delayed.estimate.z
     place = model.parameter_names.index(DELAY)
     variance = float(delayed.estimate.covariance[place, place])
-    late_s, u = (
-        delayed.values[DELAY],
-        abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance),
-    )
+    late_s = delayed.values[DELAY]
+    u = abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance)
     step_s = evidence.records[0].sampling_interval_s
     return (late_s, u) if delayed.adequate and abs(late_s) < step_s else None

@@ -61,7 +61,8 @@ def other_solutions(
     ``model``: a linear model; ``quantity``: what the reference is; ``sought``: the points, with their deviations;
     ``solution``: the estimate; ``begin``: the start, with the other optima that were met.
     """
-    values, uncertainty = solution.values, solution.uncertainty
+    values = solution.values
+    uncertainty = solution.uncertainty
     same = [
         {name: float(value) for name, value in change(values).items()}
         for change in relabellings(model, values)
@@ -95,7 +96,8 @@ def _met(
     if begin is None or not begin.others:
         return
     placed = [chart.place(dict(at)) for at in (solution.values, *(at for at, _ in begin.others))]
-    u, sign = np.array([p for p, _ in placed]), np.array([s for _, s in placed])
+    u = np.array([p for p, _ in placed])
+    sign = np.array([s for _, s in placed])
     front = descend(chart, u, sign, goal, STEPS)
     if np.isfinite(front.cost[0]):
         for row in range(1, len(u)):
@@ -155,7 +157,8 @@ def _differ(
 def _as_good(
     other: Mapping[str, float], solution: Solution, more: float, units: Mapping[str, str]
 ) -> ResultWarning:
-    values, uncertainty = solution.values, solution.uncertainty
+    values = solution.values
+    uncertainty = solution.uncertainty
     changed = {
         n: v
         for n, v in other.items()

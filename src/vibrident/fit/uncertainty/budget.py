@@ -222,7 +222,8 @@ def explain(
     """
     from scipy.optimize import least_squares  # slow to load
 
-    z, p = linear.z, len(linear.z)
+    z = linear.z
+    p = len(linear.z)
 
     def residual(x: FloatArray) -> FloatArray:
         return np.concatenate([weighted(z + x[:p], shape @ x[p:]), x[p:]])
@@ -231,7 +232,8 @@ def explain(
         found = least_squares(
             residual, np.zeros(p + shape.shape[1]), jac="3-point", max_nfev=60, xtol=1e-10
         )
-    shift, amounts = found.x[:p], found.x[p:]
+    shift = found.x[:p]
+    amounts = found.x[p:]
     moved = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
     moved = moved * np.maximum(np.abs(amounts), 1.0)
     # Beyond five standard deviations is another optimum.
@@ -300,7 +302,8 @@ def point_budget(
         return None
     total = len(measured.frequency_hz)
     chosen = np.unique(np.linspace(0, total - 1, min(total, 200)).astype(int))
-    f, size = measured.frequency_hz[chosen], np.abs(measured.magnitude[chosen])
+    f = measured.frequency_hz[chosen]
+    size = np.abs(measured.magnitude[chosen])
     shape = patterns(effects, linear, f)
     noise = {
         "magnitude": measured.magnitude_noise[chosen].tolist(),

@@ -60,10 +60,8 @@ def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
     more = [grid_hz]
     for coefficients in (system.numerator, system.denominator):
         for root in np.roots(np.asarray(coefficients, dtype=float)[::-1]):
-            centre, half_width = (
-                abs(root.imag) / (2.0 * np.pi),
-                max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root)),
-            )
+            centre = abs(root.imag) / (2.0 * np.pi)
+            half_width = max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root))
             spacing = centre * float(np.log(grid_hz[-1] / grid_hz[0])) / (grid_hz.size - 1)
             if grid_hz[0] < centre < grid_hz[-1] and half_width < 2.0 * spacing:
                 reach = max(8.0 * spacing / half_width, 4.0)

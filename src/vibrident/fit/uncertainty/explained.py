@@ -26,7 +26,8 @@ MIN_EXPLAINED = 0.1
 #: A model may leave this share of the power …
 MAX_LEFT = 0.01
 #: … or this many times what is incoherent, or what chance leaves with this probability.
-MAX_TIMES, CHANCE = 4.0, 1e-6
+MAX_TIMES = 4.0
+CHANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,8 @@ class Shares:
         """Whether the model explains much less than what is coherent, or little at all."""
         if self.explained < MIN_EXPLAINED:
             return True
-        left, incoherent = 1.0 - self.explained, 1.0 - self.coherent
+        left = 1.0 - self.explained
+        incoherent = 1.0 - self.coherent
         if not left > max(MAX_LEFT, MAX_TIMES * incoherent):
             return False
         ratio = left / max(incoherent, np.finfo(float).eps)
@@ -92,7 +94,8 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
         delay: of the model, in samples.
         band: bins, of which line 0 is none.
     """
-    lines, samples = bins.residual.size, bins.samples
+    lines = bins.residual.size
+    samples = bins.samples
     turn = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
     motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * turn
     response = _without_drift(bins.residual + bins.predicted, samples)

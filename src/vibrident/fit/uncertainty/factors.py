@@ -72,7 +72,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     edges = np.array([1, last]) if sine else edges
     if edges[-1] <= edges[0]:
         return None
-    motion, moves = motion_bins(bins), bins.counts * (bins.spectrum.excited > 0.5)
+    motion = motion_bins(bins)
+    moves = bins.counts * (bins.spectrum.excited > 0.5)
     # The fit's weights fade out where noise of the reference may be the motion; these do not, so that cov s = G.
     weight = moves / (bins.samples * bins.spectrum.psd)
     left, gain, score, spent = _scores(bins, motion, weight, edges)
@@ -82,8 +83,11 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     )
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
     # Of two real columns: the information less what the nuisances imitate.
-    first, second, both = gain - spent[0], gain - spent[1], -spent[2]
-    determinant, trace = first * second - both**2, first + second
+    first = gain - spent[0]
+    second = gain - spent[1]
+    both = -spent[2]
+    determinant = first * second - both**2
+    trace = first + second
     kept = (power > LEAST_POWER * strongest) & (determinant > MIN_EIGENVALUE * trace**2 / 4.0)
     kept &= trace * MAX_DEVIATION**2 > 2.0
     if not kept.any():
@@ -92,7 +96,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     rho = (
         second * score.real - both * score.imag + 1j * (first * score.imag - both * score.real)
     ) / safe
-    variance, squares = 0.5 * trace / safe, rho.real * score.real + rho.imag * score.imag
+    variance = 0.5 * trace / safe
+    squares = rho.real * score.real + rho.imag * score.imag
     rest = left - np.where(kept, rho, 0.0)[_band_of(edges, last)] * motion * (weight > 0.0)
     uneven, even = _while_moving(bins, rest * np.sqrt(weight), motion * np.sqrt(weight), edges)
     own = np.minimum(1.0, variance * flat / bins.samples)
@@ -100,10 +105,8 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     lowest = np.maximum(lowest, LEAST_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
     floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
-    place, freedom = (
-        moment / np.maximum(power, 1e-300),
-        np.full(len(rho), even * noise_freedom(bins)),
-    )
+    place = moment / np.maximum(power, 1e-300)
+    freedom = np.full(len(rho), even * noise_freedom(bins))
     every: tuple[Any, ...] = (place, rho, np.sqrt(floor), squares, freedom, own)
     return Factors(*(each[kept] for each in every))
 
@@ -135,7 +138,8 @@ def _scores(
     turned = weight * np.conj(motion)
     left = bins.residual - (inverse @ gram[:-1, -1]) @ bins.nuisances
     common = np.add.reduceat((turned * bins.nuisances)[:, : edges[-1]], edges[:-1], axis=1)
-    real, imaginary = np.real(common), np.imag(common)
+    real = np.real(common)
+    imaginary = np.imag(common)
     pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
     spent = [np.sum(one * other, axis=0) for one, other in pairs]
     return left, _sums(weight * power_of(motion), edges), _sums(turned * left, edges), spent
@@ -166,7 +170,8 @@ def _while_moving(
         motion: whitened.
         edges: of the bands.
     """
-    n, used = bins.samples, bins.used
+    n = bins.samples
+    used = bins.used
     profile = slow_profile(np.asarray(fft.irfft(rest, n)), used)
     level = profile[:: max(n // (STRETCHES + 1), 1)]
     freedom = 2.0 * float(np.count_nonzero(rest)) / len(level)
@@ -184,7 +189,8 @@ def _while_moving(
     pieces = [sliding_window_view(each, length)[begins] for each in (moved, around)]
     lines = power_of(np.asarray(fft.rfft(pieces[0] * hann(length))))
     total = np.cumsum(np.pad(lines, ((0, 0), (1, 0))), axis=1)
-    first, end = edges[:-1] * length // n, -(-edges[1:] * length // n)
+    first = edges[:-1] * length // n
+    end = -(-edges[1:] * length // n)
     moves = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
     shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
     mean = float(np.mean(profile))

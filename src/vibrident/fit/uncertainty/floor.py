@@ -58,10 +58,12 @@ def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Resul
     """
     least = magnitude(result.measured.frequency_hz)
     relative = float(np.min(least)) if least.size else 0.0
-    parameters, settings = dict(result.parameters), dict(result.settings)
+    parameters = dict(result.parameters)
+    settings = dict(result.settings)
     none = {name: 0.0 for name, each in result.parameters.items() if not each.derived}
     for name, one in result.parameters.items():
-        own, u = one.standard_uncertainty, relative * abs(one.value)
+        own = one.standard_uncertainty
+        u = relative * abs(one.value)
         if is_gain(name) and own is not None and own < u:
             parameters[name] = _widened(one, own, u)
             row = {
@@ -95,10 +97,8 @@ def floor(
 def _raised(curve: _Curve, magnitude: Floor, phase: Floor) -> _Curve:
     size = magnitude(curve.frequency_hz) * np.abs(curve.magnitude)
     turn = np.rad2deg(phase(curve.frequency_hz))
-    u, u_phase = (
-        curve.magnitude_uncertainty,
-        curve.phase_deg_uncertainty,
-    )  # NaN, not known, stays so
+    u = curve.magnitude_uncertainty
+    u_phase = curve.phase_deg_uncertainty  # NaN, not known, stays so
     return replace(
         curve,
         magnitude_uncertainty=np.where(u < size, size, u),
@@ -114,5 +114,6 @@ def _widened(one: Parameter, own: float, u: float) -> Parameter:
             for end in one.interval_95
         )
     else:
-        low, high = one.value - 2.0 * u, one.value + 2.0 * u
+        low = one.value - 2.0 * u
+        high = one.value + 2.0 * u
     return replace(one, standard_uncertainty=u, interval_95=(low, high))

@@ -40,8 +40,11 @@ def weakly_determined(
 
     A parameter at a bound is reported as such.
     """
-    model, correlations = coordinates.model, _correlations(covariance)
-    deviation, sizes, ended = deviations(covariance), sizes_of(model, z), at_end(coordinates, z)
+    model = coordinates.model
+    correlations = _correlations(covariance)
+    deviation = deviations(covariance)
+    sizes = sizes_of(model, z)
+    ended = at_end(coordinates, z)
     weak: dict[str, str] = {}
     warnings = []
     for index, spec in enumerate(model.parameters):
@@ -134,7 +137,8 @@ def _traded(
 ) -> str:
     """The other parameters, in words, that a frequency ten times nearer to the band would move by more than their u."""
     model, (low, high) = coordinates.model, np.asarray(coordinates.band_hz, dtype=float)
-    name, points = model.parameter_names[index], np.geomspace(low, high, 50)
+    name = model.parameter_names[index]
+    points = np.geomspace(low, high, 50)
     nearer = values[name] / 10.0 if values[name] > high else values[name] * 10.0
     response, slopes = response_and_slopes(model, values, points)
     moved, _ = response_and_slopes(model, {**values, name: nearer}, points)
@@ -191,16 +195,12 @@ def parameter_table(
     ``z``: the optimum, shape (p,); ``covariance``: of z, shape (p, p); ``degrees_of_freedom``: of the noise estimate;
     ``units``: fields of the units' templates; ``doubtful``: names of parameters that are not identifiable.
     """
-    model, values, unknown = (
-        coordinates.model,
-        coordinates.values(z),
-        unstated(coordinates, z, covariance),
-    )
-    deviation, slopes, k = (
-        deviations(covariance),
-        np.abs(coordinates.slopes(z)),
-        coverage_factor(degrees_of_freedom),
-    )
+    model = coordinates.model
+    values = coordinates.values(z)
+    unknown = unstated(coordinates, z, covariance)
+    deviation = deviations(covariance)
+    slopes = np.abs(coordinates.slopes(z))
+    k = coverage_factor(degrees_of_freedom)
     table = {}
     for index, spec in enumerate(model.parameters):
         low, high = _interval(coordinates, z, index, k * deviation[index])
@@ -237,9 +237,11 @@ def parameter_table(
 def _interval(
     coordinates: Coordinates, z: FloatArray, index: int, half: float
 ) -> tuple[float, float]:
-    name, kind = coordinates.model.parameters[index].name, coordinates.model.parameters[index].kind
+    name = coordinates.model.parameters[index].name
+    kind = coordinates.model.parameters[index].kind
     if kind == "positive":
-        centre, half = coordinates.values(z)[name], half * abs(float(coordinates.slopes(z)[index]))
+        centre = coordinates.values(z)[name]
+        half = half * abs(float(coordinates.slopes(z)[index]))
         return max(0.0, centre - half), centre + half
     ends = []
     for sign in (-1.0, 1.0):

@@ -36,7 +36,8 @@ MIN_TIMES = 50.0
 #: Share of steps by differential evolution (ter Braak 2006); the others jump between modes (emcee's documentation).
 DIFFERENTIAL = 0.8
 #: Part of a range at each of its ends, and of draws there, from which on the range ends the distribution.
-MARGIN, MIN_SHARE = 0.05, 0.01
+MARGIN = 0.05
+MIN_SHARE = 0.01
 
 #: Residual of a likelihood at coordinates z, shape (m,).
 Residual = Callable[[FloatArray], FloatArray]
@@ -95,7 +96,8 @@ def sample_posterior(
         InputError: the model has no transfer function, or emcee is not installed.
     """
     emcee = sampler()
-    coordinates, middle = estimate.coordinates, np.asarray(estimate.z, dtype=float)
+    coordinates = estimate.coordinates
+    middle = np.asarray(estimate.z, dtype=float)
     low, high = _range(coordinates)
     density = log_density(*likelihood(evidence, estimate, linear), scale, low, high)
     random = np.random.RandomState(sampling.seed)
@@ -160,7 +162,8 @@ def likelihood(
             coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
         )
 
-    back, middle = np.linalg.pinv(linear.matrix), response(linear.z)
+    back = np.linalg.pinv(linear.matrix)
+    middle = response(linear.z)
     whitened = np.linalg.pinv(_root(estimate.covariance))
 
     def residual(z: FloatArray) -> FloatArray:

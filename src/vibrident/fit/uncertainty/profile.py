@@ -20,7 +20,9 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Parameter
 
 #: Steps of a descent beside the held coordinate; evaluations on the way to an end, and of the search for it.
-MAX_STEPS, MAX_OUTWARD, MAX_INWARD = 30, 14, 8
+MAX_STEPS = 30
+MAX_OUTWARD = 14
+MAX_INWARD = 8
 #: Each step outward is longer by this.
 LONGER = 1.6
 #: χ² at an end is right within this part of its rise.
@@ -54,7 +56,8 @@ class Profile:
 
 def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> bool:
     """Return whether a parameter is near its bound, or hardly determined: there χ² is no parabola."""
-    spread, positive = deviations(covariance), _positive(coordinates)
+    spread = deviations(covariance)
+    positive = _positive(coordinates)
     weak = spread > WEAK * sizes_of(coordinates.model, z)
     return bool(np.any(weak | (positive & (np.abs(z) < NEAR * spread))) or at_end(coordinates, z))
 
@@ -109,7 +112,9 @@ def with_profile(
         more: covariance of z by systematic effects, beside the data, shape (p, p).
         coverage: factor k of the intervals.
     """
-    model, found, said = coordinates.model, dict(table), dict[str, str]()
+    model = coordinates.model
+    found = dict(table)
+    said = dict[str, str]()
     corners = [coordinates.values(point) for point in profile.points]
     for index, spec in enumerate(model.parameters):
         stated = table[spec.name]
@@ -184,7 +189,9 @@ class _Search:
         """Return the coordinates where χ² has risen, None where it does not up to the end of what is searched."""
         low, high = (float(edge[k]) for edge in self.coordinates.edges)
         low = 0.0 if _positive(self.coordinates)[k] else low
-        least, inner, cost = self._cost(self.z), self.z, 0.0
+        least = self._cost(self.z)
+        inner = self.z
+        cost = 0.0
         for _ in range(MAX_OUTWARD):
             target = float(np.clip(inner[k] + step, low, high))
             if target == inner[k]:
@@ -192,7 +199,9 @@ class _Search:
             outer, risen = self._held(k, target, inner)
             if risen - least >= self.rise:
                 return self._between(k, least, (inner, cost), (outer, risen - least))
-            inner, cost, step = outer, max(risen - least, 0.0), LONGER * step
+            inner = outer
+            cost = max(risen - least, 0.0)
+            step = LONGER * step
         return None
 
     def _between(
@@ -226,7 +235,8 @@ class _Search:
         little = 1e-3 * CLOSE * self.rise
         here = self.problem.normal(z, self.coordinates)
         for _ in range(MAX_STEPS):
-            matrix, gradient = here.matrix[free][:, free], here.gradient[free]
+            matrix = here.matrix[free][:, free]
+            gradient = here.gradient[free]
             power = np.diag(matrix)
             size = np.maximum(power, 1e-12 * max(float(np.max(power)), 1e-300))
             own = np.clip(np.linalg.solve(matrix + damping * np.diag(size), gradient), -1.0, 1.0)
@@ -238,7 +248,9 @@ class _Search:
             there = self.problem.normal(trial, self.coordinates)
             if np.isfinite(there.cost) and there.cost <= here.cost:
                 settled = here.cost - there.cost < little
-                z, here, damping = trial, there, 0.1 * damping
+                z = trial
+                here = there
+                damping = 0.1 * damping
                 if settled:
                     break
             elif damping > 1e8:

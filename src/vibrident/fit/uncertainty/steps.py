@@ -88,10 +88,8 @@ def _motions(records: Sequence[Record], at: np.ndarray, frequency_hz: FloatArray
             continue
         line = record.sampling_rate_hz / record.samples
         step = converter_step(record.response, record.mask)
-        frequency, size = (
-            float(frequency_hz[place]),
-            float(np.std(record.response[record.mask])) * np.sqrt(2.0),
-        )
+        frequency = float(frequency_hz[place])
+        size = float(np.std(record.response[record.mask])) * np.sqrt(2.0)
         alike = [
             abs(hz - frequency) < 0.1 * line and abs(its_size - size) <= 0.5 * step
             for hz, its_size in known
@@ -219,7 +217,9 @@ def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> Float
     The band ends three lines behind the last one that holds motion; noise is looked for up to 0.45 of the rate.
     """
     assert record.reference is not None
-    used, samples, rate = record.reference_mask, record.samples, record.sampling_rate_hz
+    used = record.reference_mask
+    samples = record.samples
+    rate = record.sampling_rate_hz
     mean = float(np.mean(record.reference[used]))
     motion = np.where(used, record.reference - mean, 0.0)
     lines = np.asarray(fft.rfft(motion), dtype=complex)
@@ -251,7 +251,8 @@ def _coherent(
 ) -> ComplexArray:
     """What of the errors, through the sensor where it is given, is coherent with the prediction, relative to it."""
     motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
-    samples, rate = record.samples, record.sampling_rate_hz
+    samples = record.samples
+    rate = record.sampling_rate_hz
     if record.excitation == "sine":
         turn = hann(samples) * np.exp(
             -2j * np.pi / rate * np.outer(frequency_hz, np.arange(samples))

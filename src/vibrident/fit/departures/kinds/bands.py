@@ -16,7 +16,8 @@ from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
 #: Parts of the frequencies of points, and the fewest frequencies that are parted.
-OF_POINTS, FEWEST = 4, 6
+OF_POINTS = 4
+FEWEST = 6
 
 
 class Bands(Departure):

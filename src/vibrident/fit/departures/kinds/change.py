@@ -21,7 +21,9 @@ from vibrident.fit.response.response import ComplexArray
 LEAST = 0.15
 #: Columns that sums over blocks approximate tell nothing where the parameters leave less than this part, in squares.
 WITHIN_BLOCKS = 1e-2
-GAIN, CHANNEL, SENSOR = "gain", "gain and time", "sensor"
+GAIN = "gain"
+CHANNEL = "gain and time"
+SENSOR = "sensor"
 #: Of each step, and of the ramp, in each block: zero at the begin, as parameters are those before a change.
 FACTORS = np.concatenate([np.tri(BLOCKS).T[1:], [(np.arange(BLOCKS) + 0.5) / BLOCKS]])
 
@@ -45,7 +47,8 @@ class Change(Departure):
         Whitening and a slow factor commute but for the whitening filter's length, so that one transform serves all
         places (sup over places: Andrews 1993).
         """
-        rows, records = _changing(group), len(group.records)
+        rows = _changing(group)
+        records = len(group.records)
         blocks = (records, -1, BLOCKS, group.length // BLOCKS)
         signals = group.whitened_in_time(np.concatenate([rows, group.others], axis=1)).reshape(
             blocks
@@ -130,7 +133,8 @@ class Change(Departure):
         if candidate.words == SENSOR:
             return f"the sensor {when}"
         than = "at the end than at the begin" if time_s is None else "than before"
-        gain, parts = score.known(0), list[str]()
+        gain = score.known(0)
+        parts = list[str]()
         if gain:
             parts.append(
                 f"is {plain(abs(100.0 * gain), 2)} % {'larger' if gain > 0.0 else 'smaller'} {than}"

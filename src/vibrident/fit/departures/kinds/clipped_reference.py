@@ -13,7 +13,8 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import OfReference, Scale
 
 #: Levels over the largest of the record, and that of samples that stand at the limit.
-LEVELS, AT_LIMIT = (0.5, 0.8, 0.95), 0.98
+LEVELS = (0.5, 0.8, 0.95)
+AT_LIMIT = 0.98
 
 
 class ClippedReference(OfReference):

@@ -13,7 +13,8 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Scale, Shape
 
 #: Levels over the largest motion.
-LEVELS, OF_SIDES = (0.5, 0.8, 0.95), (0.5, 0.9)
+LEVELS = (0.5, 0.8, 0.95)
+OF_SIDES = (0.5, 0.9)
 
 
 class ClippedResponse(Shape):

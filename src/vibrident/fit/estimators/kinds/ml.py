@@ -64,12 +64,16 @@ class MaximumLikelihood(Estimator):
         Raises:
             ModelError: a record is not a sine, or the model is nonlinear; such motion needs the network.
         """
-        first, model = responses(self.name, evidence), evidence.model
+        first = responses(self.name, evidence)
+        model = evidence.model
         begin = find_start(first, model)
         coordinates = Coordinates.at(model, begin.values, first.band_hz)
-        network, tones, z = None, evidence.tones, coordinates.first
+        network = None
+        tones = evidence.tones
+        z = coordinates.first
         if tones is None:
-            problem, trace = first, _descend(coordinates, z, first, progress)
+            problem = first
+            trace = _descend(coordinates, z, first, progress)
         else:
             network = network_problem(evidence, begin.values)
             rough = roughly_cleaned(evidence, network, coordinates, z)
@@ -85,7 +89,8 @@ class MaximumLikelihood(Estimator):
                 tones = residual_tones(evidence, network, coordinates, z)
                 problem = weighted_problem(tones, coordinates, z, evidence)
                 trace = _descend(coordinates, z, problem, progress)
-                moved, z = np.abs(trace.last - z), trace.last
+                moved = np.abs(trace.last - z)
+                z = trace.last
                 if np.all(
                     moved
                     < settled
@@ -93,7 +98,8 @@ class MaximumLikelihood(Estimator):
                 ):
                     break
             problem = weighted_problem(tones, coordinates, z, evidence)
-        covariance, freedom = _covariance(problem, coordinates, trace.last), np.inf
+        covariance = _covariance(problem, coordinates, trace.last)
+        freedom = np.inf
         if tones is not None:
             # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
             covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
@@ -166,7 +172,8 @@ def with_random_effect(
         wider = problem.with_random_effect(error)
         return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
 
-    low, high = np.log(1e-9), np.log(1.0)
+    low = np.log(1e-9)
+    high = np.log(1.0)
     for _ in range(20):  # to a relative step of 2e-5
         middle = 0.5 * (low + high)
         _, trace = widened(float(np.exp(middle)))
@@ -187,7 +194,9 @@ def weighted_problem(
     tones: MeasuredResponse, coordinates: Coordinates, z: FloatArray, evidence: Evidence
 ) -> FrequencyProblem:
     """The residual with deviations that hold at ``z``."""
-    model, values, quantity = evidence.model, coordinates.values(z), evidence.quantity
+    model = evidence.model
+    values = coordinates.values(z)
+    quantity = evidence.quantity
     deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, quantity))
     return FrequencyProblem.of_measured(tones, deviation, model, quantity)
 
