@@ -171,7 +171,7 @@ def _of_sines(
     """Each beside an amplitude and a phase of its own, which the points give to the fit."""
     assert evidence.tones is not None
     count = len(tones.frequency_hz)
-    linear = Linearised.of_points(
+    linear = Linearised.from_points(
         estimate.coordinates,
         estimate.z,
         evidence.quantity,

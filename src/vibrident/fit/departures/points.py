@@ -67,7 +67,7 @@ class PointsPart:
     def _rows(self, point: Point) -> FloatArray:
         """Columns of a place in standard deviations, shape (m, rows)."""
         parts = np.concatenate([point.changes.real, point.changes.imag], axis=1)[
-            :, : len(self.linear.rest)
+            :, : len(self.linear.residual)
         ]
         return parts * self.linear.weight
 
@@ -77,7 +77,7 @@ class PointsPart:
     def fit(self, uncertainty: FloatArray) -> LinearFit:
         """The linearised fit; ``uncertainty``: of the coordinates as stated, shape (P,)."""
         rows = self._freed(self.linear.matrix.T)
-        rest = self._freed(self.linear.rest)
+        rest = self._freed(self.linear.residual)
         normal = rows @ rows.T
         gradient = rows @ rest
         inverse = inverse_where_shown(normal)
@@ -108,7 +108,7 @@ class PointsPart:
         nothing = np.zeros_like(cross)
         none = np.zeros(())
         return Exact(
-            freed @ self.linear.rest,
+            freed @ self.linear.residual,
             gram,
             cross,
             nothing,

@@ -28,11 +28,11 @@ def linearised(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> 
     z = estimate.z
     points = judgement.adequacy
     if evidence.calibration.table is not None and evidence.first_look is not None:
-        return Linearised.of_table(coordinates, z, evidence.first_look)
+        return Linearised.from_table(coordinates, z, evidence.first_look)
     if estimate.findings.decays is not None:
-        return Linearised.of_nothing(coordinates, z, evidence.quantity)
+        return Linearised.without_rows(coordinates, z, evidence.quantity)
     at = points.frequency_hz, points.measured, points.relative_deviation
-    return Linearised.of_points(coordinates, z, evidence.quantity, *at)
+    return Linearised.from_points(coordinates, z, evidence.quantity, *at)
 
 
 def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judgement) -> Judgement:
@@ -83,7 +83,7 @@ def _chance(judgement: Judgement, found: Explained, chi2: float) -> float:
     if not judgement.points:
         return probability(chi2, degrees)
     freedom = _freedom(judgement)
-    squares = np.sum(np.square(found.left.reshape(2, -1)), axis=0) / shrunk(freedom)
+    squares = np.sum(np.square(found.residual.reshape(2, -1)), axis=0) / shrunk(freedom)
     beside = judgement.adequacy.decays + float(found.amounts @ found.amounts)
     return chance_of(as_chi2(squares, freedom), degrees, beside)
 

@@ -131,7 +131,10 @@ def _points(fitted: Fitted) -> PointsPart | None:
     size = judgement.scatter or 1.0
     record = judgement.adequacy.record
     linear = replace(
-        linear, matrix=linear.matrix / size, rest=linear.rest / size, weight=linear.weight / size
+        linear,
+        matrix=linear.matrix / size,
+        residual=linear.residual / size,
+        weight=linear.weight / size,
     )
     shape = patterns(fitted.effects, linear, linear.frequency_hz)
     common = (
@@ -148,7 +151,7 @@ def _points(fitted: Fitted) -> PointsPart | None:
         None if judgement.tones is None else judgement.tones.response,
         np.asarray(transfer, dtype=complex),
         float(1.0 / np.mean(1.0 / np.concatenate(freedom))) if freedom else np.inf,
-        np.zeros((0, len(linear.rest))),
+        np.zeros((0, len(linear.residual))),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.uncertainty.budget import deviation_uncertainty, patterns
-from vibrident.fit.uncertainty.parameters import NOTHING
+from vibrident.fit.uncertainty.parameters import MAX_RELATIVE_UNCERTAINTY
 from vibrident.physics.models.quantities import conversion
 from vibrident.result import Fit, MeasuredCurve
 
@@ -41,7 +41,9 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
 
     def stated(uncertainty: FloatArray, noise: FloatArray) -> FloatArray:
         """NaN where nothing tells it."""
-        return np.where(np.isfinite(uncertainty) & (noise < NOTHING), uncertainty, np.nan)
+        return np.where(
+            np.isfinite(uncertainty) & (noise < MAX_RELATIVE_UNCERTAINTY), uncertainty, np.nan
+        )
 
     def angle(radians: FloatArray) -> FloatArray:
         return np.rad2deg(radians) if has_phase else np.full(len(order), np.nan)
