@@ -48,7 +48,7 @@ def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records
 
 def score_of(group: WhitenedGroup, rows: np.ndarray):
     """The score test of whitened rows that the records share, shape (R, m, 2 K), in white noise."""
-    fit = LinearFit.of(group.own, np.ones(2))
+    fit = LinearFit.from_records(group.own, np.ones(2))
     fit = replace(fit, spread=fit.normal, common=np.zeros((2, 13)))
     sums = group.exact_sums(rows, None)
     return fit.test(replace(sums, spread=sums.gram, cross_spread=sums.cross).total())
@@ -92,7 +92,7 @@ def test_the_bound_is_what_least_squares_explains():
     rng, bins = np.random.default_rng(4), 200
     group = linear_group(rng, bins, 0.0, 4)
     rows = rng.normal(size=(4, 3, 2 * bins))
-    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
     residual, free = group.residual.ravel(), group.freed(rows)
     jacobian = group.jacobian.swapaxes(0, 1).reshape(2, -1)
     left = []
@@ -108,7 +108,7 @@ def test_within_their_own_parameters_the_statistics_of_records_add_up():
     rng, bins, records = np.random.default_rng(5), 100, 5
     group = linear_group(rng, bins, 0.0, records)
     rows = rng.normal(size=(records, 2, 2 * bins))
-    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
     explained, _ = fit.explained(sums.within(group.own, fit.inverse))
     for jacobian, free, residual, each in zip(
         group.jacobian, group.freed(rows), group.residual, explained, strict=True
@@ -234,7 +234,7 @@ def test_harmonics_of_a_sine_are_no_hum(estimator: str) -> None:
 @pytest.mark.parametrize("band", [(1500.0, 5000.0), (50.0, 400.0)])
 def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, band: tuple[float, float]) -> None:
     """Noise of the reference is in prediction and residual alike, and what came before a piece rings on in it."""
-    monkeypatch.setattr("vibrident.fit.departures.parts.LONGEST", 4096)
+    monkeypatch.setattr("vibrident.fit.departures.parts.MAX_PIECE_SAMPLES", 4096)
     made = simulate(
         "paper", "random", frequencies_hz=band, samples=16000, response_noise=1e-4, reference_noise=1e-2, seed=4
     )
@@ -355,7 +355,7 @@ def test_what_departures_move_is_what_least_squares_beside_them_finds() -> None:
     rng = np.random.default_rng(3)
     group = linear_group(rng, 150, 0.0, 3)
     columns = rng.normal(size=(3, 2, 300))
-    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.own, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
     moved = shifts_beside(fit, [sums.at(number) for number in range(3)], [np.full(2, 1e9)] * 3)
     added = np.zeros((3, 2, 3, 300))
     added[np.arange(3), :, np.arange(3)] = group.freed(columns)

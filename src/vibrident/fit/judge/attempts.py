@@ -8,7 +8,7 @@ from functools import cached_property
 
 from vibrident.base.memory import give_back_after
 from vibrident.data.records import SystematicEffect
-from vibrident.fit.departures.examination import Together
+from vibrident.fit.departures.examination import DepartureGroup
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.judge.adequacy import Judgement, judge_decays, judge_records, judge_table
@@ -54,7 +54,7 @@ class Fitted:
     reason: str = ""
     told: tuple[Told, ...] = ()
     phase_by_scatter: bool = False
-    departures: tuple[Together, ...] | None = None
+    departures: tuple[DepartureGroup, ...] | None = None
 
     @classmethod
     def of(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Fitted:

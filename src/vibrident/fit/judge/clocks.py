@@ -14,7 +14,7 @@ from vibrident.data.screening import Finding
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
 from vibrident.fit.departures.sources import groups_of
-from vibrident.fit.departures.sums import Exact, Own
+from vibrident.fit.departures.sums import ExactSums, RecordInformation
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.examined import departures_of
 from vibrident.fit.response.bands import band_edges
@@ -109,7 +109,7 @@ def _moved(fitted: Fitted, offset: float) -> Fitted | None:
 
 def _names(fitted: Fitted) -> set[str]:
     """Return the kinds of departures from a fit."""
-    return {each.departure.name for group in departures_of(fitted) for each in group.found}
+    return {each.departure.name for group in departures_of(fitted) for each in group.departures}
 
 
 def _nearby(fitted: Fitted) -> float:
@@ -127,13 +127,13 @@ def _step(fitted: Fitted) -> tuple[float, float] | None:
     estimate = fitted.estimate
     judgement = fitted.judgement
     tones = judgement.points[0] if judgement.tones is not None else None
-    every: list[Own] = []
-    total: Exact | None = None
+    every: list[RecordInformation] = []
+    total: ExactSums | None = None
     spread: FloatArray | float = 0.0
     common: FloatArray | float = 0.0
     for group in groups_of(evidence, estimate, judgement.predicted, tones):
         group = group.again(slope_with_time(group, 0.0))
-        rows = group.freed(group.flat(slope_with_time(group, 0.0)))
+        rows = group.freed(group.whiten(slope_with_time(group, 0.0)))
         sums = group.exact_sums(rows, None).total()
         total = sums if total is None else total + sums
         every.append(group.own)
@@ -142,7 +142,7 @@ def _step(fitted: Fitted) -> tuple[float, float] | None:
         common = common + np.sum(known, axis=0)
     if total is None:
         return None
-    fit = LinearFit.of(Own.joined(every), deviations(estimate.covariance))
+    fit = LinearFit.from_records(RecordInformation.joined(every), deviations(estimate.covariance))
     _, _, gram = fit.beside_parameters(total)
     share = gram[0, 1] / gram[1, 1] if gram[1, 1] > total.least[1] else 0.0
     turned = total.combined(np.array([[1.0, -share]]))

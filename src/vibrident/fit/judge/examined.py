@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.departures.examination import Found, Together, examine
+from vibrident.fit.departures.examination import SignificantDeparture, DepartureGroup, examine
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.sources import groups_of, scale_of
 from vibrident.fit.judge.attempts import Fitted, Told
@@ -31,7 +31,7 @@ MAX_SHIFT = 1.0
 TOLD_FROM = 0.01
 
 
-def departures_of(fitted: Fitted) -> tuple[Together, ...]:
+def departures_of(fitted: Fitted) -> tuple[DepartureGroup, ...]:
     """All departures from a fit, tested where they were not yet; those of one kind together."""
     evidence = fitted.evidence
     estimate = fitted.estimate
@@ -61,7 +61,7 @@ def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
         if lacking(tones, fitted.estimate.findings.hum_hz or own, records):
             records = tuple(replace(one, hum_hz=hz) for one, hz in zip(records, tones, strict=True))
     for group in _nuisances(fitted):  # what is shown by some is in all: it is of the channel
-        freer = group.found[0].departure.beside
+        freer = group.departures[0].departure.beside
         records = tuple(one if one.reference is None else freer(one) for one in records)
     return records
 
@@ -91,14 +91,14 @@ def _words(fitted: Fitted) -> _Words:
     return _Words(fitted, deviations(fitted.estimate.covariance))
 
 
-def _nuisances(fitted: Fitted) -> list[Together]:
+def _nuisances(fitted: Fitted) -> list[DepartureGroup]:
     """What the fit can have as nuisance parameters; beside a tone, where they cost most, only what matters."""
     all_of_them = fitted.estimate.criterion == "samples"
     groups = departures_of(fitted) if all_of_them else _that_matter(_words(fitted))
     return [one for one in groups if one.found[0].departure.nuisance]
 
 
-def _that_matter(words: _Words) -> list[Together]:
+def _that_matter(words: _Words) -> list[DepartureGroup]:
     """Those that move a parameter by its standard uncertainty, the first of a misfit, and some to no first order.
 
     An interferometer's light that is wrong at a harmonic is wrong at the tone, and a spring that rests beside its
@@ -112,8 +112,8 @@ def _that_matter(words: _Words) -> list[Together]:
         for number, group in enumerate(departures_of(words.fitted))
         if np.max(words.sizes(group.shift), initial=0.0) >= 1.0
         or (unexplained and number == 0)
-        or group.found[0].code == "few_fringes"
-        or (group.found[0].code == "nonlinear" and bent)
+        or group.departures[0].code == "few_fringes"
+        or (group.departures[0].code == "nonlinear" and bent)
     ]
 
 
@@ -171,13 +171,13 @@ class _Words:
         """A shift of the coordinates, in their standard uncertainties."""
         return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
 
-    def findings(self, groups: Iterable[Together]) -> tuple[Finding, ...]:
+    def findings(self, groups: Iterable[DepartureGroup]) -> tuple[Finding, ...]:
         """All of them."""
-        return tuple(self._finding(one, group) for group in groups for one in group.found)
+        return tuple(self._finding(one, group) for group in groups for one in group.departures)
 
-    def _finding(self, one: Found, group: Together) -> Finding:
+    def _finding(self, one: SignificantDeparture, group: DepartureGroup) -> Finding:
         """A finding by itself; one that is alone in its group moves what the group does."""
-        alone = len(group.found) == 1
+        alone = len(group.departures) == 1
         shift, doubt = (group.shift, group.doubt) if alone else (one.score.shift, one.score.doubt)
         without = self._values_without(shift)
         impact = {
@@ -187,19 +187,19 @@ class _Words:
         message = f"{_said(one)} {self._without(one, shift, doubt, 'it')}"
         return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
 
-    def warning(self, group: Together) -> ResultWarning:
+    def warning(self, group: DepartureGroup) -> ResultWarning:
         """One for all records of a group."""
-        first = group.found[0]
-        others = len({one.record for one in group.found}) - 1
+        first = group.departures[0]
+        others = len({one.record for one in group.departures}) - 1
         kinds = {
-            one.departure: one for one in reversed(group.found)
+            one.departure: one for one in reversed(group.departures)
         }  # the most significant of each
-        text = " ".join(_said(one) for one in sorted(kinds.values(), key=group.found.index))
+        text = " ".join(_said(one) for one in sorted(kinds.values(), key=group.departures.index))
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
         if first.code == "nonlinear" and not self.fitted.evidence.model.is_linear:
             return ResultWarning(first.code, f"{text} {BESIDE_ITS_MIDDLE}")
-        them = "it" if len(group.found) == 1 else "them"
+        them = "it" if len(group.departures) == 1 else "them"
         return ResultWarning(
             first.code, f"{text} {self._without(first, group.shift, group.doubt, them)}"
         )
@@ -209,7 +209,9 @@ class _Words:
         estimate = self.fitted.estimate
         return estimate.coordinates.values(estimate.z - np.clip(shift, -MAX_SHIFT, MAX_SHIFT))
 
-    def _without(self, one: Found, shift: FloatArray, doubt: FloatArray, it: str) -> str:
+    def _without(
+        self, one: SignificantDeparture, shift: FloatArray, doubt: FloatArray, it: str
+    ) -> str:
         """What the parameter that moves most would be."""
         evidence = self.fitted.evidence
         size = self.sizes(shift)
@@ -242,7 +244,7 @@ def _digits(one: float, other: float) -> int:
     return min(max(6, 2 - math.floor(math.log10(apart))), 15) if apart > 0.0 else 6
 
 
-def _said(one: Found) -> str:
+def _said(one: SignificantDeparture) -> str:
     text = one.sentence[:1].upper() + one.sentence[1:]
     text = text if text.endswith("?") else f"{text}."
     return text if one.record is None else f"{one.record}: {text}"
