@@ -13,7 +13,7 @@ from vibrident.data.screening.held import is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
-from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.attempts import DepartureReport, Fitted
 from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
@@ -81,8 +81,10 @@ def fit(
         evidence = decays.gathered(calibration, sensor_model)
         chosen = decays.FreeDecays()
         reason = decays.METHOD
-        found = Fitted.of(evidence, chosen, progress)
-        found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
+        found = Fitted.from_evidence(evidence, chosen, progress)
+        found = replace(
+            found, reports=(DepartureReport(warnings=tuple(decays.said(found.estimate))),)
+        )
     else:
 
         def fit_anew(other: SensorModel) -> Fitted:
@@ -107,7 +109,7 @@ def _fit_model(
         fitted = _fit_drive(evidence, chosen, _stairs(estimator), progress)
         reason = fitted.reason or reason
     else:
-        fitted = Fitted.of(evidence, chosen, progress)
+        fitted = Fitted.from_evidence(evidence, chosen, progress)
     fitted = replace(fitted, reason=reason)
     for step in (at_one_clock, without_dead_records, with_phase_scatter, beside_departures):
         fitted = step(fitted)
@@ -126,17 +128,17 @@ def _fit_drive(
 ) -> Fitted:
     """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
     if stairs is None:
-        return Fitted.of(evidence, chosen, progress)
+        return Fitted.from_evidence(evidence, chosen, progress)
     if not is_held_drive(evidence.calibration):
-        plain = Fitted.of(evidence, chosen, progress)
+        plain = Fitted.from_evidence(evidence, chosen, progress)
         if plain.adequate:
             return plain
-        held = fit_stairs(Fitted.of(evidence, stairs, progress))
+        held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
         return held if held.adequate else plain
-    held = fit_stairs(Fitted.of(evidence, stairs, progress))
+    held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
     if held.adequate or chosen is stairs:
         return held
-    plain = Fitted.of(evidence, chosen, progress)
+    plain = Fitted.from_evidence(evidence, chosen, progress)
     return held if held.chi2 < plain.chi2 else plain
 
 

@@ -147,7 +147,7 @@ def _rows(
     return _stack_by_record(
         departures,
         group,
-        lambda found, part: found.departure.whitened(found.candidate, part, scale),
+        lambda found, part: found.kind.whitened(found.candidate, part, scale),
     )
 
 
@@ -199,7 +199,7 @@ def _shifts(
         (number, departure)
         for number, departures in enumerate(by_round)
         for departure in departures
-        if not departure.departure.own_columns
+        if not departure.kind.own_columns
     ]
     if not entries:
         return shifts
@@ -213,9 +213,8 @@ def _shifts(
         columns = _stack_by_record(
             departures,
             group,
-            lambda departure, record_amounts: _for_each_record(
-                departure.departure.columns_of(departure.candidate, record_amounts, scale),
-                record_amounts,
+            lambda departure, part: _for_each_record(
+                departure.kind.columns_of(departure.candidate, part, scale), part
             ),
         )
         beside = group.again(columns) if columns.shape[1] else group
@@ -265,7 +264,7 @@ def _join_kinds(groups: list[DepartureGroup]) -> list[DepartureGroup]:
     """
     kinds = dict[Departure | int | str, list[DepartureGroup]]()
     for number, group in enumerate(groups):
-        departure = group.departures[0].departure
+        departure = group.departures[0].kind
         kinds.setdefault(
             departure.family or (number if departure.pooled else departure), []
         ).append(group)
@@ -290,7 +289,7 @@ def _group_of_kind(
 
     ``move``: makes the shift of the fit beside all of them; None: as each of them shows it.
     """
-    if move is None or not departures[0].departure.joint:
+    if move is None or not departures[0].kind.joint:
         shift, doubt = (
             np.array([getattr(departure.score, name) for departure in departures])
             for name in ("shift", "doubt")
@@ -303,16 +302,14 @@ def _strongest(departures: Sequence[SignificantDeparture]) -> list[SignificantDe
     """Return the departure that explains most; where that is of records, in all that have it."""
     if not departures:
         return []
-    kinds = {departure.departure for departure in departures}
+    kinds = {departure.kind for departure in departures}
     explained = {
-        kind: sum(
-            departure.score.explained for departure in departures if departure.departure is kind
-        )
+        kind: sum(departure.score.explained for departure in departures if departure.kind is kind)
         for kind in kinds
     }
     strongest = max(explained, key=lambda kind: explained[kind])
     return sorted(
-        (departure for departure in departures if departure.departure is strongest),
+        (departure for departure in departures if departure.kind is strongest),
         key=lambda departure: -departure.score.explained,
     )
 

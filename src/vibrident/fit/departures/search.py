@@ -37,7 +37,7 @@ class SignificantDeparture:
     """A significant departure.
 
     Attributes:
-        departure: the kind.
+        kind: of departure.
         candidate: the place, and its words.
         score: the test there.
         chance: that noise shows it anywhere.
@@ -45,7 +45,7 @@ class SignificantDeparture:
         record: name of the record; None likewise.
     """
 
-    departure: Departure
+    kind: Departure
     candidate: Candidate
     score: Score
     chance: float
@@ -55,12 +55,12 @@ class SignificantDeparture:
     @property
     def code(self) -> WarningCode:
         """Return the code of the warning where it matters."""
-        return self.departure.code_of(self.candidate, self.score)
+        return self.kind.code_of(self.candidate, self.score)
 
     @property
     def sentence(self) -> str:
         """Return the clause on what is there."""
-        return self.departure.sentence(self.candidate, self.score)
+        return self.kind.sentence(self.candidate, self.score)
 
 
 @dataclass(eq=False)
@@ -70,7 +70,7 @@ class PendingTest:
     The tests are filled in once they are made.
 
     Attributes:
-        departure: the kind.
+        kind: of departure.
         place: number of the record; None of all.
         record: name of the record; None of all.
         several: tests that share the rate.
@@ -80,7 +80,7 @@ class PendingTest:
         chosen: which of these is the first that is significant.
     """
 
-    departure: Departure
+    kind: Departure
     place: int | None
     record: str | None
     several: int
@@ -125,7 +125,7 @@ def of_records(
         for departure in departures:
             places = departure.places(group, scale)
             if departure.pooled:
-                totals = [replace(bound, sums=bound.sums.total()) for bound in places]
+                totals = [replace(of_width, sums=of_width.sums.total()) for of_width in places]
                 pooled_places[departure] = (
                     pooled(pooled_places[departure], totals) if bounds else totals
                 )
@@ -260,12 +260,12 @@ def _run_tests(
             _add_group(test, group, scale, fit)
         del group
     fit = replace(fit, spread=np.sum(spreads, axis=0), common=np.sum(commons, axis=0))
-    kinds = dict.fromkeys(test.departure for test in tests)
+    kinds = dict.fromkeys(test.kind for test in tests)
     significant_by_kind = [
-        _significant_of_kind(fit, [test for test in tests if test.departure is departure])
+        _significant_of_kind(fit, [test for test in tests if test.kind is departure])
         for departure in kinds
     ]
-    return [one for significant in significant_by_kind for one in significant]
+    return [departure for significant in significant_by_kind for departure in significant]
 
 
 def _significant_of_kind(
@@ -302,9 +302,7 @@ def _significant_together(
     if chance >= FALSE_ALARMS:
         return []
     return [
-        SignificantDeparture(
-            test.departure, test.tested[0][0], score, chance, test.place, test.record
-        )
+        SignificantDeparture(test.kind, test.tested[0][0], score, chance, test.place, test.record)
         for test, score in scores
     ]
 
@@ -316,8 +314,8 @@ def _add_group(test: PendingTest, group: WhitenedGroup, scale: Scale, fit: Linea
         return
     part = group if test.place is None else group.subset([places.index(test.place)])
     for number, candidate in enumerate(test.candidates):
-        refined, sums = _exact_sums(test.departure, candidate, part, scale)
-        if test.departure.within:
+        refined, sums = _exact_sums(test.kind, candidate, part, scale)
+        if test.kind.within:
             sums = sums.exactly_within(part.own, fit.inverse, *part.spread)
         if len(test.tested) <= number:
             test.tested.append((refined, sums.total()))
@@ -342,7 +340,8 @@ def best_of(fit: LinearFit, pending: PendingTest) -> SignificantDeparture | None
         if score is None or score.chance * pending.several >= FALSE_ALARMS:
             continue
         pending.chosen = number
-        if pending.departure.own_columns:  # of that significant pair that moves the parameters most
+        if pending.kind.own_columns:
+            # The shift is that of the significant pair that moves the parameters most.
             pairs = [
                 fit.test(sums.of_columns([column, column + 1]))
                 for column in range(0, len(sums.score), 2)
@@ -358,6 +357,6 @@ def best_of(fit: LinearFit, pending: PendingTest) -> SignificantDeparture | None
             )
         chance = score.chance * pending.several
         return SignificantDeparture(
-            pending.departure, candidate, score, chance, pending.place, pending.record
+            pending.kind, candidate, score, chance, pending.place, pending.record
         )
     return None
