@@ -72,7 +72,7 @@ def fit(
     uncertainty: Uncertainty,
     progress: Progress,
 ) -> Fitted:
-    """Estimate and judge; arguments and errors as :func:`identify_run`."""
+    """Estimate and judge; arguments and errors are those of :func:`identify_run`."""
     sensor_model = model_of(calibration, model)
     if decays_alone(calibration):
         from vibrident.fit.decay import estimate as decays  # only where there are decays
@@ -81,9 +81,9 @@ def fit(
         evidence = decays.gathered(calibration, sensor_model)
         chosen = decays.FreeDecays()
         reason = decays.METHOD
-        found = Fitted.from_evidence(evidence, chosen, progress)
-        found = replace(
-            found, reports=(DepartureReport(warnings=tuple(decays.said(found.estimate))),)
+        fitted = Fitted.from_evidence(evidence, chosen, progress)
+        fitted = replace(
+            fitted, reports=(DepartureReport(warnings=tuple(decays.said(fitted.estimate))),)
         )
     else:
 
@@ -92,7 +92,7 @@ def fit(
 
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
         return with_remedy(fitted, fit_anew)
-    return replace(found, reason=reason)
+    return replace(fitted, reason=reason)
 
 
 def _fit_model(
@@ -106,7 +106,7 @@ def _fit_model(
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     if calibration.quantity == "drive" and model.is_linear and calibration.records:
-        fitted = _fit_drive(evidence, chosen, _stairs(estimator), progress)
+        fitted = _fit_drive(evidence, chosen, _held_network(estimator), progress)
         reason = fitted.reason or reason
     else:
         fitted = Fitted.from_evidence(evidence, chosen, progress)
@@ -116,7 +116,7 @@ def _fit_model(
     return fitted
 
 
-def _stairs(asked: str | Estimator) -> Ipnn | None:
+def _held_network(asked: str | Estimator) -> Ipnn | None:
     """Return the network of a held drive; None where another was asked for."""
     if asked == AUTO:
         return Ipnn(discretisation="zoh")
@@ -143,14 +143,23 @@ def _fit_drive(
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:
-    """Factor on the data's standard deviations that the stated covariance carries: scatter, or the Birge ratio."""
-    part, whole = (float(np.trace(c)) for c in (estimate.covariance, data.covariance))
-    return float(np.sqrt(whole / part)) if part > 0.0 else 1.0
+    """Return the factor on the data's standard deviations that the stated covariance carries.
+
+    It is the scatter, or the Birge ratio.
+    """
+    by_estimate, stated = (
+        float(np.trace(covariance)) for covariance in (estimate.covariance, data.covariance)
+    )
+    return float(np.sqrt(stated / by_estimate)) if by_estimate > 0.0 else 1.0
 
 
 def _estimator(
     evidence: Evidence, asked: str | Estimator, scope: Uncertainty
 ) -> tuple[Estimator, str]:
+    """Return the estimator asked for or the one that suits, and the reason.
+
+    ``scope``: what the uncertainty covers.
+    """
     if not isinstance(asked, str):
         return asked, "chosen by the user"
     chosen, reason = (

@@ -308,7 +308,7 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
         records.append(replace(record, response=moved + 3e-4 * np.square(moved) / np.std(moved)))
     given = replace(made, records=tuple(records))
     held = vibrident.identify(given).findings
-    monkeypatch.setattr(examination, "MAX_HELD", 0)
+    monkeypatch.setattr(examination, "MAX_SAMPLES_HELD", 0)
     assert {finding.code for finding in held} >= {"nonlinear", "regimes"}
     assert vibrident.identify(given).findings == held
 
@@ -322,7 +322,7 @@ def test_a_clean_calibration_is_passed_once_and_nothing_of_it_is_held(monkeypatc
         made.extend(one.record.name for one in signals)
         return group_of(signals, *others)
 
-    monkeypatch.setattr(examination, "MAX_HELD", 0)
+    monkeypatch.setattr(examination, "MAX_SAMPLES_HELD", 0)
     monkeypatch.setattr(sources, "group_of", noted)
     tones = {"frequencies_hz": [100.0, 250.0, 400.0, 630.0, 1000.0]} if kind == "sine" else {}
     given = simulate("paper", kind, samples=1500, repeats=3, response_noise=1e-3, seed=3, **tones)
