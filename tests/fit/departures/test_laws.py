@@ -11,7 +11,8 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.departures import examination, sources
-from vibrident.fit.departures.group import WhitenedGroup, orthonormal, without
+from vibrident.fit.departures.group import WhitenedGroup
+from vibrident.fit.departures.rows import orthonormal, without
 from vibrident.fit.departures.score import LinearFit, shifts_beside
 from vibrident.fit.departures.sums import Errors
 from vibrident.physics.simulation import simulate

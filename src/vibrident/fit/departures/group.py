@@ -18,16 +18,13 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.departures.rows import LOST, in_time, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors, ExactSums, RecordInformation, Sums
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
-#: Rounding of columns that others span, in squares.
-ROUNDING = 1e-13
-#: Rounding of what remains of rows that others span, in squares.
-LOST = 1e-12
 #: Columns of which nuisances and coordinates leave less than this part, in squares, tell nothing.
 MIN_UNFOLLOWED = 1e-7
 #: A tone lies on a bin to this angle from sample to sample.
@@ -134,7 +131,7 @@ class WhitenedGroup:
     def series(self, bins: ComplexArray) -> FloatArray:
         """Return signals in time from their bins, shape (…, L)."""
         length = self.motion.shape[1]
-        return _in_time(bins, length) * (length / self.samples)
+        return in_time(bins, length) * (length / self.samples)
 
     def bins_of(self, signals: FloatArray) -> ComplexArray:
         """Return the bins of signals in time where the records are used, shape (…, m, K).
@@ -213,7 +210,7 @@ class WhitenedGroup:
 
     def whitened_in_time(self, rows: FloatArray) -> FloatArray:
         """Return whitened rows in time, with the same products, shape (…, length)."""
-        return _in_time(np.ascontiguousarray(rows).view(complex), self.length) * np.sqrt(
+        return in_time(np.ascontiguousarray(rows).view(complex), self.length) * np.sqrt(
             0.5 * self.length
         )
 
@@ -401,44 +398,3 @@ class WhitenedGroup:
             tone=None if self.tone is None else without(self.tone, added),
             freedom=self.freedom - rank_of(added),
         )
-
-
-def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return rows, shape (R, m, i), less their projections on orthonormal ones.
-
-    Rows of which only rounding remains are zero.
-    """
-    remainder = rows - (rows @ basis.mT) @ basis
-    remainder[
-        np.einsum("rmi,rmi->rm", remainder, remainder)
-        <= LOST * np.einsum("rmi,rmi->rm", rows, rows)
-    ] = 0.0
-    return remainder
-
-
-def orthonormal(columns: FloatArray) -> FloatArray:
-    """Return orthonormal rows that span columns, each of shape (R, m, i).
-
-    They are zero where columns depend on each other.
-    """
-    size = np.sqrt(np.einsum("rmi,rmi->rm", columns, columns))
-    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-    gram = (columns @ columns.mT) * scale[..., None] * scale[..., None, :]
-    values, vectors = np.linalg.eigh(gram)
-    independent = values > ROUNDING * np.maximum(values[..., -1:], 1e-300)
-    scales = np.divide(
-        1.0, np.sqrt(np.maximum(values, 1e-300)), out=np.zeros_like(values), where=independent
-    )
-    return (vectors * scales[..., None, :]).mT * scale[..., None, :] @ columns
-
-
-def rank_of(basis: FloatArray) -> FloatArray:
-    """Return the number of rows that are not zero, shape (R,)."""
-    return np.sum(np.einsum("rmi,rmi->rm", basis, basis) > 0.5, axis=1).astype(float)
-
-
-def _in_time(bins: ComplexArray, length: int) -> FloatArray:
-    """Return signals of so many samples from their bins, of which zero is left out."""
-    padded = np.zeros((*bins.shape[:-1], bins.shape[-1] + 1), dtype=complex)
-    padded[..., 1:] = bins
-    return np.asarray(fft.irfft(padded, length, axis=-1), dtype=float)

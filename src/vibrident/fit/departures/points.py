@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.departures.group import ROUNDING
+from vibrident.fit.departures.rows import ROUNDING
 from vibrident.fit.departures.score import MIN_UNFOLLOWED, LinearFit
 from vibrident.fit.departures.sums import ExactSums
 from vibrident.fit.information import inverse_where_shown

@@ -11,7 +11,8 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.departures.group import WhitenedGroup, orthonormal, rank_of, without
+from vibrident.fit.departures.group import WhitenedGroup
+from vibrident.fit.departures.rows import orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors
 from vibrident.fit.descent.weighed import freed
 from vibrident.fit.noise.leakage import beside_leakage

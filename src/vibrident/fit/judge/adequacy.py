@@ -15,6 +15,8 @@ from vibrident.fit.decay import decay_deviations
 from vibrident.fit.descent.weighed import Weighed, weighed_segments, weighed_series
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
+from vibrident.fit.judge.excerpts import excerpts
+from vibrident.fit.judge.misfit import describe_misfit, describe_no_freedom
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.rounding import rounding_variance
@@ -38,9 +40,6 @@ from vibrident.result import Signal
 
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
-
-#: Samples of the excerpts of all records together; a picture is a few hundred wide.
-_MAX_EXCERPT_SAMPLES = 5_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +120,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     if _is_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
         adequacy = replace(adequacy, adequate=True)
     birge = _birge(estimate, points, adequacy, decays)
-    lack_of_fit = _describe_misfit(adequacy, points, response, decays)
+    lack_of_fit = describe_misfit(adequacy, points, response, decays)
     shares = shares_of(powers_by_record)
     if shares.lacking:
         lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
@@ -131,7 +130,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         lack_of_fit,
         birge,
         predicted,
-        signals=_excerpts(evidence, predicted),
+        signals=excerpts(evidence, predicted),
         weights=weights,
         tones=tones,
         points=tuple(points),
@@ -230,62 +229,9 @@ def _birge(
     return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))
 
 
-def _describe_misfit(
-    adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()
-) -> str:
-    """Return the sentence on an inadequate model."""
-    if not points:
-        return (
-            "It cannot be tested whether the model explains the data: in no band does the response "
-            "exceed the residual. The records are too short for a test, or noise and misfit are "
-            "too large."
-        )
-    if adequacy.degrees_of_freedom <= 0:
-        equations = 2 * len(adequacy.frequency_hz)
-        return _describe_no_freedom(equations, equations - adequacy.degrees_of_freedom, "data")
-    chi2 = adequacy.chi2_reduced or 0.0
-    worst = _describe_worst(points, response)
-    if decays:
-        worst_decay = max(decays, key=lambda decay: decay.parts.chi2)
-        if worst_decay.parts.chi2 > max(float(np.max(part.squares)) for part in points):
-            worst = f"; most in a free decay: {worst_decay.words}"
-    return (
-        "The model does not explain the data: deviations at the excited frequencies are "
-        f"{plain(chi2**0.5, 3)} times what the noise explains "
-        f"(χ²/dof = {plain(chi2, 4)}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
-    )
-
-
 def _is_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) -> bool:
     """Return whether the model says what was measured at one frequency and claims nothing else."""
     return evidence.model.is_gain_alone and degrees == 0 and np.ptp(frequency_hz) == 0.0
-
-
-def _describe_no_freedom(equations: int, parameters: int, what: str) -> str:
-    """Return the sentence on a model with as many parameters as there are equations, or more.
-
-    Such a model meets any data.
-    """
-    return (
-        f"It cannot be tested whether the model explains the {what}: {parameters} parameters meet "
-        f"{equations} measured values, and none is left to judge by. Measure at more frequencies, "
-        "or take a model with fewer parameters."
-    )
-
-
-def _describe_worst(points: list[Points], response: Any) -> str:
-    """Return the clause on the point with the largest deviation."""
-    frequency = np.concatenate([part.frequency_hz for part in points])
-    measured = np.concatenate([part.measured for part in points])
-    squares = np.concatenate([part.squares for part in points])
-    index = int(np.argmax(squares))
-    difference_percent = 100 * abs(
-        response(frequency[index : index + 1])[0] / measured[index] - 1.0
-    )
-    return (
-        f", most at {frequency[index]:.4g} Hz, where model and measurement differ by "
-        f"{difference_percent:.2g} %"
-    )
 
 
 def _predict(
@@ -331,7 +277,7 @@ def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
     verdict, text = free.lack_of_fit(estimate)
     adequacy = Adequacy(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0), (), *verdict)
     return Judgement(
-        adequacy, text, adequacy.birge, predicted, signals=_excerpts(evidence, predicted)
+        adequacy, text, adequacy.birge, predicted, signals=excerpts(evidence, predicted)
     )
 
 
@@ -375,7 +321,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         if problem.has_phase and table.phase_uncertainty_rad is None:
             text += " The phase's, which is not stated, is taken to be the magnitude's, in rad."
     if degrees <= 0:
-        text = _describe_no_freedom(len(residual), len(estimate.z), "table")
+        text = describe_no_freedom(len(residual), len(estimate.z), "table")
     model = evidence.model.frequency_response(
         estimate.coordinates.values(estimate.z), table.frequency_hz, evidence.quantity
     )
@@ -402,49 +348,3 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     noise = (1.0 + problem.has_phase) * (adequacy.relative_deviation * size) ** 2
     shares = shares_of([_sum_powers(size**2, np.abs(deviation) ** 2, noise)])
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=shares)
-
-
-def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
-    """Return a piece of every record from where its response is largest, a few periods long.
-
-    They have :data:`_MAX_EXCERPT_SAMPLES` samples together. Samples that took no part in the fit
-    are NaN.
-    """
-    signals = []
-    tones = evidence.tones
-    max_points = int(np.clip(_MAX_EXCERPT_SAMPLES // max(len(predicted), 1), 24, 600))
-    hz_by_record = {} if tones is None else dict(zip(tones.record, tones.frequency_hz, strict=True))
-    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        takes_part = record.mask & np.isfinite(series)
-        used = np.flatnonzero(takes_part)
-        if used.size < 2:
-            continue
-        residual = record.response[used] - series[used]
-        deviation = float(np.std(record.response[used]))
-        rmse = float(np.sqrt(np.mean(residual**2)))
-        span = used.size
-        if index in hz_by_record:
-            span = int(np.clip(3.0 * record.sampling_rate_hz / hz_by_record[index], 16, used.size))
-        start = 0
-        if record.excitation == "shock":
-            peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
-            span = min(used.size, max(64, used.size // 4))
-            start = int(np.clip(peak - span // 3, 0, used.size - span))
-        first = int(used[start])
-        last = int(used[start + span - 1])
-        step = -(-(last - first + 1) // max_points)
-        piece = slice(first, last + 1, step)
-        measured = np.where(takes_part[piece], record.response[piece], np.nan)
-        signals.append(
-            Signal(
-                record.name,
-                first / record.sampling_rate_hz,
-                step / record.sampling_rate_hz,
-                measured,
-                measured - series[piece],
-                evidence.calibration.response_unit,
-                rmse,
-                rmse / deviation if deviation > 0 else 0.0,
-            )
-        )
-    return tuple(signals)

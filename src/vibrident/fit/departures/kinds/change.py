@@ -12,7 +12,8 @@ from vibrident.base.amounts import amount, plain
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Places, Scale
-from vibrident.fit.departures.group import BLOCKS, WhitenedGroup, without
+from vibrident.fit.departures.group import BLOCKS, WhitenedGroup
+from vibrident.fit.departures.rows import without
 from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sums import ExactSums
 from vibrident.fit.response.response import ComplexArray
