@@ -87,8 +87,8 @@ def fit(
         )
     else:
 
-        def fit_anew(other: SensorModel) -> Fitted:
-            return _fit_model(calibration, other, estimator, uncertainty, progress)
+        def fit_anew(alternative: SensorModel) -> Fitted:
+            return _fit_model(calibration, alternative, estimator, uncertainty, progress)
 
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
         return with_remedy(fitted, fit_anew)

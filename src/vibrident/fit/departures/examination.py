@@ -121,13 +121,13 @@ def _among_records(
     That noise holds what they make of it too.
     """
     by_round = list[list[SignificantDeparture]]()
-    beside = groups
+    groups_beside = groups
     for _ in range(rounds):
-        strongest = _strongest(of_records(beside, scale, uncertainty))
+        strongest = _strongest(of_records(groups_beside, scale, uncertainty))
         if not strongest:
             break
         by_round.append(strongest)
-        beside = beside.beside(strongest, scale)
+        groups_beside = groups_beside.beside(strongest, scale)
     if rounds == 1:
         # Parameters of a model that is wrong: the noise beside a departure makes them no truer.
         return [_group_of_kind(strongest) for strongest in by_round]
@@ -147,7 +147,7 @@ def _rows(
     return _stack_by_record(
         departures,
         group,
-        lambda found, part: found.kind.whitened(found.candidate, part, scale),
+        lambda departure, members: departure.kind.whitened(departure.candidate, members, scale),
     )
 
 
@@ -213,16 +213,18 @@ def _shifts(
         columns = _stack_by_record(
             departures,
             group,
-            lambda departure, part: _for_each_record(
-                departure.kind.columns_of(departure.candidate, part, scale), part
+            lambda departure, members: _for_each_record(
+                departure.kind.columns_of(departure.candidate, members, scale), members
             ),
         )
-        beside = group.again(columns) if columns.shape[1] else group
+        group_beside = group.again(columns) if columns.shape[1] else group
         information.append(group.own)
-        information_beside.append(beside.own)
+        information_beside.append(group_beside.own)
         if not columns.shape[1]:
             continue
-        sums = beside.sums(_rows(departures, beside, scale)[:, None]).at((slice(None), 0))
+        sums = group_beside.sums(_rows(departures, group_beside, scale)[:, None]).at(
+            (slice(None), 0)
+        )
         for row, place in enumerate(group.numbers.tolist()):
             entries_here = [
                 (number, departure)
@@ -331,9 +333,11 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
                 candidates.append((replace(best, record=place.record), points.beside(place)))
         if not candidates:
             break
-        strongest, beside = max(candidates, key=lambda candidate: candidate[0].score.explained)
+        strongest, points_beside = max(
+            candidates, key=lambda candidate: candidate[0].score.explained
+        )
         fit_before = fit
-        points = beside
+        points = points_beside
         fit = points.fit(uncertainty)
         variance_added = np.diag(fit.inverse) - np.diag(fit_before.inverse)  # Hausman 1978
         doubt = np.sqrt(np.maximum(variance_added, 0.0))

@@ -312,11 +312,11 @@ def _add_group(test: PendingTest, group: WhitenedGroup, scale: Scale, fit: Linea
     places = group.numbers.tolist()
     if test.place is not None and test.place not in places:
         return
-    part = group if test.place is None else group.subset([places.index(test.place)])
+    members = group if test.place is None else group.subset([places.index(test.place)])
     for number, candidate in enumerate(test.candidates):
-        refined, sums = _exact_sums(test.kind, candidate, part, scale)
+        refined, sums = _exact_sums(test.kind, candidate, members, scale)
         if test.kind.within:
-            sums = sums.exactly_within(part.own, fit.inverse, *part.spread)
+            sums = sums.exactly_within(members.own, fit.inverse, *members.spread)
         if len(test.tested) <= number:
             test.tested.append((refined, sums.total()))
         else:

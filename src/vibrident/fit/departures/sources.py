@@ -27,7 +27,8 @@ from vibrident.fit.departures.parts import (
     parts_of,
     tones_of,
 )
-from vibrident.fit.departures.signals import Signals, group_of, grouped, most_likely
+from vibrident.fit.departures.signals import Signals, grouped, most_likely
+from vibrident.fit.departures.stack import group_of
 from vibrident.fit.descent.weighed import freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate

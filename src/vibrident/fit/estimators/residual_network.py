@@ -81,14 +81,14 @@ class ResidualIpnn(Estimator):
         if train is None:
             return _estimate_of_physics(plain, "too little data to hold a part out", {})
         trained = physics.trained(train, progress)
-        before = trained.residuals(~train)
+        residual_of_physics = trained.residuals(~train)
         verdicts: dict[tuple[str, ...], _Verdict] = {}
         for structure in self.structures:
             if len(structure) > 1 and not _are_both_needed(
                 [verdicts[(component,)] for component in structure if (component,) in verdicts]
             ):
                 continue
-            verdicts[structure] = _judge(structure, trained, train, before, progress)
+            verdicts[structure] = _judge(structure, trained, train, residual_of_physics, progress)
         summaries = {
             "+".join(structure): verdict.summary for structure, verdict in verdicts.items()
         }
@@ -140,8 +140,8 @@ def _training_lanes(problem: TimeProblem) -> np.ndarray | None:
         train = np.ones(segment.shape, dtype=bool)
         for number in range(len(problem.record_of_segment)):
             lanes_of_segment = np.flatnonzero(segment == number)
-            size = max(1, len(lanes_of_segment) // 8)
-            train[lanes_of_segment] = (np.arange(len(lanes_of_segment)) // size) % 2 == 0
+            block_lanes = max(1, len(lanes_of_segment) // 8)
+            train[lanes_of_segment] = (np.arange(len(lanes_of_segment)) // block_lanes) % 2 == 0
     held_weight = (
         np.asarray(lanes.weight)
         .reshape(-1, BLOCK_STEPS, segment.size)
@@ -154,7 +154,7 @@ def _judge(
     structure: tuple[str, ...],
     physics: ResidualCandidate,
     train: np.ndarray,
-    before: FloatArray,
+    residual_of_physics: FloatArray,
     progress: Progress,
 ) -> _Verdict:
     """Return the best network of a structure, trained on ``train``, with its verdict elsewhere."""
@@ -163,7 +163,7 @@ def _judge(
     except NotConverged:
         return _Verdict(physics, 0.0, np.inf, False, {"status": "not converged"})
     scale = best.problem.by_lane(best.noise)
-    residual_before = before / scale
+    residual_before = residual_of_physics / scale
     residual_after = best.residuals(~train) / scale
     gain = float(np.sum(residual_before**2 - residual_after**2))
     remaining = float(np.sum(residual_after**2))
@@ -184,7 +184,7 @@ def _judge(
     }
     physics_noise = physics.problem.by_lane(physics.noise)
     remainder = float(np.sum((best.residuals(~train) / physics_noise) ** 2))
-    gain_over_physics = float(np.sum((before / physics_noise) ** 2)) - remainder
+    gain_over_physics = float(np.sum((residual_of_physics / physics_noise) ** 2)) - remainder
     return _Verdict(best, gain_over_physics, remainder, is_useful, summary)
 
 

@@ -127,7 +127,7 @@ class Descent:
     balance: Balance
     near: tuple[CalibrationScore, ...]  # residual of each fit near the joint estimate
     trace: Trace  # of the optimiser
-    alone: tuple[int, ...]  # fits whose own estimate is used; others ended at another optimum
+    own_used: tuple[int, ...]  # fits whose own estimate is used; others ended at another optimum
 
 
 def descend(
@@ -161,8 +161,8 @@ def descend(
     path = np.concatenate([trace.coordinates, balance.theta[None]])
     status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"
     trace = Trace(trace.optimiser, trace.converged, status, (*trace.costs, float(cost)), path)
-    alone = tuple(index for index in range(len(problem.fitted)) if index not in unused)
-    return Descent(problem, effects, balance, tuple(near), trace, alone)
+    own_used = tuple(index for index in range(len(problem.fitted)) if index not in unused)
+    return Descent(problem, effects, balance, tuple(near), trace, own_used)
 
 
 def _balance(

@@ -140,7 +140,7 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
     separate_rows = [own_rows(effect, uncertainty) for effect in fitted]
     data = [rows[0] for rows in separate_rows]
     for i, effect in enumerate(fitted):
-        if i not in descent.alone:
+        if i not in descent.own_used:
             covariance = inverse_normal(balance.information[i])
             data[i] = BudgetRow(
                 RESIDUAL, DATA, None, "", effect.estimate.degrees_of_freedom, covariance
@@ -148,9 +148,9 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
     consistency = _consistency(descent, data)
     birge = 1.0
     disagreements = []
-    if consistency is not None and not consistency.whole.consistent:
+    if consistency is not None and not consistency.overall.consistent:
         if uncertainty != "noise":
-            birge = np.sqrt(consistency.whole.chi2 / consistency.whole.degrees_of_freedom)
+            birge = np.sqrt(consistency.overall.chi2 / consistency.overall.degrees_of_freedom)
         disagreements = [_disagreement(consistency, birge, labels, descent)]
     shares = [
         (
@@ -187,7 +187,7 @@ def _estimate(descent: Descent, index: int) -> Estimate:
     estimate = fitted[index].estimate
     findings = estimate.findings
     changes = {}
-    if index not in descent.alone and findings.noise is not None:
+    if index not in descent.own_used and findings.noise is not None:
         no_values = np.zeros(0)
         no_pulls = np.zeros((0, 0))
         findings = replace(
@@ -257,7 +257,7 @@ def _disagreement(
 ) -> ResultWarning:
     """Return the warning of calibrations that are not consistent."""
     name = consistency.worst
-    overall = consistency.whole
+    overall = consistency.overall
     fitted = descent.problem.fitted
     values = []
     number = next(
@@ -270,13 +270,13 @@ def _disagreement(
         unit = parameter_units(estimate.coordinates.model, fitted[owner].evidence.calibration)[name]
         text = (
             amount(estimate.coordinates.values(estimate.z)[name], unit, 6)
-            if owner in descent.alone
+            if owner in descent.own_used
             else "elsewhere"
         )
         values.append(f"{text} ({labels[owner]})")
     worst_sentence = (
         f"The {in_words(name)} differs most: {', '.join(values)}. "
-        if name in consistency.each
+        if name in consistency.by_name
         else ""
     )
     return ResultWarning(
@@ -302,7 +302,7 @@ def _about(
     """Return the content of ``settings["joint"]``; ``rows``: whole budget of each separate fit."""
     fitted = descent.problem.fitted
     separate = [
-        _separate_parameters(fitted[i], rows[i]) if i in descent.alone else {}
+        _separate_parameters(fitted[i], rows[i]) if i in descent.own_used else {}
         for i in range(len(fitted))
     ]
     shared = []
@@ -311,7 +311,7 @@ def _about(
             continue
         owners = [owner for owner, _ in number.members]
         joint = results[owners[0]].parameters[number.name]
-        verdict = None if consistency is None else consistency.each.get(number.name)
+        verdict = None if consistency is None else consistency.by_name.get(number.name)
         shared.append(
             {
                 "name": number.name,
@@ -325,14 +325,14 @@ def _about(
                 "probability": None if verdict is None else verdict.probability,
             }
         )
-    overall = None if consistency is None else consistency.whole
+    overall = None if consistency is None else consistency.overall
     return {
         "calibrations": [
             {
                 "file": label,
                 "model": result.model,
                 "estimator": result.estimator,
-                "own_fit_used": i in descent.alone,
+                "own_fit_used": i in descent.own_used,
             }
             for i, (label, result) in enumerate(zip(labels, results, strict=True))
         ],

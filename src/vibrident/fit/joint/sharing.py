@@ -190,13 +190,16 @@ class Verdict:
 class Consistency:
     """The outcome of the comparison of separate estimates."""
 
-    whole: Verdict  # of all shared parameters together
-    each: dict[str, Verdict]  # of each shared parameter by itself, by name
+    overall: Verdict  # of all shared parameters together
+    by_name: dict[str, Verdict]  # of each shared parameter by itself
 
     @property
     def worst(self) -> str:
         """Return the parameter that differs most."""
-        return min(self.each, key=lambda name: (self.each[name].probability, -self.each[name].chi2))
+        return min(
+            self.by_name,
+            key=lambda name: (self.by_name[name].probability, -self.by_name[name].chi2),
+        )
 
 
 def compare(

@@ -221,9 +221,9 @@ def _birge(
     if network is None or network.weights != "white" or adequacy.degrees_of_freedom <= 0:
         return adequacy.birge
     total = sum(
-        float(np.sum(part.squares * part.unweighted))
-        for part in points
-        if part.unweighted is not None
+        float(np.sum(points_of_record.squares * points_of_record.unweighted))
+        for points_of_record in points
+        if points_of_record.unweighted is not None
     )
     total += sum(decay.parts.chi2 for decay in decays)
     return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))

@@ -48,11 +48,11 @@ def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
 
 
 def document(
-    fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()
+    fitted: Fitted, rows: Sequence[BudgetRow], further_warnings: Sequence[ResultWarning] = ()
 ) -> Result:
     """Return the result of a calibration whose uncertainty consists of these rows.
 
-    ``more``: warnings that follow its own.
+    ``further_warnings``: follow its own.
     """
     evidence = fitted.evidence
     estimate = fitted.estimate
@@ -87,7 +87,7 @@ def document(
         table,
         [warning for earlier in fitted.reports for warning in earlier.warnings]
         + doubts
-        + list(more),
+        + list(further_warnings),
         scope,
     )
     response, measured = _curves(fitted, total)

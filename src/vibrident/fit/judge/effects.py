@@ -160,4 +160,4 @@ def _deviations(evidence: Evidence, estimate: Estimate, judgement: Judgement) ->
 
 def _freedom(judgement: Judgement) -> FloatArray:
     """Return the degrees of freedom behind the noise of each point, shape (n,)."""
-    return np.concatenate([part.freedom for part in judgement.points])
+    return np.concatenate([points.freedom for points in judgement.points])

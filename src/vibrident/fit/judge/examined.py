@@ -210,9 +210,11 @@ class _Report:
 
         One that is alone in its group moves what the group does.
         """
-        alone = len(group.departures) == 1
+        is_single = len(group.departures) == 1
         shift, doubt = (
-            (group.shift, group.doubt) if alone else (departure.score.shift, departure.score.doubt)
+            (group.shift, group.doubt)
+            if is_single
+            else (departure.score.shift, departure.score.doubt)
         )
         without = self._values_without(shift)
         impact = {
@@ -260,12 +262,12 @@ class _Report:
         ``pronoun``: of the departures, ``it`` or ``them``.
         """
         evidence = self.fitted.evidence
-        size = self.sizes(shift)
-        name = evidence.model.parameter_names[int(np.argmax(size))]
-        shift_in_u = f"{plain(float(np.max(size)), 2)} u"
-        if np.max(size) < MIN_STATED_SHIFT:
+        shift_sizes = self.sizes(shift)
+        name = evidence.model.parameter_names[int(np.argmax(shift_sizes))]
+        shift_in_u = f"{plain(float(np.max(shift_sizes)), 2)} u"
+        if np.max(shift_sizes) < MIN_STATED_SHIFT:
             return f"No parameter moves by {MIN_STATED_SHIFT:g} u."
-        index = int(np.argmax(size))
+        index = int(np.argmax(shift_sizes))
         if abs(shift[index]) < doubt[index] or abs(shift[index]) > MAX_SHIFT:
             return (
                 f"By how much {pronoun} moves the {in_words(name)} the data do not tell.".replace(

@@ -31,7 +31,9 @@ def describe_misfit(
     worst = _describe_worst(points, response)
     if decays:
         worst_decay = max(decays, key=lambda decay: decay.parts.chi2)
-        if worst_decay.parts.chi2 > max(float(np.max(part.squares)) for part in points):
+        if worst_decay.parts.chi2 > max(
+            float(np.max(points_of_record.squares)) for points_of_record in points
+        ):
             worst = f"; most in a free decay: {worst_decay.words}"
     return (
         "The model does not explain the data: deviations at the excited frequencies are "
@@ -54,9 +56,9 @@ def describe_no_freedom(equations: int, parameters: int, what: str) -> str:
 
 def _describe_worst(points: list[Points], response: Any) -> str:
     """Return the clause on the point with the largest deviation."""
-    frequency = np.concatenate([part.frequency_hz for part in points])
-    measured = np.concatenate([part.measured for part in points])
-    squares = np.concatenate([part.squares for part in points])
+    frequency = np.concatenate([points_of_record.frequency_hz for points_of_record in points])
+    measured = np.concatenate([points_of_record.measured for points_of_record in points])
+    squares = np.concatenate([points_of_record.squares for points_of_record in points])
     index = int(np.argmax(squares))
     difference_percent = 100 * abs(
         response(frequency[index : index + 1])[0] / measured[index] - 1.0

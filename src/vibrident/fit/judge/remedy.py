@@ -31,19 +31,19 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
     declared = judgement.adequacy.chi2_reduced or 0.0
     if fitted.adequate or declared <= 0.0 or not _may_lack_model(fitted):
         return fitted
-    for other, values in itertools.islice(_likely_models(fitted), 2):
+    for candidate, values in itertools.islice(_likely_models(fitted), 2):
         try:
-            if not fitted.once(replace(evidence, model=other, start=values)).adequate:
+            if not fitted.once(replace(evidence, model=candidate, start=values)).adequate:
                 continue
-            better = fit_anew(other)
+            better = fit_anew(candidate)
         except VibridentError:
             continue
         if better.adequate:
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
-            explained = f"The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
+            explained = f"The model {candidate.name} explains them (χ²/dof = {plain(chi2, 3)})."
             text = f"{judgement.lack_of_fit} {explained}"
             judgement = replace(
-                judgement, lack_of_fit=text, remedy_chi2=chi2, explained_by=other.name
+                judgement, lack_of_fit=text, remedy_chi2=chi2, explained_by=candidate.name
             )
             return replace(fitted, judgement=judgement)
     return fitted

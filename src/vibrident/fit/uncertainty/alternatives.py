@@ -176,14 +176,14 @@ def _differ_clearly(
 
 
 def _warn_of_solution(
-    other: Mapping[str, float], solution: Solution, rise: float, units: Mapping[str, str]
+    alternative: Mapping[str, float], solution: Solution, rise: float, units: Mapping[str, str]
 ) -> ResultWarning:
     """Return the warning of another solution: the parameters that differ from the estimate."""
     values = solution.values
     uncertainty = solution.uncertainty
     changed = {
         name: value
-        for name, value in other.items()
+        for name, value in alternative.items()
         if abs(value - values[name]) > min(1e-3 * abs(values[name]), 3.0 * uncertainty[name])
     }
     text = (

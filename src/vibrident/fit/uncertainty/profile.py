@@ -260,10 +260,10 @@ class _EndSearch:
         damping = 1e-3
         low, high = self.coordinates.edges
         small_gain = 1e-3 * RISE_TOLERANCE * self.rise
-        here = self.problem.normal(z, self.coordinates)
+        current = self.problem.normal(z, self.coordinates)
         for _ in range(MAX_STEPS):
-            matrix = here.matrix[free][:, free]
-            gradient = here.gradient[free]
+            matrix = current.matrix[free][:, free]
+            gradient = current.gradient[free]
             diagonal = np.diag(matrix)
             scale = np.maximum(diagonal, 1e-12 * max(float(np.max(diagonal)), 1e-300))
             free_step = np.clip(
@@ -274,11 +274,11 @@ class _EndSearch:
             step = np.zeros(len(z))
             step[free] = free_step
             trial = np.clip(z + step, low, high)
-            there = self.problem.normal(trial, self.coordinates)
-            if np.isfinite(there.cost) and there.cost <= here.cost:
-                settled = here.cost - there.cost < small_gain
+            proposed = self.problem.normal(trial, self.coordinates)
+            if np.isfinite(proposed.cost) and proposed.cost <= current.cost:
+                settled = current.cost - proposed.cost < small_gain
                 z = trial
-                here = there
+                current = proposed
                 damping = 0.1 * damping
                 if settled:
                     break
@@ -286,7 +286,7 @@ class _EndSearch:
                 break
             else:
                 damping *= 10.0
-        return z, here.cost
+        return z, current.cost
 
     def _cost(self, z: FloatArray) -> float:
         """Return χ² at z."""
