@@ -79,14 +79,14 @@ class Trace:
     coordinates: FloatArray  # (iterates, p)
     changes: tuple[int, ...] = ()
 
-    def then(self, other: Trace) -> Trace:
+    def then(self, following: Trace) -> Trace:
         """Return this course and another after it, in other weights."""
         count = len(self.costs)
         return replace(
-            other,
-            costs=self.costs + other.costs,
-            coordinates=np.concatenate([self.coordinates, other.coordinates]),
-            changes=(*self.changes, count, *(count + change for change in other.changes)),
+            following,
+            costs=self.costs + following.costs,
+            coordinates=np.concatenate([self.coordinates, following.coordinates]),
+            changes=(*self.changes, count, *(count + change for change in following.changes)),
         )
 
     @property

@@ -49,7 +49,7 @@ def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records
 
 def score_of(group: WhitenedGroup, rows: np.ndarray):
     """The score test of whitened rows that the records share, shape (R, m, 2 K), in white noise."""
-    fit = LinearFit.from_records(group.own, np.ones(2))
+    fit = LinearFit.from_records(group.information, np.ones(2))
     fit = replace(fit, spread=fit.normal, common=np.zeros((2, 13)))
     sums = group.exact_sums(rows, None)
     return fit.test(replace(sums, spread=sums.gram, cross_spread=sums.cross).total())
@@ -93,7 +93,7 @@ def test_the_bound_is_what_least_squares_explains():
     rng, bins = np.random.default_rng(4), 200
     group = linear_group(rng, bins, 0.0, 4)
     rows = rng.normal(size=(4, 3, 2 * bins))
-    fit, sums = LinearFit.from_records(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.information, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
     residual, free = group.residual.ravel(), group.freed(rows)
     jacobian = group.jacobian.swapaxes(0, 1).reshape(2, -1)
     left = []
@@ -109,8 +109,8 @@ def test_within_their_own_parameters_the_statistics_of_records_add_up():
     rng, bins, records = np.random.default_rng(5), 100, 5
     group = linear_group(rng, bins, 0.0, records)
     rows = rng.normal(size=(records, 2, 2 * bins))
-    fit, sums = LinearFit.from_records(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
-    explained, _ = fit.explained(sums.within(group.own, fit.inverse))
+    fit, sums = LinearFit.from_records(group.information, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    explained, _ = fit.explained(sums.within(group.information, fit.inverse))
     for jacobian, free, residual, each in zip(
         group.jacobian, group.freed(rows), group.residual, explained, strict=True
     ):
@@ -356,7 +356,7 @@ def test_what_departures_move_is_what_least_squares_beside_them_finds() -> None:
     rng = np.random.default_rng(3)
     group = linear_group(rng, 150, 0.0, 3)
     columns = rng.normal(size=(3, 2, 300))
-    fit, sums = LinearFit.from_records(group.own, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.information, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
     moved = shifts_beside(fit, [sums.at(number) for number in range(3)], [np.full(2, 1e9)] * 3)
     added = np.zeros((3, 2, 3, 300))
     added[np.arange(3), :, np.arange(3)] = group.freed(columns)

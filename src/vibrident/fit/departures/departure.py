@@ -61,12 +61,12 @@ class Places:
     Attributes:
         candidates: the places.
         sums: products of their columns with the fit, shape (R, places, …).
-        there: whether a record has a place, shape (R, places).
+        present: whether a record has a place, shape (R, places).
     """
 
     candidates: tuple[Candidate, ...]
     sums: Sums
-    there: BoolArray
+    present: BoolArray
 
 
 class Departure(ABC):

@@ -218,8 +218,8 @@ def _shifts(
             ),
         )
         group_beside = group.again(columns) if columns.shape[1] else group
-        information.append(group.own)
-        information_beside.append(group_beside.own)
+        information.append(group.information)
+        information_beside.append(group_beside.information)
         if not columns.shape[1]:
             continue
         sums = group_beside.sums(_rows(departures, group_beside, scale)[:, None]).at(

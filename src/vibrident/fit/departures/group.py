@@ -345,7 +345,7 @@ class WhitenedGroup:
         return self.whitened_in_time(self.jacobian)
 
     @functools.cached_property
-    def own(self) -> RecordInformation:
+    def information(self) -> RecordInformation:
         """Return what the records say of the coordinates."""
         jacobian = self.jacobian
         normal = jacobian @ jacobian.mT

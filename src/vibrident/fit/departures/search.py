@@ -95,13 +95,13 @@ class _GroupBounds:
     """The sums of a group that the first pass keeps.
 
     Attributes:
-        own: what its records say of the coordinates.
+        information: on the coordinates, of its records.
         numbers: of the records.
         names: of the records.
         places: of each departure whose amounts records do not share.
     """
 
-    own: RecordInformation
+    information: RecordInformation
     numbers: list[int]
     names: list[str]
     places: Mapping[Departure, list[Places]]
@@ -132,11 +132,13 @@ def of_records(
             else:
                 places_by_departure[departure] = places
         names = [record.name for record in group.records]
-        bounds.append(_GroupBounds(group.own, group.numbers.tolist(), names, places_by_departure))
+        bounds.append(
+            _GroupBounds(group.information, group.numbers.tolist(), names, places_by_departure)
+        )
         del group  # before the next one is made
     if not bounds:
         return []
-    information = RecordInformation.joined([bound.own for bound in bounds])
+    information = RecordInformation.joined([bound.information for bound in bounds])
     fit = LinearFit.from_records(information, uncertainty)
     count = len(information.chi2)
     quietest = np.min(information.quietest)
@@ -188,10 +190,10 @@ def _bound_each_record(
 ) -> list[PendingTest]:
     """Return the tests of a departure in each record of a group where the bound leaves places."""
     places = bounds.places[departure]
-    information = bounds.own
+    information = bounds.information
     if not places:
         return []
-    counts = np.sum([np.sum(places_of_width.there, axis=1) for places_of_width in places], axis=0)
+    counts = np.sum([np.sum(places_of_width.present, axis=1) for places_of_width in places], axis=0)
     candidates = [list[tuple[float, Candidate]]() for _ in bounds.numbers]
     for places_of_width in places:
         sums = (
@@ -203,7 +205,7 @@ def _bound_each_record(
         chance = BOUND_MARGIN * FALSE_ALARMS / (several * max(int(np.max(counts)), 1))
         possible = (
             fit.may_be_significant(explained, columns, information.quietest[:, None], chance)
-            & places_of_width.there
+            & places_of_width.present
         )
         for record, place in np.argwhere(possible).tolist():
             candidates[record].append(
@@ -233,7 +235,7 @@ def _bound_all_records(
     for bound in bounds:
         for first in bound.places[departure][:1]:
             explained, number = fit.explained(
-                first.sums.at((slice(None), 0)).within(bound.own, fit.inverse)
+                first.sums.at((slice(None), 0)).within(bound.information, fit.inverse)
             )
             total += float(np.sum(explained))
             columns += int(np.sum(number))
@@ -316,7 +318,7 @@ def _add_group(test: PendingTest, group: WhitenedGroup, scale: Scale, fit: Linea
     for number, candidate in enumerate(test.candidates):
         refined, sums = _exact_sums(test.kind, candidate, members, scale)
         if test.kind.within:
-            sums = sums.exactly_within(members.own, fit.inverse, *members.spread)
+            sums = sums.exactly_within(members.information, fit.inverse, *members.spread)
         if len(test.tested) <= number:
             test.tested.append((refined, sums.total()))
         else:

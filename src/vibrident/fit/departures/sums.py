@@ -128,18 +128,18 @@ class Sums:
 
         return self._map(select)
 
-    def within(self, own: RecordInformation, inverse: FloatArray) -> Self:
+    def within(self, information: RecordInformation, inverse: FloatArray) -> Self:
         """Return the sums beside parameters of each record's own (Chow 1960).
 
         What differs within the record remains.
 
         Args:
-            own: information of the records, along the first axes as here.
+            information: on the coordinates, of the records, along the first axes as here.
             inverse: of the Jacobians of all records, shape (P, P), by which amounts move the
                 coordinates.
         """
-        projection = self.cross @ own.inverse
-        score = self.score - (projection @ own.gradient[..., None])[..., 0]
+        projection = self.cross @ information.inverse
+        score = self.score - (projection @ information.gradient[..., None])[..., 0]
         gram = self.gram - projection @ self.cross.mT
         no_cross = np.zeros_like(self.cross)
         return replace(
@@ -175,19 +175,23 @@ class ExactSums(Sums):
         )
 
     def exactly_within(
-        self, own: RecordInformation, inverse: FloatArray, profile: FloatArray, known: FloatArray
+        self,
+        information: RecordInformation,
+        inverse: FloatArray,
+        profile: FloatArray,
+        known: FloatArray,
     ) -> ExactSums:
         """Return the sums beside each record's own parameters, with their covariance.
 
         Args:
-            own: information of the records.
+            information: on the coordinates, of the records.
             inverse: as in :meth:`within`.
             profile: J V Jᵀ of the records, shape (R, P, P).
             known: J times the known errors, shape (R, P, 2 TRIALS + E).
         """
-        projection = self.cross @ own.inverse
+        projection = self.cross @ information.inverse
         return replace(
-            self.within(own, inverse),
+            self.within(information, inverse),
             spread=self.spread_beside(projection, profile),
             cross_spread=np.zeros_like(self.cross),
             common=self.common - projection @ known,

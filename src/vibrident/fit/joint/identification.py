@@ -88,18 +88,18 @@ def identify_together(
         )
     fitted = tuple(
         fit(
-            one,
+            calibration,
             name,
-            AUTO if decays_alone(one) else estimator,
+            AUTO if decays_alone(calibration) else estimator,
             uncertainty=uncertainty,
             progress=progress,
         )
-        for one, name in zip(calibrations, names, strict=True)
+        for calibration, name in zip(calibrations, names, strict=True)
     )
-    numbers = joined(calibrations, [one.evidence.model for one in fitted], share)
+    numbers = joined(calibrations, [separate.evidence.model for separate in fitted], share)
     descent = descend(
         JointProblem(fitted, numbers),
-        lambda one: own_rows(one, uncertainty)[0].covariance,
+        lambda separate: own_rows(separate, uncertainty)[0].covariance,
         progress,
     )
     results = _documents(descent, uncertainty, _labels(calibrations))

@@ -86,13 +86,13 @@ def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
 
 def _improved(fitted: Fitted, change: float) -> Fitted | None:
     """Return the fit at an ε larger by ``change``, or None where it explains no more."""
-    other = _fit_at_offset(fitted, fitted.evidence.clock_offset + change)
-    if other is None or other.adequate:
-        return other
+    candidate = _fit_at_offset(fitted, fitted.evidence.clock_offset + change)
+    if candidate is None or candidate.adequate:
+        return candidate
     # χ² may rise where the misfit falls, as the noise beside it does.
-    unexplained, unexplained_before = (1.0 - fit.judgement.explained for fit in (other, fitted))
-    falls = unexplained < unexplained_before / MIN_FALL or other.chi2 < fitted.chi2 / MIN_FALL
-    return other if falls else None
+    unexplained, unexplained_before = (1.0 - fit.judgement.explained for fit in (candidate, fitted))
+    falls = unexplained < unexplained_before / MIN_FALL or candidate.chi2 < fitted.chi2 / MIN_FALL
+    return candidate if falls else None
 
 
 def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
@@ -138,7 +138,7 @@ def _offset_step(fitted: Fitted) -> tuple[float, float] | None:
         rows = group.freed(group.whiten(slope_with_time(group, 0.0)))
         sums = group.exact_sums(rows, None).total()
         total = sums if total is None else total + sums
-        information.append(group.own)
+        information.append(group.information)
         profiles, known = group.spread
         spread = spread + np.sum(profiles, axis=0)
         common = common + np.sum(known, axis=0)

@@ -171,7 +171,7 @@ def _points(fitted: Fitted) -> PointsPart | None:
     transfer = evidence.model.frequency_response(
         fitted.values, linear.frequency_hz[: len(record)], "acceleration"
     )
-    freedom = [part.freedom for part in judgement.points]
+    freedom = [points.freedom for points in judgement.points]
     return PointsPart(
         linear,
         common.T,

@@ -126,7 +126,7 @@ def _models_that_explain(
 
 def _start_of_model(
     problem: FrequencyProblem,
-    other: SensorModel,
+    candidate: SensorModel,
     model: SensorModel,
     values: dict[str, float],
     max_cost: float,
@@ -135,25 +135,27 @@ def _start_of_model(
 
     That of a model that extends the present one begins there.
     """
-    problem_of_other = replace(problem, model=other, start=None)
+    problem_of_other = replace(problem, model=candidate, start=None)
     try:
-        if set(model.parameter_names) < set(other.parameter_names):
-            return extended(problem_of_other, other, values, max_cost)
-        return find_start(problem_of_other, other, max_cost)
+        if set(model.parameter_names) < set(candidate.parameter_names):
+            return extended(problem_of_other, candidate, values, max_cost)
+        return find_start(problem_of_other, candidate, max_cost)
     except VibridentError:
         return None
 
 
-def _lies_inside(problem: FrequencyProblem, other: SensorModel, values: dict[str, float]) -> bool:
+def _lies_inside(
+    problem: FrequencyProblem, candidate: SensorModel, values: dict[str, float]
+) -> bool:
     """Return whether no frequency is at the end of the range searched.
 
     Out there it explains nothing.
     """
-    coordinates = Coordinates.at(other, values, problem.band_hz)
+    coordinates = Coordinates.at(candidate, values, problem.band_hz)
     z = coordinates.first
     low, high = coordinates.edges
     return all(
-        low[k] < z[k] < high[k] for k, spec in enumerate(other.parameters) if spec.kind == "log"
+        low[k] < z[k] < high[k] for k, spec in enumerate(candidate.parameters) if spec.kind == "log"
     )
 
 

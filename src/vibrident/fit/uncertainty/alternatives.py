@@ -30,7 +30,7 @@ from vibrident.fit.start.search import (
     information_at,
 )
 from vibrident.fit.start.start import Start
-from vibrident.fit.uncertainty.parameters import WEAK
+from vibrident.fit.uncertainty.parameters import WEAK_UNCERTAINTY
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.labels import canonical, labels_of, relabellings
 from vibrident.physics.naming import in_words
@@ -140,7 +140,11 @@ def _along_the_valley(
     covariance = inverse_normal(information_at(chart, optimum.u, optimum.sign, goal)[0])
     deviation = np.sqrt(np.diag(covariance))
     stated = np.maximum(np.abs(above - u), deviation)
-    offsets = [(k, side) for k in np.flatnonzero(stated < WEAK).tolist() for side in (-6.0, 6.0)]
+    offsets = [
+        (k, side)
+        for k in np.flatnonzero(stated < WEAK_UNCERTAINTY).tolist()
+        for side in (-6.0, 6.0)
+    ]
     if not offsets:
         return
     # The others begin where they would follow along a straight line.

@@ -23,7 +23,7 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Correlation, Parameter, ResultWarning
 
 #: Relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter.
-WEAK = 0.1
+WEAK_UNCERTAINTY = 0.1
 #: Beyond this relative standard uncertainty (delay: rad) nothing is known.
 MAX_RELATIVE_UNCERTAINTY = 1e3
 COVERAGE = 0.95
@@ -57,7 +57,7 @@ def weakly_determined(
         # Fixing that other parameter would shrink it by five.
         trades_off = (
             1.0 / np.sqrt(max(1.0 - strongest_correlation**2, 1e-12)) > 5.0
-            and relative_u > 0.1 * WEAK
+            and relative_u > 0.1 * WEAK_UNCERTAINTY
         )
         if relative_u > MAX_RELATIVE_UNCERTAINTY:
             weak[spec.name] = ""
@@ -66,7 +66,7 @@ def weakly_determined(
                 "no standard uncertainty can be stated."
             )
             warnings.append(ResultWarning("weakly_determined", text))
-        elif relative_u > WEAK or trades_off:
+        elif relative_u > WEAK_UNCERTAINTY or trades_off:
             names = [name for name in model.parameter_names if name != spec.name]
             weak[spec.name] = partner = names[int(np.argmax(others))] if names else ""
             text = (

@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
-from vibrident.fit.uncertainty.parameters import WEAK, at_end, deviations, sizes_of
+from vibrident.fit.uncertainty.parameters import WEAK_UNCERTAINTY, at_end, deviations, sizes_of
 from vibrident.physics.naming import in_words
 from vibrident.result import Parameter
 
@@ -61,7 +61,7 @@ def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArra
     """Return whether a parameter is near its bound or hardly determined: χ² is no parabola."""
     deviation = deviations(covariance)
     positive = _positive(coordinates)
-    weak = deviation > WEAK * sizes_of(coordinates.model, z)
+    weak = deviation > WEAK_UNCERTAINTY * sizes_of(coordinates.model, z)
     return bool(
         np.any(weak | (positive & (np.abs(z) < MAX_BOUND_DISTANCE * deviation)))
         or at_end(coordinates, z)

@@ -66,8 +66,10 @@ class Change(Departure):
         share_behind = share_behind[..., 0] / np.maximum(
             np.sum(products[:, :, 0], axis=1, keepdims=True), np.finfo(float).tiny
         )
-        there = np.ones((records, BLOCKS), dtype=bool)
-        there[:, :-1] = (share_behind > MIN_MOTION_SHARE) & (share_behind < 1.0 - MIN_MOTION_SHARE)
+        present = np.ones((records, BLOCKS), dtype=bool)
+        present[:, :-1] = (share_behind > MIN_MOTION_SHARE) & (
+            share_behind < 1.0 - MIN_MOTION_SHARE
+        )
         sums = group.sums_of_products(once, squared)
         sums = replace(
             sums, least=MIN_UNFOLLOWED_BY_BLOCKS * np.diagonal(squared, axis1=2, axis2=3)
@@ -80,7 +82,7 @@ class Change(Departure):
                     Candidate(words, number, time) for number, time in enumerate([*time_s, None])
                 ),
                 sums.of_columns(_column_numbers(words, columns)),
-                there,
+                present,
             )
             for words in sets
         ]

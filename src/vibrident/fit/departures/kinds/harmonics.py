@@ -59,7 +59,7 @@ class Harmonics(WithoutMotion):
         """Return each order that samples tell."""
         places = super().places(group, scale)
         return [
-            replace(places_of_width, there=np.any(places_of_width.sums.gram != 0.0, axis=(2, 3)))
+            replace(places_of_width, present=np.any(places_of_width.sums.gram != 0.0, axis=(2, 3)))
             for places_of_width in places
         ]
 
