@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -138,25 +138,13 @@ def levenberg_marquardt(
     no_curvature = curvature = curvature_used = np.zeros((len(current.z), len(current.z)))
 
     def has_converged() -> bool:
-        gains = [
-            before.cost - after.cost
-            for before, after in itertools.pairwise(iterates[-1 - SLOW_STEPS :])
-        ]
-        slow = (
-            len(gains) == SLOW_STEPS
-            and sum(gains) < max(tolerance, MAX_SLOW_GAIN)
-            and gains[-1] < 0.5 * gains[0]
-        )
         min_gain = max(tolerance, 1e-15 * current.cost)
-        return (
-            current.gain < min_gain
-            or (
-                rejected > 0
-                and current.promised(current.step(damping, curvature_used), curvature_used)
-                < min_gain
-            )
-            or slow
-        )
+        if current.gain < min_gain or _is_slow(iterates, tolerance):
+            return True
+        if not rejected:
+            return False
+        next_step = current.step(damping, curvature_used)
+        return current.promised(next_step, curvature_used) < min_gain
 
     progress(1, max_evaluations, current.cost)
     for iteration in range(2, max_evaluations + 1):
@@ -237,6 +225,19 @@ class _Iterate:
     def gain(self) -> float:
         """Return by how much a full Gauss–Newton step should lower the cost."""
         return float(self.step(0.0) @ self.gradient)
+
+
+def _is_slow(iterates: Sequence[_Iterate], tolerance: float) -> bool:
+    """Return whether the gains of the last steps fall to half and are little together."""
+    gains = [
+        previous.cost - following.cost
+        for previous, following in itertools.pairwise(iterates[-1 - SLOW_STEPS :])
+    ]
+    return (
+        len(gains) == SLOW_STEPS
+        and sum(gains) < max(tolerance, MAX_SLOW_GAIN)
+        and gains[-1] < 0.5 * gains[0]
+    )
 
 
 def secant(

@@ -194,16 +194,12 @@ def _signals_of_alike(
         share = spectrum.input_noise_at * passed / spectrum.psd
         nuisance = np.concatenate([part.nuisance, reading.hum])
         if part.pull is not None:
-            # Less the tone itself, whose leakage is above the noise of the reference in all bins,
-            # and hides it in none; and less free motion, which is not the reference's.
+            # Less the tone itself, and less free motion, which is not the reference's.
             motion_beside_tone = freed(part.bins - columns[0], nuisance, one_sided)
             motion_beside_tone = most_likely(
                 motion_beside_tone, reading.residual, share, spectrum.psd * motion.count
             )
-            place = round((part.turns or 0.0) * samples)
-            motion_beside_tone[
-                max(place - MAX_TONE_DISTANCE, 0) : place + MAX_TONE_DISTANCE + 1
-            ] = 0.0
+            motion_beside_tone[_bins_of_tone(part)] = 0.0
             nuisance = np.concatenate([nuisance, slopes() * motion_beside_tone])
         elif evidence.model.is_linear and np.any(share):
             columns = columns + slopes() * (share * reading.residual)
@@ -230,6 +226,15 @@ def _signals_of_alike(
             )
         )
     return signals
+
+
+def _bins_of_tone(part: Part) -> slice:
+    """Return the bins of a sine's tone.
+
+    Its leakage is above the noise of the reference in all bins, and hides it in none.
+    """
+    place = round((part.turns or 0.0) * part.used.size)
+    return slice(max(place - MAX_TONE_DISTANCE, 0), place + MAX_TONE_DISTANCE + 1)
 
 
 class _Reading(NamedTuple):

@@ -48,13 +48,13 @@ class _Stack(NamedTuple):
     @classmethod
     def from_signals(cls, signals: Sequence[Signals], bins_used: slice) -> _Stack:
         """Stack records of one length and rate at these bins."""
-        level = np.stack([record_signals.level[bins_used] for record_signals in signals])
-        counted = np.stack([record_signals.counted[bins_used] for record_signals in signals])
+        level = np.stack([member.level[bins_used] for member in signals])
+        counted = np.stack([member.counted[bins_used] for member in signals])
         gain = np.where(counted, np.sqrt(2.0 / signals[0].used.size / level), 0.0)
-        predicted = np.stack([record_signals.predicted[bins_used] for record_signals in signals])
+        predicted = np.stack([member.predicted[bins_used] for member in signals])
         transfer = np.where(
             counted,
-            np.stack([record_signals.transfer[bins_used] for record_signals in signals]),
+            np.stack([member.transfer[bins_used] for member in signals]),
             0.0,
         )
         return cls(level, counted, gain, predicted, transfer)
@@ -76,10 +76,8 @@ class _Stack(NamedTuple):
             out=np.zeros_like(self.predicted),
             where=self.gain > 0.0,
         )
-        input_noise = np.stack(
-            [record_signals.spectrum.input_noise_at[bins_used] for record_signals in signals]
-        )
-        count = np.array([[float(record_signals.used.sum())] for record_signals in signals])
+        input_noise = np.stack([member.spectrum.input_noise_at[bins_used] for member in signals])
+        count = np.array([[float(member.used.sum())] for member in signals])
         share = input_noise * power_of(self.transfer) / self.level
         return most_likely(self.predicted, noise, share, self.level * count) * self.counted
 
@@ -98,29 +96,21 @@ def group_of(
         effects_of: makes what stated effects do to a response.
         departing: columns of departures that are known, shape (R, m, K); None without any.
     """
-    bins = (
-        max(record_signals.last_bin for record_signals in signals)
-        if departing is None
-        else departing.shape[2]
-    )
+    bins = max(member.last_bin for member in signals) if departing is None else departing.shape[2]
     bins_used = slice(1, bins + 1)
     stack = _Stack.from_signals(signals, bins_used)
     basis = orthonormal(
-        stack.whiten(
-            _pad_columns([record_signals.nuisance[:, bins_used] for record_signals in signals])
-        )
+        stack.whiten(_pad_columns([member.nuisance[:, bins_used] for member in signals]))
     )
     residual = without(
-        stack.whiten(
-            np.stack([record_signals.residual[None, bins_used] for record_signals in signals])
-        ),
+        stack.whiten(np.stack([member.residual[None, bins_used] for member in signals])),
         basis,
     )
     noise = residual
     if departing is not None:
         noise = without(residual, orthonormal(without(stack.whiten(departing), basis)))
     likely = stack.likely_motion(signals, noise[:, 0], bins_used)
-    slopes = np.stack([record_signals.jacobian[:, bins_used] for record_signals in signals])
+    slopes = np.stack([member.jacobian[:, bins_used] for member in signals])
     pull = _pull_of(signals)
     tone = None
     if pull is None:
@@ -129,10 +119,7 @@ def group_of(
         jacobian = np.zeros((len(signals), pull.shape[1], 2 * bins))
         tone = without(stack.whiten(slopes), basis)
     counts = np.array(
-        [
-            np.sum(record_signals.one_sided[bins_used]) * record_signals.used.mean()
-            for record_signals in signals
-        ]
+        [np.sum(member.one_sided[bins_used]) * member.used.mean() for member in signals]
     )
 
     def errors_of(places: Sequence[int]) -> Errors:
@@ -141,27 +128,19 @@ def group_of(
 
     def again(columns: ComplexArray) -> WhitenedGroup:
         signals_beside = [
-            record_signals.in_noise_beside(departing_columns)
-            for record_signals, departing_columns in zip(signals, columns, strict=True)
+            member.in_noise_beside(departing_columns)
+            for member, departing_columns in zip(signals, columns, strict=True)
         ]
         return group_of(signals_beside, numbers, effects_of, columns)
 
     group = WhitenedGroup(
-        records=tuple(record_signals.record for record_signals in signals),
+        records=tuple(member.record for member in signals),
         numbers=np.array(numbers),
         begin_s=np.array(
-            [
-                record_signals.span.start / record_signals.record.sampling_rate_hz
-                for record_signals in signals
-            ]
+            [member.span.start / member.record.sampling_rate_hz for member in signals]
         ),
-        used=np.stack([record_signals.used for record_signals in signals]),
-        turns=np.array(
-            [
-                np.nan if record_signals.turns is None else record_signals.turns
-                for record_signals in signals
-            ]
-        ),
+        used=np.stack([member.used for member in signals]),
+        turns=np.array([np.nan if member.turns is None else member.turns for member in signals]),
         predicted=stack.predicted,
         likely=likely,
         motion=_motion_in_time(signals, likely, bins_used.stop),
@@ -191,9 +170,7 @@ def _pull_of(signals: Sequence[Signals]) -> FloatArray | None:
     """
     if signals[0].pull is None:
         return None
-    return np.stack(
-        [record_signals.pull for record_signals in signals if record_signals.pull is not None]
-    )
+    return np.stack([member.pull for member in signals if member.pull is not None])
 
 
 def _pad_columns(columns: Sequence[ComplexArray]) -> ComplexArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -76,12 +76,7 @@ def document(
         table, widened = with_profile(
             table, profile, coordinates, total - by_data, coverage_factor(freedom)
         )
-        doubts = [
-            warning
-            for warning in doubts
-            if not any(f"determine the {in_words(name)}:" in warning.message for name in widened)
-        ]
-        doubts += [ResultWarning("weakly_determined", text) for text in widened.values()]
+        doubts = _with_intervals(doubts, widened)
     warnings = _warnings(
         fitted,
         table,
@@ -131,6 +126,21 @@ def document(
         uncertainty={"covers": _kinds_covered(rows, calibration.table)},
     )
     return with_floor(result, calibration.capabilities)
+
+
+def _with_intervals(
+    doubts: Sequence[ResultWarning], widened: Mapping[str, str]
+) -> list[ResultWarning]:
+    """Return the doubts with the sentences on widened intervals in place of those they replace.
+
+    ``widened``: sentence of each parameter with an interval of the profile, by name.
+    """
+    remaining = [
+        warning
+        for warning in doubts
+        if not any(f"determine the {in_words(name)}:" in warning.message for name in widened)
+    ]
+    return remaining + [ResultWarning("weakly_determined", text) for text in widened.values()]
 
 
 def _reference(calibration: Calibration) -> dict[str, str]:
