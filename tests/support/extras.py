@@ -34,6 +34,7 @@ NEEDS_JAX = (
     "vibrident.fit.problem.cutting.",
     "vibrident.fit.problem.time_domain.",
     "vibrident.fit.start.harmonic_start.",
+    "vibrident.fit.estimators.residual_candidate.",
     "vibrident.fit.estimators.residual_network.",
     *(f"vibrident.paper.{name}." for name in PAPER_ON_JAX),
 )

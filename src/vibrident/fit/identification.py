@@ -13,7 +13,7 @@ from vibrident.data.screening.held import is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
-from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.attempts import DepartureReport, Fitted
 from vibrident.fit.judge.clocks import at_one_clock
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.judge.reference import with_reference_named
@@ -73,27 +73,27 @@ def fit(
     uncertainty: Uncertainty,
     progress: Progress,
 ) -> Fitted:
-    """Estimate and judge; arguments and errors as :func:`identify_run`."""
+    """Estimate and judge; arguments and errors are those of :func:`identify_run`."""
     sensor_model = model_of(calibration, model)
     if decays_alone(calibration):
         from vibrident.fit.decay import estimate as decays  # only where there are decays
 
         decays.require_plain(estimator)
-        evidence, chosen, reason = (
-            decays.gathered(calibration, sensor_model),
-            decays.FreeDecays(),
-            decays.METHOD,
+        evidence = decays.gathered(calibration, sensor_model)
+        chosen = decays.FreeDecays()
+        reason = decays.METHOD
+        fitted = Fitted.from_evidence(evidence, chosen, progress)
+        fitted = replace(
+            fitted, reports=(DepartureReport(warnings=tuple(decays.said(fitted.estimate))),)
         )
-        found = Fitted.of(evidence, chosen, progress)
-        found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
     else:
 
-        def fit_anew(other: SensorModel) -> Fitted:
-            return _fit_model(calibration, other, estimator, uncertainty, progress)
+        def fit_anew(alternative: SensorModel) -> Fitted:
+            return _fit_model(calibration, alternative, estimator, uncertainty, progress)
 
         fitted = _fit_model(calibration, sensor_model, estimator, uncertainty, progress)
         return with_reference_named(with_remedy(fitted, fit_anew))
-    return replace(found, reason=reason)
+    return replace(fitted, reason=reason)
 
 
 def _fit_model(
@@ -107,17 +107,17 @@ def _fit_model(
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
     if calibration.quantity == "drive" and model.is_linear and calibration.records:
-        fitted = _fit_drive(evidence, chosen, _stairs(estimator), progress)
+        fitted = _fit_drive(evidence, chosen, _held_network(estimator), progress)
         reason = fitted.reason or reason
     else:
-        fitted = Fitted.of(evidence, chosen, progress)
+        fitted = Fitted.from_evidence(evidence, chosen, progress)
     fitted = replace(fitted, reason=reason)
     for step in (at_one_clock, without_dead_records, with_phase_scatter, beside_departures):
         fitted = step(fitted)
     return fitted
 
 
-def _stairs(asked: str | Estimator) -> Ipnn | None:
+def _held_network(asked: str | Estimator) -> Ipnn | None:
     """Return the network of a held drive; None where another was asked for."""
     if asked == AUTO:
         return Ipnn(discretisation="zoh")
@@ -129,29 +129,38 @@ def _fit_drive(
 ) -> Fitted:
     """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
     if stairs is None:
-        return Fitted.of(evidence, chosen, progress)
+        return Fitted.from_evidence(evidence, chosen, progress)
     if not is_held_drive(evidence.calibration):
-        plain = Fitted.of(evidence, chosen, progress)
+        plain = Fitted.from_evidence(evidence, chosen, progress)
         if plain.adequate:
             return plain
-        held = fit_stairs(Fitted.of(evidence, stairs, progress))
+        held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
         return held if held.adequate else plain
-    held = fit_stairs(Fitted.of(evidence, stairs, progress))
+    held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
     if held.adequate or chosen is stairs:
         return held
-    plain = Fitted.of(evidence, chosen, progress)
+    plain = Fitted.from_evidence(evidence, chosen, progress)
     return held if held.chi2 < plain.chi2 else plain
 
 
 def _data_scale(estimate: Estimate, data: BudgetRow) -> float:
-    """Factor on the data's standard deviations that the stated covariance carries: scatter, or the Birge ratio."""
-    part, whole = (float(np.trace(c)) for c in (estimate.covariance, data.covariance))
-    return float(np.sqrt(whole / part)) if part > 0.0 else 1.0
+    """Return the factor on the data's standard deviations that the stated covariance carries.
+
+    It is the scatter, or the Birge ratio.
+    """
+    by_estimate, stated = (
+        float(np.trace(covariance)) for covariance in (estimate.covariance, data.covariance)
+    )
+    return float(np.sqrt(stated / by_estimate)) if by_estimate > 0.0 else 1.0
 
 
 def _estimator(
     evidence: Evidence, asked: str | Estimator, scope: Uncertainty
 ) -> tuple[Estimator, str]:
+    """Return the estimator asked for or the one that suits, and the reason.
+
+    ``scope``: what the uncertainty covers.
+    """
     if not isinstance(asked, str):
         return asked, "chosen by the user"
     chosen, reason = (

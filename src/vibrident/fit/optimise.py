@@ -1,15 +1,15 @@
-"""The way down a residual: Levenberg–Marquardt, one step at a time.
+"""The descent of a residual by Levenberg and Marquardt, one step at a time.
 
-An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at coordinates z, shape
-(p,), however many residuals there are; a step needs no more. What a large residual adds to JᵀJ is learned from the
-gradients on the way.
+An objective ``quadratic(z, args)`` gives cost, gradient and JᵀJ of the weighted residual at
+coordinates z, shape (p,), however many residuals there are; a step needs no more. What a large
+residual adds to JᵀJ is learned from the gradients on the way.
 """
 
 from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -18,53 +18,58 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 
-#: Nor is more to be known where the gains of so many steps fall to half, and are less than this (or the tolerance)
-#: together: large residuals converge slowly, and what is left is less than a tenth of a standard uncertainty.
-SLOW, LITTLE = 5, 0.01
+#: Large residuals converge slowly. No more is to be known where the gains of so many steps fall to
+#: half …
+SLOW_STEPS = 5
+#: … and are less than this (or the tolerance) together: what remains is less than a tenth of a
+#: standard uncertainty.
+MAX_SLOW_GAIN = 0.01
 #: Directions of which the residual says less than this, relative to the best, promise no gain.
-LEAST_SHOWN = 1e-14
+MIN_EIGENVALUE = 1e-14
 
 NOT_FINITE = (
     "The cost is not finite at the start values: the discretisation is unstable for this sensor at "
-    "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be squared."
+    "this sampling rate (Euler needs Ts < 2 δ/ωn), or the records hold values that cannot be "
+    "squared."
 )
 
 
 class Quadratic(Protocol):
-    """What an objective returns: rᵀr, Jᵀr with J = −∂r/∂z, and JᵀJ."""
+    """The value of an objective: rᵀr, Jᵀr with J = −∂r/∂z, and JᵀJ."""
 
     @property
     def cost(self) -> Any:
-        """Sum of squares."""
+        """Return the sum of squares rᵀr."""
 
     @property
     def gradient(self) -> Any:
-        """Shape (p,)."""
+        """Return Jᵀr, shape (p,)."""
 
     @property
     def matrix(self) -> Any:
-        """Shape (p, p)."""
+        """Return JᵀJ, shape (p, p)."""
 
 
 Objective = Callable[[Any, Any], Quadratic]
 
 
 class Progress(Protocol):
-    """Called after each iteration with the iteration, the most there can be, and the cost."""
+    """A function called after each iteration with its number, the most of them, and the cost."""
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
         """Show progress."""
 
 
 def silent(iteration: int, most: int, cost: float) -> None:
-    """Progress that shows nothing."""
+    """Show nothing of the progress."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """The course of an optimisation: cost and coordinates at each accepted iterate, and the reason for its end.
+    """The course of an optimisation: its accepted iterates, and the reason for its end.
 
-    ``changes`` are the iterates from which on the residual has other weights.
+    ``costs`` and ``coordinates`` are those at each iterate; ``changes`` are the iterates from which
+    on the residual has other weights.
     """
 
     optimiser: str
@@ -74,19 +79,19 @@ class Trace:
     coordinates: FloatArray  # (iterates, p)
     changes: tuple[int, ...] = ()
 
-    def then(self, other: Trace) -> Trace:
+    def then(self, following: Trace) -> Trace:
         """Return this course and another after it, in other weights."""
         count = len(self.costs)
         return replace(
-            other,
-            costs=self.costs + other.costs,
-            coordinates=np.concatenate([self.coordinates, other.coordinates]),
-            changes=(*self.changes, count, *(count + at for at in other.changes)),
+            following,
+            costs=self.costs + following.costs,
+            coordinates=np.concatenate([self.coordinates, following.coordinates]),
+            changes=(*self.changes, count, *(count + change for change in following.changes)),
         )
 
     @property
     def last(self) -> FloatArray:
-        """Final coordinates, shape (p,)."""
+        """Return the final coordinates, shape (p,)."""
         return self.coordinates[-1]
 
 
@@ -96,85 +101,87 @@ def levenberg_marquardt(
     args: Any,
     *,
     tolerance: float = 1e-9,
-    most: int = 60,
+    max_evaluations: int = 60,
     progress: Progress = silent,
 ) -> Trace:
-    """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start`` (Nocedal & Wright 2006, ch. 10).
+    """Minimise by Levenberg and Marquardt's damped Gauss–Newton steps from ``start``.
 
-    Beside a large residual, of a model that does not suit, these converge slowly: JᵀJ lacks the residual's own
-    curvature. A secant approximation of it is added where it foretold the last step's gain better (Dennis, Gay &
-    Welsch 1981).
+    Source: Nocedal & Wright 2006, ch. 10. Beside a large residual, of a model that does not suit,
+    these converge slowly: JᵀJ lacks the residual's own curvature. A secant approximation of it is
+    added where it foretold the last step's gain better (Dennis, Gay & Welsch 1981).
 
-    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``, or, after a step that was
-    rejected, the next one. With residuals in units of their standard deviation that step is √tolerance standard
-    uncertainties long, so nothing that could be known is left.
+    It stops when a full Gauss–Newton step would lower the cost by less than ``tolerance``, or,
+    after a step that was rejected, the next one. With residuals in units of their standard
+    deviation that step is √tolerance standard uncertainties long, so nothing that could be known
+    remains.
 
     Args:
         objective: cost, Jᵀr and JᵀJ at a point.
         start: shape (p,).
         args: anything the objective needs.
         tolerance: decrease of the cost that is not worth a step.
-        most: most evaluations of the objective.
+        max_evaluations: of the objective.
         progress: called after each iteration.
+
+    Returns:
+        The accepted iterates, and whether they converged.
 
     Raises:
         NotConverged: the cost is not finite at the start.
     """
-    here = _Point.of(np.asarray(start, dtype=float), objective, args)
-    if not np.isfinite(here.cost):
+    current = _Iterate.evaluate(np.asarray(start, dtype=float), objective, args)
+    if not np.isfinite(current.cost):
         raise NotConverged(NOT_FINITE)
-    way, damping, rejected = [here], 1.0, 0  # in units of the coordinates, which are near one
-    none = lacking = used = np.zeros((len(here.z), len(here.z)))
+    iterates = [current]
+    damping = 1.0  # in units of the coordinates, which are near one
+    rejected = 0
+    no_curvature = curvature = curvature_used = np.zeros((len(current.z), len(current.z)))
 
-    def arrived() -> bool:
-        gains = [one.cost - next_.cost for one, next_ in itertools.pairwise(way[-1 - SLOW :])]
-        slow = (
-            len(gains) == SLOW
-            and sum(gains) < max(tolerance, LITTLE)
-            and gains[-1] < 0.5 * gains[0]
-        )
-        least = max(tolerance, 1e-15 * here.cost)
-        return (
-            here.gain < least
-            or (rejected > 0 and here.promised(here.step(damping, used), used) < least)
-            or slow
-        )
+    def has_converged() -> bool:
+        min_gain = max(tolerance, 1e-15 * current.cost)
+        if current.gain < min_gain or _is_slow(iterates, tolerance):
+            return True
+        if not rejected:
+            return False
+        next_step = current.step(damping, curvature_used)
+        return current.promised(next_step, curvature_used) < min_gain
 
-    progress(1, most, here.cost)
-    for iteration in range(2, most + 1):
-        if arrived():
+    progress(1, max_evaluations, current.cost)
+    for iteration in range(2, max_evaluations + 1):
+        if has_converged():
             break
-        step = here.step(damping, used)
-        trial = _Point.of(here.z + step, objective, args)
-        promised, gain = here.promised(step, used), here.cost - trial.cost
-        gained = gain / promised if promised > 0.0 else -np.inf
-        gained = gained if np.isfinite(gained) else -np.inf
-        if gained >= 0.01:  # of what the linear residual promised
-            better = abs(gain - here.promised(step, lacking)) < abs(
-                gain - here.promised(step, none)
+        step = current.step(damping, curvature_used)
+        trial = _Iterate.evaluate(current.z + step, objective, args)
+        promised_gain = current.promised(step, curvature_used)
+        gain = current.cost - trial.cost
+        gain_ratio = gain / promised_gain if promised_gain > 0.0 else -np.inf
+        gain_ratio = gain_ratio if np.isfinite(gain_ratio) else -np.inf
+        if gain_ratio >= 0.01:  # of what the linear residual promises
+            foretells = abs(gain - current.promised(step, curvature)) < abs(
+                gain - current.promised(step, no_curvature)
             )
-            lacking = secant(lacking, step, here.gradient - trial.gradient, trial.matrix)
-            used = lacking if better else none
-            here, rejected = trial, 0
-            way.append(here)
-            damping *= (
-                1.0 / 3.5 if gained > 0.9 else 1.0
-            )  # less where the residual is as linear as foretold
+            curvature = secant(curvature, step, current.gradient - trial.gradient, trial.matrix)
+            curvature_used = curvature if foretells else no_curvature
+            current = trial
+            rejected = 0
+            iterates.append(current)
+            damping *= 1.0 / 3.5 if gain_ratio > 0.9 else 1.0  # the residual is nearly linear
         else:
-            damping *= (
-                4.0 * 2.0**rejected
-            )  # more after each, to fit any size of the residual (Nielsen 1999)
+            # More after each rejection, to fit any size of the residual (Nielsen 1999).
+            damping *= 4.0 * 2.0**rejected
             rejected += 1
-        progress(iteration, most, here.cost)
-    converged = arrived()
-    status = "converged" if converged else f"stopped after {most} evaluations"
-    path = np.array([point.z for point in way])
-    return Trace("levenberg-marquardt", converged, status, tuple(point.cost for point in way), path)
+        progress(iteration, max_evaluations, current.cost)
+    converged = has_converged()
+    status = "converged" if converged else f"stopped after {max_evaluations} evaluations"
+    path = np.array([point.z for point in iterates])
+    return Trace(
+        "levenberg-marquardt", converged, status, tuple(point.cost for point in iterates), path
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    """An objective at coordinates z; ``gain``: what a full Gauss–Newton step would lower the cost by."""
+class _Iterate:
+    """An objective at coordinates z."""
 
     z: FloatArray
     cost: float
@@ -182,48 +189,78 @@ class _Point:
     matrix: FloatArray
 
     @classmethod
-    def of(cls, z: FloatArray, objective: Objective, args: Any) -> _Point:
+    def evaluate(cls, z: FloatArray, objective: Objective, args: Any) -> _Iterate:
+        """Evaluate an objective; its cost is infinite where gradient or JᵀJ are not finite."""
         with np.errstate(all="ignore"):  # a step may be far too long
             local = objective(z, args)
-        gradient, matrix = np.asarray(local.gradient), np.asarray(local.matrix)
+        gradient = np.asarray(local.gradient)
+        matrix = np.asarray(local.matrix)
         finite = np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))
         return cls(z, float(local.cost) if finite else np.inf, gradient, matrix)
 
-    def step(self, damping: float, lacking: FloatArray | float = 0.0) -> FloatArray:
-        """Damped step by JᵀJ and what it lacks; zero along directions without influence on the residual."""
+    def step(self, damping: float, curvature: FloatArray | float = 0.0) -> FloatArray:
+        """Return the damped step by JᵀJ and the curvature that it lacks, shape (p,).
+
+        It is zero along directions without influence on the residual.
+        """
         matrix = self.matrix + damping * np.eye(len(self.z))
-        shown = np.diag(matrix)
-        size = np.sqrt(
-            np.where(shown > 0.0, shown, np.inf)
-        )  # rounding makes zero influence negative
-        values, vectors = np.linalg.eigh((matrix + lacking) / size[:, None] / size)
-        if values[0] < 0.0:  # no way down
-            values, vectors = np.linalg.eigh(matrix / size[:, None] / size)
-        kept = values > LEAST_SHOWN
+        diagonal = np.diag(matrix)
+        # Rounding makes zero influence negative.
+        scale = np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
+        values, vectors = np.linalg.eigh((matrix + curvature) / scale[:, None] / scale)
+        if values[0] < 0.0:  # no direction of descent
+            values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+        determined = values > MIN_EIGENVALUE
         return (
-            (vectors[:, kept] / values[kept]) @ (vectors[:, kept].T @ (self.gradient / size)) / size
+            (vectors[:, determined] / values[determined])
+            @ (vectors[:, determined].T @ (self.gradient / scale))
+            / scale
         )
 
-    def promised(self, step: FloatArray, lacking: FloatArray) -> float:
-        """What a step should lower the cost by."""
-        return float(2.0 * step @ self.gradient - step @ (self.matrix + lacking) @ step)
+    def promised(self, step: FloatArray, curvature: FloatArray) -> float:
+        """Return by how much a step should lower the cost."""
+        return float(2.0 * step @ self.gradient - step @ (self.matrix + curvature) @ step)
 
     @functools.cached_property
     def gain(self) -> float:
+        """Return by how much a full Gauss–Newton step should lower the cost."""
         return float(self.step(0.0) @ self.gradient)
 
 
-def secant(
-    lacking: FloatArray, step: FloatArray, change: FloatArray, matrix: FloatArray
-) -> FloatArray:
-    """What JᵀJ lacks of half the Hessian, shape (p, p), after a step along which the gradient fell by ``change``.
+def _is_slow(iterates: Sequence[_Iterate], tolerance: float) -> bool:
+    """Return whether the gains of the last steps fall to half and are little together."""
+    gains = [
+        previous.cost - following.cost
+        for previous, following in itertools.pairwise(iterates[-1 - SLOW_STEPS :])
+    ]
+    return (
+        len(gains) == SLOW_STEPS
+        and sum(gains) < max(tolerance, MAX_SLOW_GAIN)
+        and gains[-1] < 0.5 * gains[0]
+    )
 
-    ``matrix``: JᵀJ behind the step. The update of Dennis, Gay & Welsch (ACM TOMS 7, 1981), with their sizing.
+
+def secant(
+    curvature: FloatArray, step: FloatArray, change: FloatArray, matrix: FloatArray
+) -> FloatArray:
+    """Return what JᵀJ lacks of half the Hessian, shape (p, p), after a step.
+
+    The update of Dennis, Gay & Welsch (ACM TOMS 7, 1981), with their sizing.
+
+    Args:
+        curvature: what it lacked before, shape (p, p).
+        step: shape (p,).
+        change: fall of the gradient along the step, shape (p,).
+        matrix: JᵀJ behind the step, shape (p, p).
     """
-    along, off, now = float(step @ change), change - matrix @ step, float(step @ lacking @ step)
-    if not along > 0.0:
-        return lacking
-    sized = lacking * (min(1.0, abs(step @ off) / abs(now)) if now else 1.0)
-    rest = off - sized @ step
-    both = np.outer(rest, change) / along
-    return sized + both + both.T - (rest @ step) * np.outer(change, change) / along**2
+    fall = float(step @ change)
+    fall_beyond = change - matrix @ step
+    curvature_along = float(step @ curvature @ step)
+    if not fall > 0.0:
+        return curvature
+    sized = curvature * (
+        min(1.0, abs(step @ fall_beyond) / abs(curvature_along)) if curvature_along else 1.0
+    )
+    remainder = fall_beyond - sized @ step
+    product = np.outer(remainder, change) / fall
+    return sized + product + product.T - (remainder @ step) * np.outer(change, change) / fall**2

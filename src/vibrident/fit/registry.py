@@ -1,4 +1,4 @@
-"""Which estimators and which departures from a fit there are."""
+"""The registries of estimators and of departures from a fit."""
 
 from __future__ import annotations
 

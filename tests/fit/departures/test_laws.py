@@ -11,7 +11,8 @@ from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.departures import examination, sources
-from vibrident.fit.departures.group import WhitenedGroup, orthonormal, without
+from vibrident.fit.departures.group import WhitenedGroup
+from vibrident.fit.departures.rows import orthonormal, without
 from vibrident.fit.departures.score import LinearFit, shifts_beside
 from vibrident.fit.departures.sums import Errors
 from vibrident.physics.simulation import simulate
@@ -48,7 +49,7 @@ def linear_group(rng: np.random.Generator, bins: int, extra: np.ndarray, records
 
 def score_of(group: WhitenedGroup, rows: np.ndarray):
     """The score test of whitened rows that the records share, shape (R, m, 2 K), in white noise."""
-    fit = LinearFit.of(group.own, np.ones(2))
+    fit = LinearFit.from_records(group.information, np.ones(2))
     fit = replace(fit, spread=fit.normal, common=np.zeros((2, 13)))
     sums = group.exact_sums(rows, None)
     return fit.test(replace(sums, spread=sums.gram, cross_spread=sums.cross).total())
@@ -92,7 +93,7 @@ def test_the_bound_is_what_least_squares_explains():
     rng, bins = np.random.default_rng(4), 200
     group = linear_group(rng, bins, 0.0, 4)
     rows = rng.normal(size=(4, 3, 2 * bins))
-    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.information, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
     residual, free = group.residual.ravel(), group.freed(rows)
     jacobian = group.jacobian.swapaxes(0, 1).reshape(2, -1)
     left = []
@@ -108,8 +109,8 @@ def test_within_their_own_parameters_the_statistics_of_records_add_up():
     rng, bins, records = np.random.default_rng(5), 100, 5
     group = linear_group(rng, bins, 0.0, records)
     rows = rng.normal(size=(records, 2, 2 * bins))
-    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
-    explained, _ = fit.explained(sums.within(group.own, fit.inverse))
+    fit, sums = LinearFit.from_records(group.information, np.ones(2)), group.sums(rows[:, None]).at((slice(None), 0))
+    explained, _ = fit.explained(sums.within(group.information, fit.inverse))
     for jacobian, free, residual, each in zip(
         group.jacobian, group.freed(rows), group.residual, explained, strict=True
     ):
@@ -234,7 +235,7 @@ def test_harmonics_of_a_sine_are_no_hum(estimator: str) -> None:
 @pytest.mark.parametrize("band", [(1500.0, 5000.0), (50.0, 400.0)])
 def test_pieces_of_a_long_record_have_no_departure_of_their_own(monkeypatch, band: tuple[float, float]) -> None:
     """Noise of the reference is in prediction and residual alike, and what came before a piece rings on in it."""
-    monkeypatch.setattr("vibrident.fit.departures.parts.LONGEST", 4096)
+    monkeypatch.setattr("vibrident.fit.departures.parts.MAX_PIECE_SAMPLES", 4096)
     made = simulate(
         "paper", "random", frequencies_hz=band, samples=16000, response_noise=1e-4, reference_noise=1e-2, seed=4
     )
@@ -308,7 +309,7 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
         records.append(replace(record, response=moved + 3e-4 * np.square(moved) / np.std(moved)))
     given = replace(made, records=tuple(records))
     held = vibrident.identify(given).findings
-    monkeypatch.setattr(examination, "MAX_HELD", 0)
+    monkeypatch.setattr(examination, "MAX_SAMPLES_HELD", 0)
     assert {finding.code for finding in held} >= {"nonlinear", "regimes"}
     assert vibrident.identify(given).findings == held
 
@@ -322,7 +323,7 @@ def test_a_clean_calibration_is_passed_once_and_nothing_of_it_is_held(monkeypatc
         made.extend(one.record.name for one in signals)
         return group_of(signals, *others)
 
-    monkeypatch.setattr(examination, "MAX_HELD", 0)
+    monkeypatch.setattr(examination, "MAX_SAMPLES_HELD", 0)
     monkeypatch.setattr(sources, "group_of", noted)
     tones = {"frequencies_hz": [100.0, 250.0, 400.0, 630.0, 1000.0]} if kind == "sine" else {}
     given = simulate("paper", kind, samples=1500, repeats=3, response_noise=1e-3, seed=3, **tones)
@@ -355,7 +356,7 @@ def test_what_departures_move_is_what_least_squares_beside_them_finds() -> None:
     rng = np.random.default_rng(3)
     group = linear_group(rng, 150, 0.0, 3)
     columns = rng.normal(size=(3, 2, 300))
-    fit, sums = LinearFit.of(group.own, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
+    fit, sums = LinearFit.from_records(group.information, np.ones(2)), group.sums(columns[:, None]).at((slice(None), 0))
     moved = shifts_beside(fit, [sums.at(number) for number in range(3)], [np.full(2, 1e9)] * 3)
     added = np.zeros((3, 2, 3, 300))
     added[np.arange(3), :, np.arange(3)] = group.freed(columns)

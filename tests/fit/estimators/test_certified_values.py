@@ -61,7 +61,7 @@ def test_certified_estimates_and_deviations(data, start):
         value, jacobian = residual(z), jax.jacfwd(residual)(z)
         return Local(jacobian.T @ jacobian, -jacobian.T @ value, value @ value)
 
-    trace = levenberg_marquardt(objective, np.ones(2), None, tolerance=1e-20, most=200)
+    trace = levenberg_marquardt(objective, np.ones(2), None, tolerance=1e-20, max_evaluations=200)
     found = trace.last * begin
     local = objective(jnp.asarray(trace.last), None)
     variance = float(local.cost) / (len(data.x) - 2)

@@ -14,7 +14,7 @@ from vibrident.fit.estimators import MaximumLikelihood
 from vibrident.fit.problem import Evidence
 from vibrident.fit.problem.coordinates import BAND_MARGIN, MARGIN_BELOW
 from vibrident.fit.uncertainty.linearised import Linearised
-from vibrident.fit.uncertainty.posterior import Sampling, ended, likelihood, log_density
+from vibrident.fit.uncertainty.posterior import Sampling, ended_by_prior, likelihood, log_density
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS, simulate
 
@@ -39,7 +39,7 @@ def test_the_density_is_that_of_the_stated_uncertainties_times_the_priors(rng):
     evidence = Evidence.gather(data, MODEL)
     estimate = MaximumLikelihood().fit(evidence)
     coordinates = estimate.coordinates
-    linear = Linearised.of_table(coordinates, estimate.z, evidence.first_look)
+    linear = Linearised.from_table(coordinates, estimate.z, evidence.first_look)
     low, high = np.full(3, -3.0), np.full(3, 3.0)
     density = log_density(*likelihood(evidence, estimate, linear), scale, low, high)
     assert density(np.array([0.9, 4.0, 0.2])) == -np.inf
@@ -61,7 +61,7 @@ def test_what_the_range_and_not_the_data_ends_is_named():
     low, high = np.array([0.0, 0.0, -np.inf]), np.array([1.0, 1.0, np.inf])
     z = np.full((2, 500, 3), 0.5)
     z[0, :20, 0], z[0, 0, 1], z[1, 0, 1] = 0.99, 0.01, 0.01
-    assert ended(z, low, high, ("first", "second", "third")) == ["first"]
+    assert ended_by_prior(z, low, high, ("first", "second", "third")) == ["first"]
 
 
 @pytest.mark.slow

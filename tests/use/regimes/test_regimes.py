@@ -7,6 +7,7 @@ import pytest
 from tests.support.changed_sensor import Life, calibration
 
 from vibrident import Result, identify
+from vibrident.physics.simulation import Sensor, simulate, with_noise
 
 RATE_HZ = 8000.0
 SAMPLES = 12000
@@ -71,15 +72,11 @@ def test_a_sensor_that_stays_has_no_regimes(rng):
 
 def test_another_model_is_no_change(rng):
     """A sensor with a second mode is the same throughout: the model is what is named."""
-    from vibrident.physics.simulation import simulate, with_noise
-
     sensor = {"sensitivity": 0.1, "natural_frequency": 600.0, "damping_ratio": 0.1}
     sensor |= {"mode2_frequency": 900.0, "mode2_damping": 0.02, "mode2_gain": 0.05}
-    from vibrident.physics.models import parse
-    from vibrident.physics.simulation import Sensor
-
-    loose = Sensor(parse("accelerometer+mode2"), sensor)
-    record = simulate(loose, "random", sampling_rate_hz=RATE_HZ, samples=SAMPLES, repeats=1, seed=1)
+    loose = Sensor("loose", "accelerometer with a second mode", "accelerometer+mode2", sensor)
+    motion = {"sampling_rate_hz": RATE_HZ, "samples": SAMPLES, "frequencies_hz": [10.0, 1500.0]}
+    record = simulate(loose, "random", **motion, repeats=1, seed=1)
     result = identify(with_noise(record, response_noise=1e-3, seed=2), "accelerometer")
     assert "regimes" not in result.settings
     assert result.settings["explained_by"] == "accelerometer+mode2"

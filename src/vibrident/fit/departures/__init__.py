@@ -1,1 +1,1 @@
-"""What departs from a fit: columns that a departure adds to the response, and one score test for all."""
+"""Departures from a fit: the columns that each adds to the response, and one score test for all."""

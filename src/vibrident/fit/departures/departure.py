@@ -1,4 +1,4 @@
-"""A departure from the fit: the columns that it adds to the response, and what is said of it."""
+"""A departure from the fit: the columns that it adds to the response, and the sentence on it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
-from vibrident.fit.departures.sums import Exact, Sums
+from vibrident.fit.departures.sums import ExactSums, Sums
 from vibrident.fit.response.response import ComplexArray
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What is common to all records.
+    """Properties that all records of a fit share.
 
     Attributes:
         motion: largest size of a predicted response about its mean.
         bands_hz: edges of bands of like information.
         records: number of records.
         narrow: whether the noise of a sine is an interferometer's light.
-        mass: at frequencies in Hz, velocity of the sensor's mass in its case for an acceleration of one, and response
-            to that; None where the sensor is no oscillator.
+        mass: at frequencies in Hz, velocity of the sensor's mass in its case for an acceleration of
+            one, and response to that; None where the sensor is no oscillator.
     """
 
     motion: float
@@ -60,13 +60,13 @@ class Places:
 
     Attributes:
         candidates: the places.
-        sums: what their columns have in common with the fit, shape (R, places, …).
-        there: whether a record has a place, shape (R, places).
+        sums: products of their columns with the fit, shape (R, places, …).
+        present: whether a record has a place, shape (R, places).
     """
 
     candidates: tuple[Candidate, ...]
     sums: Sums
-    there: BoolArray
+    present: BoolArray
 
 
 class Departure(ABC):
@@ -76,13 +76,17 @@ class Departure(ABC):
         name: of the kind.
         code: of the warning where it matters.
         pooled: whether the records share its amounts.
-        own_columns: whether its columns are tested for what each moves, as each may be there without the others.
-        of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise is filtered around
-            the tone as no spectrum of a record shows.
-        joint: whether what several move is what the fit beside all of them moves; else it is the sum.
-        family: kinds of one family stand for one thing, none of them exactly: what several move is told together.
-        within: whether it is told within a record, beside parameters that are the record's alone.
-        together: whether all records, each with amounts of its own, are tested together, too; it is told within each.
+        own_columns: whether its columns are tested for what each moves, as each may be there
+            without the others.
+        of_light: whether it is looked for in a sine by an interferometer's raw light, whose noise
+            is filtered around the tone as no spectrum of a record shows.
+        joint: whether what several move is what the fit beside all of them moves; else it is the
+            sum.
+        family: kinds of one family stand for one thing, none of them exactly: one shift is stated
+            for several of them.
+        within: whether it is tested within a record, beside parameters that are the record's alone.
+        together: whether all records, each with amounts of its own, are tested together, too; it is
+            stated of each.
         nuisance: whether the fit of a record can have it as nuisance parameters (:meth:`beside`).
     """
 
@@ -99,57 +103,70 @@ class Departure(ABC):
 
     @abstractmethod
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """For each place what it is in words, and its columns by the bins, shape (R or 1, m, K)."""
+        """Yield each place's words and its columns by the bins, shape (R or 1, m, K)."""
 
     def places(self, group: WhitenedGroup, scale: Scale) -> list[Places]:
-        """All places in a group."""
-        every = list(self.columns(group, scale))
-        made = list[Places]()
-        for width in dict.fromkeys(columns.shape[-2] for _, columns in every):
-            own = [(number, *one) for number, one in enumerate(every) if one[1].shape[-2] == width]
-            rows = np.empty((len(group.records), len(own), width, 2 * group.bins))
-            for place, (_, _, columns) in enumerate(own):
-                group.flat(columns, rows[:, place])
-            candidates = tuple(Candidate(words, number) for number, words, _ in own)
+        """Return all places in a group, those with as many columns each together."""
+        columns_by_place = list(self.columns(group, scale))
+        places = list[Places]()
+        for width in dict.fromkeys(columns.shape[-2] for _, columns in columns_by_place):
+            same_width = [
+                (number, *entry)
+                for number, entry in enumerate(columns_by_place)
+                if entry[1].shape[-2] == width
+            ]
+            rows = np.empty((len(group.records), len(same_width), width, 2 * group.bins))
+            for place, (_, _, columns) in enumerate(same_width):
+                group.whiten(columns, rows[:, place])
+            candidates = tuple(Candidate(words, number) for number, words, _ in same_width)
             sums = group.sums(rows)
-            made.append(Places(candidates, sums, np.ones(sums.score.shape[:2], dtype=bool)))
-        return made
+            places.append(Places(candidates, sums, np.ones(sums.score.shape[:2], dtype=bool)))
+        return places
 
     def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
-        """Those of a place."""
+        """Return the columns of a place by bins, shape (R or 1, m, K)."""
         return next(itertools.islice(self.columns(group, scale), candidate.number, None))[1]
 
     def whitened(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
-        """Those of a place as whitened rows, shape (R, m, 2 K)."""
-        return group.flat(self.columns_of(candidate, group, scale))
+        """Return the columns of a place as whitened rows, shape (R, m, 2 K)."""
+        return group.whiten(self.columns_of(candidate, group, scale))
 
     def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray | None:
-        """What its columns have in common with an error of the reference's noise, shape (R, m).
+        """Return the products of a place's columns with an error of the reference's noise, (R, m).
 
         None: they are linear in the motion, and :attr:`WhitenedGroup.errors` tell it.
         """
         return None
 
     def refined(
-        self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: Exact
-    ) -> tuple[Candidate, Exact]:
-        """A place as its test and sentence see it, with the sums of its columns in each record."""
+        self, candidate: Candidate, group: WhitenedGroup, scale: Scale, sums: ExactSums
+    ) -> tuple[Candidate, ExactSums]:
+        """Return a place as its test and sentence see it, and the sums of its columns.
+
+        ``sums``: of the columns of :meth:`whitened`, in each record.
+        """
         return candidate, sums
 
     def at_points(self, points: PointsPart) -> list[Point]:
-        """All places of a response at points; none where the departure shows in records only."""
+        """Return all places of a response at points.
+
+        There are none where the departure shows in records only.
+        """
         return []
 
     def beside(self, record: Record) -> Record:
-        """The record with the departure as nuisance parameters of its fit; itself where it has these."""
+        """Return the record with the departure as nuisance parameters of its fit.
+
+        It is the record itself where that has these already.
+        """
         return record
 
     def code_of(self, candidate: Candidate, score: Score) -> WarningCode:
-        """Code of the warning where it matters."""
+        """Return the code of the warning where the departure matters."""
         return self.code
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """What is there, without place and impact; a clause that ends without a stop."""
+        """Return what is there, without place and impact: a clause that ends without a stop."""
         return candidate.words
 
 
@@ -157,14 +174,15 @@ class WithoutMotion(Departure):
     """A departure of which the columns do not depend on the motion, nor on noise in it."""
 
     def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
-        """None of it."""
+        """Return zero: the columns have nothing in common with the reference's noise."""
         return np.zeros(1)
 
 
 class Shape(Departure):
     """A departure by functions without memory of a signal.
 
-    One function without memory may take several of these: a soft limit is a level and a cube, a dead band two levels.
+    One function without memory may take several of these: a soft limit is a level and a cube, a
+    dead band two levels.
 
     Attributes:
         turned: whether each has its quadrature beside it.
@@ -177,89 +195,106 @@ class Shape(Departure):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """For each what it is in words, and the function of the signal, each of shape (R, L).
+        """Yield for each function what it is in words, and its values for the signal, shape (R, L).
 
         ``largest``: of the signal of each record, shape (R, 1); that of all is in the scale.
         """
 
     def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
-        """The signal that it is a function of, shape (R, L): the response's motion."""
+        """Return the signal that it is a function of, shape (R, L): the response's motion."""
         return group.motion
 
     def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
-        """What the functions pass through on their way to the response, shape (R, K) or (K,)."""
+        """Return the transfer from the functions to the response, shape (R, K) or (K,)."""
         return 1.0
 
     def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
-        """By which noise of the response enters the signal: its inverse does the reverse, shape (R, K) or (K,)."""
+        """Return the transfer from noise of the response to that of the signal, (R, K) or (K,)."""
         return 1.0
 
-    def _shapes(
+    def _shapes_of_signal(
         self, group: WhitenedGroup, scale: Scale, signal: FloatArray
     ) -> list[tuple[str, FloatArray]]:
+        """Return the functions of a signal, each with its words.
+
+        They have the scale of the group's own signal.
+        """
         largest = np.max(np.abs(self.signal(group, scale)), axis=1, keepdims=True, initial=0.0)
         return list(self.shapes(signal, scale, largest))
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """The functions by their bins."""
-        for words, shape in self._shapes(group, scale, self.signal(group, scale)):
-            yield words, self._by_bins(shape, group, scale)
+        """Yield the functions by their bins."""
+        for words, shape in self._shapes_of_signal(group, scale, self.signal(group, scale)):
+            yield words, self._columns_of_shape(shape, group, scale)
 
     def columns_of(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> ComplexArray:
-        """One function by its bins."""
-        _, shape = self._shapes(group, scale, self.signal(group, scale))[candidate.number]
-        return self._by_bins(shape, group, scale)
+        """Return one function by its bins."""
+        _, shape = self._shapes_of_signal(group, scale, self.signal(group, scale))[candidate.number]
+        return self._columns_of_shape(shape, group, scale)
 
-    def _by_bins(self, shape: FloatArray, group: WhitenedGroup, scale: Scale) -> ComplexArray:
+    def _columns_of_shape(
+        self, shape: FloatArray, group: WhitenedGroup, scale: Scale
+    ) -> ComplexArray:
+        """Return a function's columns by bins, with its quadrature where that is asked for."""
         bins = group.bins_of(shape) * self.answer(group, scale)
         return np.stack([bins, 1j * bins] if self.turned else [bins], axis=1)
 
     def doubt(self, candidate: Candidate, group: WhitenedGroup, scale: Scale) -> FloatArray:
-        """Mean of a column times the residual e = −η, where the motion holds η: −Σ E[f(y + η) η] |W|² of the bins.
+        """Return the products of a place's columns with an error of the reference's noise, (R, m).
 
-        By the two nodes y ± σ of Gauss and Hermite's quadrature.
+        It is the mean of a column times the residual e = −η, where the motion holds η: −Σ E[f(y +
+        η) η] |W|² of the bins, by the two nodes y ± σ of Gauss and Hermite's quadrature.
         """
-        n, signal = group.samples, self.signal(group, scale)
+        samples = group.samples
+        signal = self.signal(group, scale)
         noise = np.divide(
-            2.0, n * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0
+            2.0, samples * group.gain**2, out=np.zeros_like(group.gain), where=group.gain > 0.0
         )
         gain = np.broadcast_to(np.asarray(self.gain(group, scale), dtype=complex), group.gain.shape)
-        doubt, answer = group.errors.doubt, np.asarray(self.answer(group, scale), dtype=complex)
+        doubt = group.errors.doubt
+        answer = np.asarray(self.answer(group, scale), dtype=complex)
         power = doubt * noise * np.abs(gain) ** 2
-        sigma = np.sqrt(2.0 * np.sum(power, axis=1) / n)
-        share = 2.0 / n * np.sum(doubt * np.real(answer * gain), axis=1)
-        ends = [
-            self._shapes(group, scale, signal + sign * sigma[:, None])[candidate.number][1]
+        sigma = np.sqrt(2.0 * np.sum(power, axis=1) / samples)
+        covariance = 2.0 / samples * np.sum(doubt * np.real(answer * gain), axis=1)
+        shapes_at_nodes = [
+            self._shapes_of_signal(group, scale, signal + sign * sigma[:, None])[candidate.number][
+                1
+            ]
             for sign in (1, -1)
         ]
-        step = n // signal.shape[1]
-        slope = np.divide(-0.5 * share, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
-        made = slope * np.sum((ends[0] - ends[1]) * group.used[:, ::step], axis=1) * step
-        return np.stack([made, np.zeros_like(made)] if self.turned else [made], axis=1)
+        step = samples // signal.shape[1]
+        slope = np.divide(-0.5 * covariance, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+        products = (
+            slope
+            * np.sum((shapes_at_nodes[0] - shapes_at_nodes[1]) * group.used[:, ::step], axis=1)
+            * step
+        )
+        return np.stack([products, np.zeros_like(products)] if self.turned else [products], axis=1)
 
 
 class OfReference(Shape):
     """A departure by functions without memory of the reference, which the sensor answers."""
 
     def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
-        """The most likely motion at the sensor's input."""
+        """Return the most likely motion at the sensor's input, shape (R, L)."""
         return group.reference
 
     def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
-        """The sensor's."""
+        """Return the sensor's transfer function, shape (R, K)."""
         return group.transfer
 
     def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
-        """One over the sensor's."""
+        """Return one over the sensor's transfer function, zero where that is, shape (R, K)."""
         return np.divide(
             1.0, group.transfer, out=np.zeros_like(group.transfer), where=group.transfer != 0.0
         )
 
 
-def pooled(before: Sequence[Places], more: Sequence[Places]) -> list[Places]:
-    """Places whose amounts records share; none where one group has none."""
-    if not before or not more:
+def pooled(first: Sequence[Places], second: Sequence[Places]) -> list[Places]:
+    """Return places whose amounts two groups share; none where one group has none."""
+    if not first or not second:
         return []
     return [
-        replace(one, sums=one.sums + other.sums) for one, other in zip(before, more, strict=True)
+        replace(first_places, sums=first_places.sums + second_places.sums)
+        for first_places, second_places in zip(first, second, strict=True)
     ]

@@ -1,9 +1,9 @@
-"""What departs from a fit significantly, and how far it moves the parameters.
+"""Significant departures from a fit, and how far they move the parameters.
 
-One rate for all: in a clean calibration noise shows a departure with the chance FALSE_ALARMS, once for the records and
-once for points, shared among the kinds, the records and the places of each. The one that explains most becomes a
-nuisance parameter, and the others are tested beside it, as a step in time imitates a misfit over frequency, and the
-other way round.
+One rate for all: in a clean calibration noise shows a departure with the chance FALSE_ALARMS, once
+for the records and once for points, shared among the kinds, the records and the places of each. The
+one that explains most becomes a nuisance parameter, and the others are tested beside it, as a step
+in time imitates a misfit over frequency, and the other way round.
 """
 
 from __future__ import annotations
@@ -20,41 +20,43 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Candidate, Departure, Scale
 from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import PointsPart
-from vibrident.fit.departures.score import LinearFit, Own, Sums, shifts_beside
-from vibrident.fit.departures.search import Asked, Found, best_of, of_records
+from vibrident.fit.departures.score import LinearFit, RecordInformation, Sums, shifts_beside
+from vibrident.fit.departures.search import PendingTest, SignificantDeparture, best_of, of_records
 from vibrident.fit.registry import DEPARTURES
 
 #: Departures that are looked for beside each other.
-ROUNDS = 3
-#: Groups of so many samples together are held; of more, each pass makes them anew: a limit of memory.
-MAX_HELD = 1 << 19
+MAX_ROUNDS = 3
+#: Groups of so many samples together are held; of more, each pass makes them anew, for memory.
+MAX_SAMPLES_HELD = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class DepartureGroup:
     """Departures of one kind, by record or of all.
 
     Attributes:
-        found: these, the most significant first.
-        moved: makes how far they move the coordinates together, and the standard deviation of that, shape (2, P).
+        departures: these, the most significant first.
+        move: makes how far they move the coordinates together, and the standard deviation of that,
+            shape (2, P).
     """
 
-    found: tuple[Found, ...]
-    moved: Callable[[], FloatArray]
+    departures: tuple[SignificantDeparture, ...]
+    move: Callable[[], FloatArray]
 
     @cached_property
-    def _moved(self) -> FloatArray:
-        return self.moved()
+    def _shift_and_doubt(self) -> FloatArray:
+        """Return shift and doubt, shape (2, P)."""
+        return self.move()
 
     @property
     def shift(self) -> FloatArray:
-        """How far they move the coordinates together, shape (P,)."""
-        return self._moved[0]
+        """Return how far they move the coordinates together, shape (P,)."""
+        return self._shift_and_doubt[0]
 
     @property
     def doubt(self) -> FloatArray:
-        """Standard deviation of the shift, shape (P,)."""
-        return self._moved[1]
+        """Return the standard deviation of the shift, shape (P,)."""
+        return self._shift_and_doubt[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +73,21 @@ class Groups:
 
     @cached_property
     def _held(self) -> list[WhitenedGroup] | None:
-        return list(self.make()) if self.samples <= MAX_HELD else None
+        """Return all groups where they are held, or None where each pass makes them."""
+        return list(self.make()) if self.samples <= MAX_SAMPLES_HELD else None
 
     def __iter__(self) -> Iterator[WhitenedGroup]:
         return iter(self.make() if self._held is None else self._held)
 
-    def beside(self, found: Sequence[Found], scale: Scale) -> Groups:
-        """The groups with departures as nuisance columns."""
+    def beside(self, departures: Sequence[SignificantDeparture], scale: Scale) -> Groups:
+        """Return the groups with departures as nuisance columns."""
 
-        def made() -> Iterator[WhitenedGroup]:
+        def groups_beside() -> Iterator[WhitenedGroup]:
             for group in self:
-                rows = _rows(found, group, scale)
+                rows = _rows(departures, group, scale)
                 yield group.beside(rows) if rows.shape[1] else group
 
-        return replace(self, make=made)
+        return replace(self, make=groups_beside)
 
 
 def examine(
@@ -94,201 +97,253 @@ def examine(
     uncertainty: FloatArray,
     *,
     misfit: bool = False,
-) -> list[Together]:
-    """Every significant departure, the most significant first.
+) -> list[DepartureGroup]:
+    """Return every significant departure, the most significant first.
 
     Args:
         groups: the records of the fit.
         scale: what they have in common.
         points: its response at points, where that is what was fitted.
         uncertainty: of the coordinates as stated, shape (P,).
-        misfit: whether the model does not explain the data: then what explains most is asked for alone.
+        misfit: whether the model does not explain the data: then what explains most is asked for
+            alone.
     """
-    rounds = 1 if misfit else ROUNDS
-    found = _among_records(groups, scale, uncertainty, rounds)
-    return found + ([] if points is None else _among_points(points, uncertainty, rounds))
+    rounds = 1 if misfit else MAX_ROUNDS
+    in_records = _among_records(groups, scale, uncertainty, rounds)
+    return in_records + ([] if points is None else _among_points(points, uncertainty, rounds))
 
 
 def _among_records(
     groups: Groups, scale: Scale, uncertainty: FloatArray, rounds: int
-) -> list[Together]:
-    """Departures are told apart in the noise that was read without them, which holds what they make of it too."""
-    found, beside = list[list[Found]](), groups
+) -> list[DepartureGroup]:
+    """Return departures of records, tested in the noise that was read without them.
+
+    That noise holds what they make of it too.
+    """
+    by_round = list[list[SignificantDeparture]]()
+    groups_beside = groups
     for _ in range(rounds):
-        now = _strongest(of_records(beside, scale, uncertainty))
-        if not now:
+        strongest = _strongest(of_records(groups_beside, scale, uncertainty))
+        if not strongest:
             break
-        found.append(now)
-        beside = beside.beside(now, scale)
-    if (
-        rounds == 1
-    ):  # parameters of a model that is wrong: the noise beside a departure makes them no truer
-        return [_together(now) for now in found]
-    shifts = cache(lambda: _shifts(groups, found, scale, uncertainty))
-    return _of_one_kind([_together(now, lambda k=k: shifts()[k]) for k, now in enumerate(found)])
-
-
-def _rows(found: Sequence[Found], group: WhitenedGroup, scale: Scale) -> FloatArray:
-    """Whitened columns of departures in each record of a group, shape (R, m, 2 K); zero where a record has fewer."""
-    return _side_by_side(
-        found, group, lambda one, part: one.departure.whitened(one.candidate, part, scale)
+        by_round.append(strongest)
+        groups_beside = groups_beside.beside(strongest, scale)
+    if rounds == 1:
+        # Parameters of a model that is wrong: the noise beside a departure makes them no truer.
+        return [_group_of_kind(strongest) for strongest in by_round]
+    shifts = cache(lambda: _shifts(groups, by_round, scale, uncertainty))
+    return _join_kinds(
+        [_group_of_kind(strongest, lambda k=k: shifts()[k]) for k, strongest in enumerate(by_round)]
     )
 
 
-def _side_by_side(
-    found: Sequence[Found],
+def _rows(
+    departures: Sequence[SignificantDeparture], group: WhitenedGroup, scale: Scale
+) -> FloatArray:
+    """Return whitened columns of departures in each record of a group, shape (R, m, 2 K).
+
+    They are zero where a record has fewer.
+    """
+    return _stack_by_record(
+        departures,
+        group,
+        lambda departure, members: departure.kind.whitened(departure.candidate, members, scale),
+    )
+
+
+def _stack_by_record(
+    departures: Sequence[SignificantDeparture],
     group: WhitenedGroup,
-    make: Callable[[Found, WhitenedGroup], NDArray[Any]],
+    make: Callable[[SignificantDeparture, WhitenedGroup], NDArray[Any]],
 ) -> NDArray[Any]:
-    """What is made of departures for each record that has them, shape (R, m, …); zero where a record has fewer."""
-    every = [list[NDArray[Any]]() for _ in group.records]
+    """Return what is made of departures for each record that has them, shape (R, m, …).
+
+    It is zero where a record has fewer.
+    """
+    parts_by_record = [list[NDArray[Any]]() for _ in group.records]
     places = group.numbers.tolist()
-    for one in found:
-        if one.place is None:
-            for own, rows in zip(every, make(one, group), strict=True):
-                own.append(rows)
-        elif one.place in places:
-            at = places.index(one.place)
-            every[at].append(make(one, group.only([at]))[0])
-    joined = [np.concatenate(rows) if rows else None for rows in every]
+    for departure in departures:
+        if departure.place is None:
+            for parts, rows in zip(parts_by_record, make(departure, group), strict=True):
+                parts.append(rows)
+        elif departure.place in places:
+            position = places.index(departure.place)
+            parts_by_record[position].append(make(departure, group.subset([position]))[0])
+    joined = [np.concatenate(rows) if rows else None for rows in parts_by_record]
     sizes = [0 if rows is None else len(rows) for rows in joined]
     shape, kind = next(
         ((rows.shape[1:], rows.dtype) for rows in joined if rows is not None), ((0,), float)
     )
-    made = np.zeros((len(every), max(sizes), *shape), dtype=kind)
-    for row, size, rows in zip(made, sizes, joined, strict=True):
+    stacked = np.zeros((len(parts_by_record), max(sizes), *shape), dtype=kind)
+    for row, size, rows in zip(stacked, sizes, joined, strict=True):
         row[:size] = 0.0 if rows is None else rows
-    return made
+    return stacked
 
 
 def _shifts(
-    groups: Groups, found: Sequence[Sequence[Found]], scale: Scale, uncertainty: FloatArray
+    groups: Groups,
+    by_round: Sequence[Sequence[SignificantDeparture]],
+    scale: Scale,
+    uncertainty: FloatArray,
 ) -> list[FloatArray]:
-    """How far the departures of each round move the coordinates, by the amounts that all have together.
+    """Return how far the departures of each round move the coordinates, each of shape (2, P).
 
-    In the noise that is left beside them, and by amounts of each record's own: what only looks alike in all, as a level
-    that each record exceeds by its own part, moves each by its own. Where they are alike this costs no precision. How
-    far the optimum itself is another one in that noise counts to the first. The amounts have a prior, which keeps what
-    they move within reason: no doubt of it is told.
+    They do so by the amounts that all have together, in the noise that is left beside them, and by
+    amounts of each record's own: what only looks alike in all, as a level that each record exceeds
+    by its own part, moves each by its own. Where they are alike this costs no precision. How far
+    the optimum itself is another one in that noise counts to the first. The amounts have a prior,
+    which keeps what they move within reason: no doubt of it is stated.
     """
-    shifts = [np.zeros((2, len(uncertainty))) for _ in found]
-    every = [
-        (number, one)
-        for number, now in enumerate(found)
-        for one in now
-        if not one.departure.own_columns
+    shifts = [np.zeros((2, len(uncertainty))) for _ in by_round]
+    entries = [
+        (number, departure)
+        for number, departures in enumerate(by_round)
+        for departure in departures
+        if not departure.kind.own_columns
     ]
-    if not every:
+    if not entries:
         return shifts
-    before, beside = list[Own](), list[Own]()
-    own, sizes, rounds = list[Sums](), list[FloatArray](), list[list[int]]()
-    alone = [one for _, one in every]
+    information = list[RecordInformation]()
+    information_beside = list[RecordInformation]()
+    sums_by_record = list[Sums]()
+    sizes = list[FloatArray]()
+    rounds = list[list[int]]()
+    departures = [departure for _, departure in entries]
     for group in groups:
-        columns = _side_by_side(
-            alone,
+        columns = _stack_by_record(
+            departures,
             group,
-            lambda one, part: _each(one.departure.columns_of(one.candidate, part, scale), part),
+            lambda departure, members: _for_each_record(
+                departure.kind.columns_of(departure.candidate, members, scale), members
+            ),
         )
-        quiet = group.again(columns) if columns.shape[1] else group
-        before.append(group.own)
-        beside.append(quiet.own)
+        group_beside = group.again(columns) if columns.shape[1] else group
+        information.append(group.information)
+        information_beside.append(group_beside.information)
         if not columns.shape[1]:
             continue
-        sums = quiet.sums(_rows(alone, quiet, scale)[:, None]).at((slice(None), 0))
-        for at, place in enumerate(group.numbers.tolist()):
-            here = [(number, one) for number, one in every if one.place in (None, place)]
-            amounts = [np.abs(one.score.amounts) for _, one in here]
-            if here:
+        sums = group_beside.sums(_rows(departures, group_beside, scale)[:, None]).at(
+            (slice(None), 0)
+        )
+        for row, place in enumerate(group.numbers.tolist()):
+            entries_here = [
+                (number, departure)
+                for number, departure in entries
+                if departure.place in (None, place)
+            ]
+            amounts = [np.abs(departure.score.amounts) for _, departure in entries_here]
+            if entries_here:
                 sizes.append(np.concatenate(amounts))
-                own.append(sums.at(at).some(range(sizes[-1].size)))
+                sums_by_record.append(sums.at(row).of_columns(range(sizes[-1].size)))
                 rounds.append(
                     np.repeat(
-                        [number for number, _ in here], [part.size for part in amounts]
+                        [number for number, _ in entries_here],
+                        [record_amounts.size for record_amounts in amounts],
                     ).tolist()
                 )
-    fit = LinearFit.of(Own.joined(beside), uncertainty)
-    for numbers, moved in zip(rounds, shifts_beside(fit, own, sizes), strict=True):
-        for number, shift in zip(numbers, moved, strict=True):
+    fit = LinearFit.from_records(RecordInformation.joined(information_beside), uncertainty)
+    for numbers, shifts_of_record in zip(
+        rounds, shifts_beside(fit, sums_by_record, sizes), strict=True
+    ):
+        for number, shift in zip(numbers, shifts_of_record, strict=True):
             shifts[number][0] += shift
-    shifts[every[0][0]][0] += LinearFit.of(Own.joined(before), uncertainty).optimum - fit.optimum
+    shifts[entries[0][0]][0] += (
+        LinearFit.from_records(RecordInformation.joined(information), uncertainty).optimum
+        - fit.optimum
+    )
     return shifts
 
 
-def _each(columns: NDArray[Any], group: WhitenedGroup) -> NDArray[Any]:
-    """Columns for each record of a group, which may share them."""
+def _for_each_record(columns: NDArray[Any], group: WhitenedGroup) -> NDArray[Any]:
+    """Return columns for each record of a group, which may share them."""
     return np.broadcast_to(columns, (len(group.records), *columns.shape[1:]))
 
 
-def _of_one_kind(every: list[Together]) -> list[Together]:
-    """Those of a kind told record by record are one, whatever the round, as some records show it better than others.
+def _join_kinds(groups: list[DepartureGroup]) -> list[DepartureGroup]:
+    """Return one group for each kind tested record by record, and for each family.
 
-    So are those of a family.
+    The round does not matter, as some records show a kind better than others.
     """
-    kinds = dict[Departure | int | str, list[Together]]()
-    for number, one in enumerate(every):
-        departure = one.found[0].departure
+    kinds = dict[Departure | int | str, list[DepartureGroup]]()
+    for number, group in enumerate(groups):
+        departure = group.departures[0].kind
         kinds.setdefault(
             departure.family or (number if departure.pooled else departure), []
-        ).append(one)
-    return [_joined_groups(some) for some in kinds.values()]
+        ).append(group)
+    return [_join_groups(groups_of_kind) for groups_of_kind in kinds.values()]
 
 
-def _joined_groups(some: Sequence[Together]) -> Together:
-    found = tuple(one for group in some for one in group.found)
+def _join_groups(groups: Sequence[DepartureGroup]) -> DepartureGroup:
+    """Return several groups as one: their shifts add up, and the largest doubt counts."""
+    departures = tuple(departure for group in groups for departure in group.departures)
 
-    def moved() -> FloatArray:
-        doubt = np.max([group.doubt for group in some], axis=0)
-        return np.stack([np.sum([group.shift for group in some], axis=0), doubt])
+    def move() -> FloatArray:
+        doubt = np.max([group.doubt for group in groups], axis=0)
+        return np.stack([np.sum([group.shift for group in groups], axis=0), doubt])
 
-    return Together(found, moved)
+    return DepartureGroup(departures, move)
 
 
-def _together(found: Sequence[Found], moved: Callable[[], FloatArray] | None = None) -> Together:
-    """``moved``: makes the shift of the fit beside all of them; None: as each of them shows it."""
-    if moved is None or not found[0].departure.joint:
+def _group_of_kind(
+    departures: Sequence[SignificantDeparture], move: Callable[[], FloatArray] | None = None
+) -> DepartureGroup:
+    """Return departures of one kind as a group.
+
+    ``move``: makes the shift of the fit beside all of them; None: as each of them shows it.
+    """
+    if move is None or not departures[0].kind.joint:
         shift, doubt = (
-            np.array([getattr(one.score, name) for one in found]) for name in ("shift", "doubt")
+            np.array([getattr(departure.score, name) for departure in departures])
+            for name in ("shift", "doubt")
         )
-        moved = partial(np.stack, [np.sum(shift, axis=0), np.sqrt(np.sum(doubt**2, axis=0))])
-    return Together(tuple(found), moved)
+        move = partial(np.stack, [np.sum(shift, axis=0), np.sqrt(np.sum(doubt**2, axis=0))])
+    return DepartureGroup(tuple(departures), move)
 
 
-def _strongest(found: Sequence[Found]) -> list[Found]:
-    """The departure that explains most; where that is of records, in all in which it is."""
-    if not found:
+def _strongest(departures: Sequence[SignificantDeparture]) -> list[SignificantDeparture]:
+    """Return the departure that explains most; where that is of records, in all that have it."""
+    if not departures:
         return []
-    kinds = {one.departure for one in found}
+    kinds = {departure.kind for departure in departures}
     explained = {
-        kind: sum(one.score.explained for one in found if one.departure is kind) for kind in kinds
+        kind: sum(departure.score.explained for departure in departures if departure.kind is kind)
+        for kind in kinds
     }
-    best = max(explained, key=lambda kind: explained[kind])
+    strongest = max(explained, key=lambda kind: explained[kind])
     return sorted(
-        (one for one in found if one.departure is best), key=lambda one: -one.score.explained
+        (departure for departure in departures if departure.kind is strongest),
+        key=lambda departure: -departure.score.explained,
     )
 
 
-def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[Together]:
-    """Departures of a response at points; their sums need no bound."""
-    made, fit = list[Together](), points.fit(uncertainty)
+def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> list[DepartureGroup]:
+    """Return departures of a response at points; their sums need no bound."""
+    groups = list[DepartureGroup]()
+    fit = points.fit(uncertainty)
     kinds = DEPARTURES.all()
     for _ in range(rounds):
-        found = list[tuple[Found, PointsPart]]()
+        candidates = list[tuple[SignificantDeparture, PointsPart]]()
         for departure in kinds.values():
             places = departure.at_points(points)
-            asked = Asked(departure, None, None, len(kinds) * len(places))
-            asked.tested = [(Candidate(place.words), points.sums(place)) for place in places]
-            best = best_of(fit, asked)
+            pending = PendingTest(departure, None, None, len(kinds) * len(places))
+            pending.tested = [(Candidate(place.words), points.sums(place)) for place in places]
+            best = best_of(fit, pending)
             if best is not None:
-                place = places[asked.chosen]
-                found.append((replace(best, record=place.record), points.beside(place)))
-        if not found:
+                place = places[pending.chosen]
+                candidates.append((replace(best, record=place.record), points.beside(place)))
+        if not candidates:
             break
-        strongest, beside = max(found, key=lambda one: one[0].score.explained)
-        before, points = fit, beside
-        fit = points.fit(uncertainty)
-        more = np.diag(fit.inverse) - np.diag(before.inverse)  # Hausman 1978
-        doubt = np.sqrt(np.maximum(more, 0.0))
-        made.append(
-            _together([strongest], partial(np.stack, [before.optimum - fit.optimum, doubt]))
+        strongest, points_beside = max(
+            candidates, key=lambda candidate: candidate[0].score.explained
         )
-    return made
+        fit_before = fit
+        points = points_beside
+        fit = points.fit(uncertainty)
+        variance_added = np.diag(fit.inverse) - np.diag(fit_before.inverse)  # Hausman 1978
+        doubt = np.sqrt(np.maximum(variance_added, 0.0))
+        groups.append(
+            _group_of_kind(
+                [strongest], partial(np.stack, [fit_before.optimum - fit.optimum, doubt])
+            )
+        )
+    return groups

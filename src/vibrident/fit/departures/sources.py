@@ -1,6 +1,7 @@
-"""The groups of a fit: its records at the bins of their transforms, its sines, or the samples of a nonlinear model.
+"""The groups of a fit that the score tests look at.
 
-Noise, hum and the most likely motion are read as those that the fit is weighted by
+They hold its records at the bins of their transforms, its sines, or the samples of a nonlinear
+model. Noise, hum and the most likely motion are read as those that the fit is weighted by
 (:mod:`vibrident.fit.noise.reading`).
 """
 
@@ -18,8 +19,16 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.departures.departure import Scale
 from vibrident.fit.departures.examination import Groups
 from vibrident.fit.departures.group import WhitenedGroup
-from vibrident.fit.departures.parts import LONGEST, MOST_PIECES, Part, at_once, parts_of, tones_of
-from vibrident.fit.departures.signals import Signals, group_of, grouped, most_likely
+from vibrident.fit.departures.parts import (
+    MAX_PIECE_SAMPLES,
+    MAX_PIECES,
+    Part,
+    at_once,
+    parts_of,
+    tones_of,
+)
+from vibrident.fit.departures.signals import Signals, grouped, most_likely
+from vibrident.fit.departures.stack import group_of
 from vibrident.fit.descent.weighed import freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
@@ -45,13 +54,13 @@ from vibrident.physics.models.slopes import response_and_slopes
 #: Bands of like information.
 BANDS = 8
 #: Bins on either side of a sine's tone that are of the tone.
-NEAR_TONE = 4
+MAX_TONE_DISTANCE = 4
 
 
 def groups_of(
     evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], tones: Points | None
 ) -> Groups:
-    """All groups of a fit of records; none of a table, or of records that are too short.
+    """Return all groups of a fit of records; none of a table, or of too short records.
 
     Args:
         evidence: the data.
@@ -61,39 +70,44 @@ def groups_of(
     """
     effects = partial(_effects, evidence, estimate)
 
-    def made() -> Iterator[WhitenedGroup]:
+    def make() -> Iterator[WhitenedGroup]:
         first = 0
-        for some in at_once(parts_of(evidence, estimate, predicted, tones)):
-            signals = _signals(evidence, estimate, some)
+        for parts in at_once(parts_of(evidence, estimate, predicted, tones)):
+            signals = _signals(evidence, estimate, parts)
             for numbers in grouped(signals):
                 yield group_of([signals[k] for k in numbers], [first + k for k in numbers], effects)
-            first += len(some)
+            first += len(parts)
 
     return Groups(
-        made, sum(min(record.samples, MOST_PIECES * LONGEST) for record in evidence.records)
+        make,
+        sum(min(record.samples, MAX_PIECES * MAX_PIECE_SAMPLES) for record in evidence.records),
     )
 
 
 def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linearised) -> Scale:
-    """What the records have in common; ``linear``: the fit at all excited frequencies, linearised at the estimate."""
+    """Return what the records have in common.
+
+    ``linear``: the fit at all excited frequencies, linearised at the estimate.
+    """
     order = np.argsort(linear.frequency_hz, kind="stable")
-    hz, told = (
-        linear.frequency_hz[order],
-        np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1)),
-    )
+    hz = linear.frequency_hz[order]
+    information = np.cumsum(np.sum(np.square(linear.matrix[order]), axis=1))
     top_hz = 0.5 * max((record.sampling_rate_hz for record in evidence.records), default=0.0)
     inner = (
-        np.searchsorted(told, told[-1] * np.arange(1, BANDS) / BANDS)
+        np.searchsorted(information, information[-1] * np.arange(1, BANDS) / BANDS)
         if hz.size
         else np.zeros(0, dtype=int)
     )
-    between = [float(0.5 * (hz[k] + hz[k + 1])) for k in inner.tolist() if k + 1 < hz.size]
+    edges = [float(0.5 * (hz[k] + hz[k + 1])) for k in inner.tolist() if k + 1 < hz.size]
     finite = [series[np.isfinite(series)] for series in predicted]
-    motion = max((float(np.max(np.abs(s - np.mean(s)))) for s in finite if s.size), default=0.0)
+    motion = max(
+        (float(np.max(np.abs(values - np.mean(values)))) for values in finite if values.size),
+        default=0.0,
+    )
     tones = tones_of(evidence)
     return Scale(
         max(motion, float(np.finfo(float).tiny)),
-        (0.0, *dict.fromkeys(between), top_hz),
+        (0.0, *dict.fromkeys(edges), top_hz),
         len(evidence.records),
         any(evidence.records[index].optical is not None for index in tones),
         _mass_of(evidence.model.linear, linear.coordinates.values(linear.z)),
@@ -103,12 +117,15 @@ def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linear
 def _mass_of(
     model: SensorModel, values: dict[str, float]
 ) -> Callable[[FloatArray], tuple[ComplexArray, ComplexArray]] | None:
-    """Return what gives velocity of the mass and response for an acceleration of one; None of no oscillator."""
+    """Return the function from frequency to velocity of the mass and response.
+
+    Both are for an acceleration of one; None of no oscillator.
+    """
     if model.core.oscillator is None:
         return None
     natural_hz, damping = (values[name] for name in model.core.oscillator)
 
-    def at(hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def motion_of_mass(hz: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         velocity = (
             1j * hz / (natural_hz**2 - hz**2 + 2j * damping * natural_hz * hz) / (2.0 * np.pi)
         )
@@ -116,18 +133,18 @@ def _mass_of(
             model.frequency_response(values, hz, "acceleration"), dtype=complex
         )
 
-    return at
+    return motion_of_mass
 
 
 def _signals(evidence: Evidence, estimate: Estimate, parts: Sequence[Part]) -> list[Signals]:
-    """Return parts with their noise; of those alike it is read together."""
-    alike = dict[tuple[float, ...], list[int]]()
+    """Return the parts with their noise, which is read together of those alike."""
+    numbers_by_kind = dict[tuple[float, ...], list[int]]()
     for number, part in enumerate(parts):
-        alike.setdefault(part.alike, []).append(number)
+        numbers_by_kind.setdefault(part.alike, []).append(number)
     signals = dict[int, Signals]()
-    for numbers in alike.values():
-        some = [parts[number] for number in numbers]
-        signals |= zip(numbers, _signals_of_alike(evidence, estimate, some), strict=True)
+    for numbers in numbers_by_kind.values():
+        alike = [parts[number] for number in numbers]
+        signals |= zip(numbers, _signals_of_alike(evidence, estimate, alike), strict=True)
     return [signals[number] for number in range(len(parts))]
 
 
@@ -136,20 +153,24 @@ def _signals_of_alike(
 ) -> list[Signals]:
     """Return parts of one length and rate with their noise."""
     first = parts[0]
-    samples, count = first.used.size, first.rest.size
+    samples = first.used.size
+    count = first.residual.size
     hz = line_frequencies(samples, first.record.sampling_rate_hz)[:count]
-    values, model = estimate.coordinates.values(estimate.z), evidence.model.linear
+    values = estimate.coordinates.values(estimate.z)
+    model = evidence.model.linear
     transfer = np.array(model.frequency_response(values, hz, evidence.quantity), dtype=complex)
     passed = power_of(transfer)
-    one_sided, colour = counts_in_band(samples)[:count], reference_colour(first.record, samples)
+    one_sided = counts_in_band(samples)[:count]
+    colour = reference_colour(first.record, samples)
     colour = colour[:count] if isinstance(colour, np.ndarray) else 1.0
-    last, through = int(np.flatnonzero(one_sided)[-1]), passed * colour
-    seen = [
+    last = int(np.flatnonzero(one_sided)[-1])
+    input_colour = passed * colour
+    motions = [
         Motion(
             part.bins,
             float(part.used.sum()),
             last,
-            through,
+            input_colour,
             colour,
             _harmonics(samples, part.turns, count),
         )
@@ -163,95 +184,134 @@ def _signals_of_alike(
         return np.divide(jacobian, transfer, out=np.zeros_like(jacobian), where=passed > 0.0)
 
     signals = list[Signals]()
-    for part, motion, read in zip(parts, seen, _read(parts, one_sided, seen), strict=True):
-        spectrum, columns = read.spectrum, part.columns
+    for part, motion, reading in zip(
+        parts, motions, _read_noise(parts, one_sided, motions), strict=True
+    ):
+        spectrum = reading.spectrum
+        columns = part.columns
         if part.pull is not None:
             spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, motion.lines))
         share = spectrum.input_noise_at * passed / spectrum.psd
-        nuisance = np.concatenate([part.nuisance, read.hum])
+        nuisance = np.concatenate([part.nuisance, reading.hum])
         if part.pull is not None:
-            # less the tone itself, whose leakage is above the noise of the reference in all bins, and hides it in
-            # none; and less free motion, which is not the reference's
-            other = freed(part.bins - columns[0], nuisance, one_sided)
-            other = most_likely(other, read.left, share, spectrum.psd * motion.count)
-            place = round((part.turns or 0.0) * samples)
-            other[max(place - NEAR_TONE, 0) : place + NEAR_TONE + 1] = 0.0
-            nuisance = np.concatenate([nuisance, slopes() * other])
+            # Less the tone itself, and less free motion, which is not the reference's.
+            motion_beside_tone = freed(part.bins - columns[0], nuisance, one_sided)
+            motion_beside_tone = most_likely(
+                motion_beside_tone, reading.residual, share, spectrum.psd * motion.count
+            )
+            motion_beside_tone[_bins_of_tone(part)] = 0.0
+            nuisance = np.concatenate([nuisance, slopes() * motion_beside_tone])
         elif evidence.model.is_linear and np.any(share):
-            columns = columns + slopes() * (share * read.left)
-        own = part.rest, part.bins, part.motion, columns, transfer, nuisance, spectrum, one_sided
+            columns = columns + slopes() * (share * reading.residual)
+        signals_of_part = (
+            part.residual,
+            part.bins,
+            part.motion,
+            columns,
+            transfer,
+            nuisance,
+            spectrum,
+            one_sided,
+        )
         signals.append(
             Signals(
-                part.record, part.span, part.used, *own, motion, part.floor, part.pull, part.turns
+                part.record,
+                part.span,
+                part.used,
+                *signals_of_part,
+                motion,
+                part.floor,
+                part.pull,
+                part.turns,
             )
         )
     return signals
 
 
-class _Read(NamedTuple):
+def _bins_of_tone(part: Part) -> slice:
+    """Return the bins of a sine's tone.
+
+    Its leakage is above the noise of the reference in all bins, and hides it in none.
+    """
+    place = round((part.turns or 0.0) * part.used.size)
+    return slice(max(place - MAX_TONE_DISTANCE, 0), place + MAX_TONE_DISTANCE + 1)
+
+
+class _Reading(NamedTuple):
     """A residual and its noise.
 
     Attributes:
-        left: the residual beside what is no noise, shape (K,).
+        residual: of the part beside what is no noise, shape (K,).
         hum: columns of tones, shape (m, K).
         spectrum: of the noise.
     """
 
-    left: ComplexArray
+    residual: ComplexArray
     hum: ComplexArray
     spectrum: NoiseSpectrum
 
 
-def _read(parts: Sequence[Part], one_sided: FloatArray, seen: Sequence[Motion]) -> list[_Read]:
-    """Read the noise of parts of one length and rate, again where hum or steep noise leaks."""
-    rest, beside = (
-        np.stack(rows) for rows in zip(*((part.rest, part.beside) for part in parts), strict=True)
+def _read_noise(
+    parts: Sequence[Part], one_sided: FloatArray, motions: Sequence[Motion]
+) -> list[_Reading]:
+    """Return the noise of parts of one length and rate, again where hum or steep noise leaks."""
+    residuals, columns = (
+        np.stack(rows)
+        for rows in zip(*((part.residual, part.beside) for part in parts), strict=True)
     )
-    weight = np.broadcast_to(one_sided, rest.shape)
-    left = rest - Nuisances.in_weight(beside, weight).imitated(rest[:, None])[:, 0]
-    none = np.zeros((0, one_sided.size), dtype=complex)
-    every = list[_Read]()
-    spectra = noise_spectra(left, seen, [part.floor for part in parts])
-    for part, motion, row, spectrum in zip(parts, seen, left, spectra, strict=True):
-        read = _Read(row, none, spectrum)
+    weight = np.broadcast_to(one_sided, residuals.shape)
+    noise = residuals - Nuisances.in_weight(columns, weight).imitated(residuals[:, None])[:, 0]
+    no_hum = np.zeros((0, one_sided.size), dtype=complex)
+    readings = list[_Reading]()
+    spectra = noise_spectra(noise, motions, [part.floor for part in parts])
+    for part, motion, noise_of_part, spectrum in zip(parts, motions, noise, spectra, strict=True):
+        reading = _Reading(noise_of_part, no_hum, spectrum)
         if spectrum.tones or is_steep(spectrum):
-            read = _read_beside_hum(
+            reading = _read_beside_hum(
                 part, motion, one_sided / spectrum.psd, with_tones((), spectrum.tones)
             )
-        every.append(read)
-    return every
+        readings.append(reading)
+    return readings
 
 
 def _read_beside_hum(
     part: Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]
-) -> _Read:
-    """Read the noise of a part in the weight of a first reading: what hum and steep noise leak is no noise."""
+) -> _Reading:
+    """Return the noise of a part in the weight of a first reading.
+
+    What hum and steep noise leak is no noise.
+    """
 
     def hum_at(places: tuple[float, ...]) -> ComplexArray:
         return np.asarray(fft.rfft(waves(places, part.used.size) * part.used, axis=1))[
-            :, : part.rest.size
+            :, : part.residual.size
         ]
 
     hum = hum_at(tones)
-    left = freed(part.rest, np.concatenate([part.beside, hum]), weight)
-    (spectrum,) = noise_spectra(left[None], [motion], [part.floor])
-    known = with_tones(tones, spectrum.tones)
-    return _Read(left, hum if known == tones else hum_at(known), spectrum)
+    noise = freed(part.residual, np.concatenate([part.beside, hum]), weight)
+    (spectrum,) = noise_spectra(noise[None], [motion], [part.floor])
+    all_tones = with_tones(tones, spectrum.tones)
+    return _Reading(noise, hum if all_tones == tones else hum_at(all_tones), spectrum)
 
 
 def _harmonics(samples: int, turns: float | None, count: int) -> BoolArray | None:
-    """Return the bins of a sine's harmonics, which are the sensor's and no hum, shape (K,); None of other motion."""
+    """Return the bins of a sine's harmonics, shape (K,); None of other motion.
+
+    They are the sensor's, and no hum.
+    """
     if turns is None:
         return None
     place = turns * samples
     order = np.arange(count) / place
-    return (np.abs(order - np.round(order)) * place < NEAR_TONE) & (np.round(order) > 0.0)
+    return (np.abs(order - np.round(order)) * place < MAX_TONE_DISTANCE) & (np.round(order) > 0.0)
 
 
 def _effects(evidence: Evidence, estimate: Estimate, signals: Signals) -> ComplexArray:
-    """Relative change of the response by one standard uncertainty of each stated systematic effect, shape (K, bins)."""
+    """Return the relative change of the response by one u of each stated effect, (K, bins)."""
     stated = [*effects_of(evidence.calibration), *evidence.effects]
     if not stated or not evidence.model.is_linear:
-        return np.zeros((0, signals.rest.size), dtype=complex)
-    hz = line_frequencies(signals.used.size, signals.record.sampling_rate_hz)[: signals.rest.size]
+        return np.zeros((0, signals.residual.size), dtype=complex)
+    hz = line_frequencies(signals.used.size, signals.record.sampling_rate_hz)[
+        : signals.residual.size
+    ]
     return patterns(stated, Place(estimate.coordinates, estimate.z, evidence.quantity), hz).T

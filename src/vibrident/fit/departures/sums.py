@@ -1,4 +1,4 @@
-"""Products of columns with the residual, each other, the Jacobian and known errors: all that a score test needs."""
+"""Products that a score test needs: of columns with residual, Jacobian, errors and each other."""
 
 from __future__ import annotations
 
@@ -17,27 +17,31 @@ class Errors:
 
     Attributes:
         rounding: of the converters, which repeat with the motion, shape (R, 2 TRIALS, 2 K).
-        effects: by one standard uncertainty of each stated effect, and, the last, of the variance of the reference's
-            noise, shape (R, E, 2 K).
-        doubt: part of the noise that one standard uncertainty of the reference's makes, shape (R, K).
+        effects: by one standard uncertainty of each stated effect, and, the last, of the variance
+            of the reference's noise, shape (R, E, 2 K).
+        doubt: part of the noise that one standard uncertainty of the reference's makes, shape (R,
+            K).
     """
 
     rounding: FloatArray
     effects: FloatArray
     doubt: FloatArray
 
-    def freed(self, free: Callable[[FloatArray], FloatArray]) -> Errors:
-        """The same without what nuisance columns make of them."""
-        return replace(self, rounding=free(self.rounding), effects=free(self.effects))
+    def freed(self, free_rows: Callable[[FloatArray], FloatArray]) -> Errors:
+        """Return the errors without what nuisance columns make of them.
+
+        ``free_rows``: frees whitened rows from the nuisance columns.
+        """
+        return replace(self, rounding=free_rows(self.rounding), effects=free_rows(self.effects))
 
     @property
     def rows(self) -> FloatArray:
-        """All of them, shape (R, 2 TRIALS + E, 2 K)."""
+        """Return all errors, shape (R, 2 TRIALS + E, 2 K)."""
         return np.concatenate([self.rounding, self.effects], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class Own:
+class RecordInformation:
     """What each of R records says of the coordinates.
 
     Attributes:
@@ -58,91 +62,107 @@ class Own:
     optimum: FloatArray
     quietest: FloatArray
 
-    def along(self, axis: int) -> Own:
-        """The same with one more axis, to be held against arrays of records and places."""
-        return Own(*(np.expand_dims(getattr(self, each.name), axis) for each in fields(self)))
+    def with_axis(self, axis: int) -> RecordInformation:
+        """Return the information with one more axis, to broadcast over the places of records."""
+        return RecordInformation(
+            *(np.expand_dims(getattr(self, attribute.name), axis) for attribute in fields(self))
+        )
 
     @classmethod
-    def joined(cls, every: Sequence[Own]) -> Own:
-        """Of the records of several groups."""
+    def joined(cls, groups: Sequence[RecordInformation]) -> RecordInformation:
+        """Return the information of the records of several groups."""
         return cls(
-            *(np.concatenate([getattr(own, each.name) for own in every]) for each in fields(cls))
+            *(
+                np.concatenate([getattr(group, attribute.name) for group in groups])
+                for attribute in fields(cls)
+            )
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What m columns have in common with the residual, each other and the Jacobian; those of records add up.
+    """Products of m columns with the residual, each other and the Jacobian.
 
-    Those of several records and places are stacked along axes in front.
+    Those of records add up. Those of several records and places are stacked along axes in front.
     """
 
     score: FloatArray  # D e, shape (…, m)
     gram: FloatArray  # D Dᵀ, shape (…, m, m)
     cross: FloatArray  # D Jᵀ, shape (…, m, P)
-    shift: FloatArray  # of the coordinates by a unit of each column, of records with their own, shape (…, m, P)
-    least: FloatArray  # of D Dᵀ beside the parameters, below which a column tells nothing, shape (…, m)
+    #: Of the coordinates by a unit of each column, of records with their own, shape (…, m, P).
+    shift: FloatArray
+    #: Of D Dᵀ beside the parameters, below which a column tells nothing, shape (…, m).
+    least: FloatArray
 
-    def _each(self, change: Callable[[str, FloatArray], FloatArray]) -> Self:
+    def _map(self, change: Callable[[str, FloatArray], FloatArray]) -> Self:
+        """Return the sums with each array changed; ``change``: of its name and itself."""
         return type(self)(
-            **{each.name: change(each.name, getattr(self, each.name)) for each in fields(self)}
+            **{
+                attribute.name: change(attribute.name, getattr(self, attribute.name))
+                for attribute in fields(self)
+            }
         )
 
-    def at(self, places: Any) -> Self:
-        """Return those of some of the places."""
-        return self._each(lambda _, part: part[places])
+    def at(self, index: Any) -> Self:
+        """Return the sums at an index along the axes of records and places."""
+        return self._map(lambda _, array: array[index])
 
     def total(self) -> Self:
-        """Return those of columns whose amounts the records, along the first axis, share."""
-        return self._each(lambda _, part: np.sum(part, axis=0))
+        """Return the sums of columns whose amounts the records, along the first axis, share."""
+        return self._map(lambda _, array: np.sum(array, axis=0))
 
     def __add__(self, other: Self) -> Self:
-        return self._each(lambda name, part: part + getattr(other, name))
+        return self._map(lambda name, array: array + getattr(other, name))
 
-    def some(self, kept: Sequence[int]) -> Self:
-        """Return those of some of the columns."""
-        columns = list(kept)
+    def of_columns(self, numbers: Sequence[int]) -> Self:
+        """Return the sums of these columns alone."""
+        columns = list(numbers)
 
-        def chosen(name: str, part: FloatArray) -> FloatArray:
+        def select(name: str, array: FloatArray) -> FloatArray:
             if name in ("score", "least"):
-                return part[..., columns]
+                return array[..., columns]
             if name == "steps":
-                return part
-            part = part[..., columns, :]
-            return part[..., columns] if name in ("gram", "spread") else part
+                return array
+            array = array[..., columns, :]
+            return array[..., columns] if name in ("gram", "spread") else array
 
-        return self._each(chosen)
+        return self._map(select)
 
-    def within(self, own: Own, inverse: FloatArray) -> Self:
-        """Return the same beside parameters that are each record's alone: what differs within it (Chow 1960).
+    def within(self, information: RecordInformation, inverse: FloatArray) -> Self:
+        """Return the sums beside parameters of each record's own (Chow 1960).
+
+        What differs within the record remains.
 
         Args:
-            own: of the records, along the first axes as here.
-            inverse: of the Jacobians of all records, shape (P, P), by which what is found moves the coordinates.
+            information: on the coordinates, of the records, along the first axes as here.
+            inverse: of the Jacobians of all records, shape (P, P), by which amounts move the
+                coordinates.
         """
-        share = self.cross @ own.inverse
-        score = self.score - (share @ own.gradient[..., None])[..., 0]
-        gram = self.gram - share @ self.cross.mT
-        nothing = np.zeros_like(self.cross)
+        projection = self.cross @ information.inverse
+        score = self.score - (projection @ information.gradient[..., None])[..., 0]
+        gram = self.gram - projection @ self.cross.mT
+        no_cross = np.zeros_like(self.cross)
         return replace(
-            self, score=score, gram=gram, cross=nothing, shift=self.shift + self.cross @ inverse
+            self, score=score, gram=gram, cross=no_cross, shift=self.shift + self.cross @ inverse
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Exact(Sums):
-    """The same with the covariance V of the residual: of the few columns that the bound leaves."""
+class ExactSums(Sums):
+    """Sums with the covariance V of the residual: of the few columns that the bound leaves."""
 
     spread: FloatArray  # D V Dᵀ without the known errors, shape (…, m, m)
     cross_spread: FloatArray  # D V Jᵀ, shape (…, m, P)
-    common: (
-        FloatArray  # D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + E)
-    )
+    #: D times the errors common to the record, or to all, shape (…, m, 2 TRIALS + E).
+    common: FloatArray
     steps: FloatArray  # power of the errors of converters and interpolation, shape (…)
 
-    def combined(self, factors: FloatArray) -> Exact:
-        """Return the same of linear combinations of the columns, shape (combinations, m)."""
-        return Exact(
+    def combined(self, factors: FloatArray) -> ExactSums:
+        """Return the sums of linear combinations of the columns.
+
+        ``factors``: shape (combinations, m).
+        """
+        return ExactSums(
             factors @ self.score,
             factors @ self.gram @ factors.T,
             factors @ self.cross,
@@ -155,25 +175,29 @@ class Exact(Sums):
         )
 
     def exactly_within(
-        self, own: Own, inverse: FloatArray, profile: FloatArray, known: FloatArray
-    ) -> Exact:
-        """Return the same beside each record's own parameters.
+        self,
+        information: RecordInformation,
+        inverse: FloatArray,
+        profile: FloatArray,
+        known: FloatArray,
+    ) -> ExactSums:
+        """Return the sums beside each record's own parameters, with their covariance.
 
         Args:
-            own: of the records.
+            information: on the coordinates, of the records.
             inverse: as in :meth:`within`.
             profile: J V Jᵀ of the records, shape (R, P, P).
             known: J times the known errors, shape (R, P, 2 TRIALS + E).
         """
-        share = self.cross @ own.inverse
+        projection = self.cross @ information.inverse
         return replace(
-            self.within(own, inverse),
-            spread=self.spread_beside(share, profile),
+            self.within(information, inverse),
+            spread=self.spread_beside(projection, profile),
             cross_spread=np.zeros_like(self.cross),
-            common=self.common - share @ known,
+            common=self.common - projection @ known,
         )
 
-    def spread_beside(self, share: FloatArray, spread: FloatArray) -> FloatArray:
-        """Return D V Dᵀ less what parameters make of it; ``share``: D Jᵀ A⁻¹."""
-        both = share @ self.cross_spread.mT
-        return self.spread - both - both.mT + share @ spread @ share.mT
+    def spread_beside(self, projection: FloatArray, spread: FloatArray) -> FloatArray:
+        """Return D V Dᵀ less what parameters make of it; ``projection``: D Jᵀ A⁻¹."""
+        product = projection @ self.cross_spread.mT
+        return self.spread - product - product.mT + projection @ spread @ projection.mT

@@ -1,4 +1,7 @@
-"""Estimators: one a file, settings only; ``fit`` changes nothing and returns an :class:`Estimate`."""
+"""Estimators, one a file; each holds settings only.
+
+``fit`` changes nothing and returns an :class:`Estimate`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input and output of every estimator, and which of them suits the data."""
+"""Input and output of every estimator, and the choice of the one that suits the data."""
 
 from __future__ import annotations
 
@@ -33,16 +33,18 @@ class Estimate:
         degrees_of_freedom: behind the noise estimate; infinite where uncertainties were stated.
         trace: of the optimiser.
         settings: what was chosen, for the result alone.
-        tones: the tones as last measured, with the start transient taken out; None without sine records.
+        tones: the tones as last measured, with the start transient taken out; None without sine
+            records.
         problem: the network over the records, where the estimator made one.
         equations: number of residuals in the cost.
-        begin: the way from the grid to the start values.
-        predicted: predicted response of every record at the optimum, NaN where it is not defined; None if not computed.
-        criterion: what was made small: the residual of the network's ``samples``, the ``likelihood`` of the responses
-            in frequency, or an ``other`` function.
+        begin: the path from the grid to the start values.
+        predicted: predicted response of every record at the optimum, NaN where it is not defined;
+            None if not computed.
+        criterion: what was minimised: the residual of the network's ``samples``, the ``likelihood``
+            of the responses in frequency, or an ``other`` function.
         findings: what was found beside the parameters.
-        in_noise: records in the noise of the fit, by which it is judged, and joined with others; None
-            of equal weights, or points.
+        in_noise: records in the noise of the fit, by which it is judged, and joined with others;
+            None of equal weights, or points.
     """
 
     estimator: str
@@ -79,14 +81,16 @@ class Setting:
 class Estimator(ABC):
     """A way to turn evidence into an estimate; its fields are its settings.
 
-    A module of ``fit/estimators/kinds`` or ``paper/estimators`` holds one with its settings at their defaults, and so
-    does an entry point.
+    A module of ``fit/estimators/kinds`` or ``paper/estimators`` holds one with its settings at
+    their defaults, and so does an entry point.
 
     Attributes:
         name: in results, settings and on the command line.
         title: what it is, in a few words.
-        rank: place in the order in which methods are compared and asked whether they suit, the lowest first.
-        settings: name → what a user may set by that name; names that are no field are ``configured``'s to know.
+        rank: place in the order in which methods are compared and asked whether they suit, the
+            lowest first.
+        settings: name → what a user may set by that name; names that are no field are
+            ``configured``'s to know.
         trains_network: whether it leaves the weights of a network.
         for_one_calibration: whether its estimate can take no part in a joint fit.
     """
@@ -110,22 +114,22 @@ class Estimator(ABC):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """What to take in place of an estimate of this estimator where the model does not explain the data.
+        """Return what to take in place of an estimate where the model does not explain the data.
 
         The residual is then no noise to weigh by. None: the estimate itself.
         """
         return None
 
     def suits(self, evidence: Evidence) -> str:
-        """Reason to choose this estimator for these data; empty: it is not chosen automatically."""
+        """Return the reason to choose this estimator; empty: it is not chosen automatically."""
         return ""
 
     def for_noise_alone(self) -> Estimator:
-        """The estimator whose uncertainty covers the noise and nothing else, not the deviations."""
+        """Return the estimator whose uncertainty covers the noise alone, not the deviations."""
         return self
 
     def configured(self, **settings: Any) -> Estimator:
-        """The estimator with these settings in place of its own.
+        """Return the estimator with these settings in place of its own.
 
         Raises:
             InputError: a value cannot be used.
@@ -134,23 +138,23 @@ class Estimator(ABC):
 
 
 def ranked(names: Iterable[str] | None = None) -> tuple[Estimator, ...]:
-    """Return estimators in the order in which methods are compared, with settings at their defaults.
+    """Return estimators in the order in which methods are compared, with default settings.
 
     ``names``: of those to take; None for all.
     """
     chosen = ESTIMATORS.all().values() if names is None else map(ESTIMATORS.__getitem__, names)
-    return tuple(sorted(chosen, key=lambda one: (one.rank, one.name)))
+    return tuple(sorted(chosen, key=lambda estimator: (estimator.rank, estimator.name)))
 
 
 def choose(evidence: Evidence) -> tuple[Estimator, str]:
-    """The estimator for these data, and the reason in words.
+    """Return the estimator for these data, and the reason in words.
 
     Raises:
         ModelError: no estimator suits.
     """
-    for one in ranked():
-        if reason := one.suits(evidence):
-            return one, f"{AUTO}: {reason}"
+    for estimator in ranked():
+        if reason := estimator.suits(evidence):
+            return estimator, f"{AUTO}: {reason}"
     raise ModelError(
         "No estimator suits these data.",
         expected="a table, or records with a reference",

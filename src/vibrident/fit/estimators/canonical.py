@@ -1,4 +1,7 @@
-"""An estimate in the one form of its model (:mod:`vibrident.physics.models.labels`), with the covariance along."""
+"""An estimate in the canonical form of its model's labels, with its covariance.
+
+The labels are those of :mod:`vibrident.physics.models.labels`.
+"""
 
 from __future__ import annotations
 
@@ -15,28 +18,32 @@ from vibrident.physics.models.labels import canonical, rule, slopes, upright
 
 
 def canonically_labelled(estimate: Estimate) -> Estimate:
-    """The estimate with the labels that the rule gives; itself where it has them.
+    """Return the estimate with the labels that the rule gives, or itself where it has them.
 
     The response is the same to rounding, and so is all that was predicted from it.
     """
-    old, model = estimate.coordinates, estimate.coordinates.model
-    values = upright(model, old.values(estimate.z))
+    previous = estimate.coordinates
+    model = estimate.coordinates.model
+    values = upright(model, previous.values(estimate.z))
     change = rule(model, values)
     if change is None:
         return estimate
-    new = Coordinates.at(
+    coordinates = Coordinates.at(
         model,
         {name: float(value) for name, value in change(values).items()},
-        (float(old.band_hz[0]), float(old.band_hz[1])),
-        float(old.response_size),
+        (float(previous.band_hz[0]), float(previous.band_hz[1])),
+        float(previous.response_size),
     )
-    z = new.first
-    scale = new.slopes(z)[:, None]  # zero at the end of a range, where nothing moves
-    turn = slopes(model, change, values) * old.slopes(estimate.z)
-    turn = np.divide(turn, scale, out=np.zeros_like(turn), where=scale != 0.0)
-    covariance = turn @ estimate.covariance @ turn.T
+    z = coordinates.first
+    scale = coordinates.slopes(z)[:, None]  # zero at the end of a range, where nothing moves
+    conversion = slopes(model, change, values) * previous.slopes(estimate.z)
+    conversion = np.divide(conversion, scale, out=np.zeros_like(conversion), where=scale != 0.0)
+    covariance = conversion @ estimate.covariance @ conversion.T
     path = np.array(
-        [new.place(canonical(model, old.values(at))) for at in estimate.trace.coordinates]
+        [
+            coordinates.place(canonical(model, previous.values(values_at)))
+            for values_at in estimate.trace.coordinates
+        ]
     )
     path[-1] = z
     begin = estimate.begin
@@ -44,24 +51,29 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
         begin = replace(
             begin,
             values=canonical(model, begin.values),
-            path=tuple(canonical(model, at) for at in begin.path),
-            others=tuple((canonical(model, at), cost) for at, cost in begin.others),
+            path=tuple(canonical(model, values_at) for values_at in begin.path),
+            others=tuple((canonical(model, values_at), cost) for values_at, cost in begin.others),
         )
     return replace(
         estimate,
-        coordinates=new,
+        coordinates=coordinates,
         z=z,
         covariance=covariance,
         trace=replace(estimate.trace, coordinates=path),
         begin=begin,
-        findings=_turned(estimate.findings, turn, covariance),
+        findings=_convert_findings(estimate.findings, conversion, covariance),
     )
 
 
-def _turned(findings: Findings, turn: FloatArray, covariance: FloatArray) -> Findings:
-    """Findings whose statements on each parameter are converted to the new parameters, with their new covariance."""
+def _convert_findings(
+    findings: Findings, conversion: FloatArray, covariance: FloatArray
+) -> Findings:
+    """Return findings with each statement on a parameter converted to the new parameters.
+
+    ``covariance``: of the new ones.
+    """
     noise = findings.noise
     if noise is None or not noise.pulls.size:
         return findings
-    pulls = noise.pulls @ turn.T
+    pulls = noise.pulls @ conversion.T
     return replace(findings, noise=replace(noise, pulls=pulls, doubt=doubtful(pulls, covariance)))

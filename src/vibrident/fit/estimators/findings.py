@@ -1,4 +1,7 @@
-"""What an estimator found beside the parameters. The ``settings`` of a result are written from it once, at the end."""
+"""What an estimator found beside the parameters.
+
+The ``settings`` of a result are written from it once, at the end.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,12 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.noise.found import SpectralNoise
 from vibrident.physics.discretisation import Method, method
 
-#: What the curve of a nonlinear model is.
-SMALL_SIGNAL = "of the linear part: what the response comes to for small signals; measured points are brought there by the network"
-#: What the curve of an estimate with a learned residual is.
+#: The curve of a nonlinear model, in words.
+SMALL_SIGNAL = (
+    "of the linear part: what the response comes to for small signals; "
+    "measured points are brought there by the network"
+)
+#: The curve of an estimate with a learned residual, in words.
 PHYSICS_CURVE = "of the physics without its learned residual; measured points are without it too"
 
 
@@ -24,10 +30,11 @@ class TrainedNetwork:
         discretisation: its name.
         optimiser: its name.
         inputs_per_step: of the network.
-        noise: standard deviation by which each record was weighted, response unit, shape (records,).
+        noise: standard deviation by which each record was weighted, response unit, shape
+            (records,).
         linear: whether the model has a transfer function.
-        weights: by which the lines of the residual count: all alike, or by the spectrum of the noise found; empty where
-            the weights of the network are free, or a residual is learned.
+        weights: by which the lines of the residual count: all alike, or by the spectrum of the
+            noise found; empty where the weights of the network are free, or a residual is learned.
         hum_hz: tones of each record that no motion causes, unknowns of the training.
         reading: how free weights were read back; empty for weights that are tied to the physics.
     """
@@ -42,22 +49,22 @@ class TrainedNetwork:
     reading: str = ""
 
     def as_settings(self) -> dict[str, Any]:
-        """For a result."""
-        found: dict[str, Any] = {
+        """Return the settings that a result states of the training."""
+        settings: dict[str, Any] = {
             "discretisation": self.discretisation,
             "optimiser": self.optimiser,
             "inputs_per_step": self.inputs_per_step,
             "noise": self.noise.tolist(),
         }
         if any(self.hum_hz):
-            found["hum_hz"] = [list(tones) for tones in self.hum_hz]
+            settings["hum_hz"] = [list(tones) for tones in self.hum_hz]
         if not self.linear:
-            found["response_curve"] = SMALL_SIGNAL
+            settings["response_curve"] = SMALL_SIGNAL
         if self.weights:
-            found["noise_weights"] = self.weights
+            settings["noise_weights"] = self.weights
         if self.reading:
-            found |= {"weights": "free", "reading": self.reading}
-        return found
+            settings |= {"weights": "free", "reading": self.reading}
+        return settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +84,19 @@ class LearnedShare:
     about: Mapping[str, Any]
 
     def as_settings(self) -> dict[str, Any]:
-        """For a result."""
-        found = {"kept": self.kept, "share": self.share, **self.about, "tried": self.tried}
+        """Return the settings that a result states of the residual network."""
+        settings = {"kept": self.kept, "share": self.share, **self.about, "tried": self.tried}
         return {
-            "residual_network": found,
+            "residual_network": settings,
             **({"response_curve": PHYSICS_CURVE} if self.kept else {}),
         }
 
 
 class Stated(Protocol):
-    """What states itself in a result."""
+    """An object that states itself in the settings of a result."""
 
     def as_settings(self) -> dict[str, Any]:
-        """For a result."""
+        """Return the settings that a result states."""
         ...
 
 
@@ -113,18 +120,21 @@ class Findings:
 
     @property
     def method(self) -> Method:
-        """Discretisation of the network; the exact one of an estimator without a network."""
+        """Return the discretisation of the network; the exact one without a network."""
         return method("bandlimited" if self.network is None else self.network.discretisation)
 
     @property
     def hum_hz(self) -> tuple[tuple[float, ...], ...]:
-        """Tones of each record's response that do not come from the motion; empty where none is known."""
+        """Return the tones of each record's response that do not come from the motion.
+
+        It is empty where none is known.
+        """
         if self.noise is not None and any(self.noise.hum_hz):
             return self.noise.hum_hz
         return () if self.network is None else self.network.hum_hz
 
     def as_settings(self, names: Sequence[str]) -> dict[str, Any]:
-        """For a result; ``names``: of the parameters."""
+        """Return the settings that a result states; ``names``: of the parameters."""
         return {
             **({} if self.network is None else self.network.as_settings()),
             **({} if self.noise is None else self.noise.as_settings(names)),

@@ -1,4 +1,4 @@
-"""How a network is trained: the seam between the estimator and the way down its residual."""
+"""How a network is trained: the seam between the estimator and the descent of its residual."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Optimiser(ABC):
     """A way to train a network; its fields are its settings.
 
     Attributes:
-        in_time: whether it runs the network in time, with equal weights for all samples of a record; else at the bins
-            of its transform.
+        in_time: whether it runs the network in time, with equal weights for all samples of a
+            record; else at the bins of its transform.
     """
 
     in_time: ClassVar[bool] = True
@@ -46,7 +46,7 @@ class Optimiser(ABC):
 
 @dataclass(frozen=True)
 class LevenbergMarquardt(Optimiser):
-    """Levenberg and Marquardt's steps."""
+    """Levenberg and Marquardt's steps, at the bins of the transforms."""
 
     in_time: ClassVar[bool] = False
 

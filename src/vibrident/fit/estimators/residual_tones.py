@@ -1,10 +1,11 @@
 """The tones of the sine records, without the part that the network already explains.
 
 A sine fit of each channel alone is disturbed by motion beside the tone: vibration noise is in both
-channels, but its start and end in the record leave a transient in the response that no ratio of spectra takes out
-(Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's residual e = y − ŷ(x; θ), which holds
-no vibration, initial state or start transient. The response's amplitude is then Y = H(θ) X + E. To first order it
-does not depend on the θ used, and after two rounds the dependence is negligible.
+channels, but its start and end in the record leave a transient in the response that no ratio of
+spectra takes out (Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's
+residual e = y − ŷ(x; θ), which holds no vibration, initial state or start transient. The response's
+amplitude is then Y = H(θ) X + E. To first order it does not depend on the θ used, and after two
+rounds the dependence is negligible.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ from vibrident.physics.discretisation.inputs import half_width_for
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
-    """The network over all records with band-limited inputs; None where every record is too short for it."""
+    """Return the network over all records with band-limited inputs.
+
+    It is None where every record is too short for it.
+    """
     try:
         return network_of(
             evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values
@@ -48,7 +52,9 @@ def residual_tones(
     z: FloatArray,
     predicted: Sequence[FloatArray] | None = None,
 ) -> MeasuredResponse:
-    """The tones at coordinates ``z``; plain sine fits for records that the network does not reach.
+    """Return the tones at coordinates ``z``, by the network's residual.
+
+    Records that the network does not reach have plain sine fits.
 
     Args:
         evidence: with sine records.
@@ -59,128 +65,144 @@ def residual_tones(
     """
     plain = evidence.tones
     assert plain is not None
-    model, values = evidence.model, coordinates.values(z)
+    model = evidence.model
+    values = coordinates.values(z)
 
-    def at(frequency: FloatArray) -> ComplexArray:
+    def response(frequency: FloatArray) -> ComplexArray:
         return np.asarray(
             model.frequency_response(values, frequency, evidence.quantity), dtype=complex
         )
 
-    records, poles = [evidence.records[index] for index in plain.record], model.poles(values)
-    unknown = [np.full(record.samples, np.nan) for record in records]
+    records = [evidence.records[index] for index in plain.record]
+    poles = model.poles(values)
+    unpredicted = [np.full(record.samples, np.nan) for record in records]
     if predicted is None and problem is not None:
         predicted = problem.predict(coordinates, z)
-    known = unknown if predicted is None else [predicted[index] for index in plain.record]
-    cleaned, rest = _cleaned(records, known, plain, at, poles)
-    if (
-        predicted is None or not model.is_linear
-    ):  # only the network brings its tones to what the linear part answers
+    predicted_by_tone = (
+        unpredicted if predicted is None else [predicted[index] for index in plain.record]
+    )
+    cleaned, noise_rms = _tones_of_residuals(records, predicted_by_tone, plain, response, poles)
+    # Only the network brings the tones of a nonlinear model to what its linear part answers.
+    if predicted is None or not model.is_linear:
         return cleaned
     samples = np.array([record.mask.sum() for record in records])
-    deviation, noisier = cleaned.error_deviation(at), 1.5
-    # Noise of the reference passes the network: where it is above the noise beside the tone, a plain sine with the free
-    # motion is fitted, if that is not the noisier way.
-    loud = (rest > 3.0 * deviation * np.sqrt(samples / 2.0)) | (
-        deviation > noisier * plain.error_deviation(at)
+    deviation = cleaned.error_deviation(response)
+    max_noise_ratio = 1.5
+    # Noise of the reference passes the network: where it is above the noise beside the tone, a
+    # plain sine with the free motion is fitted, if that is not the noisier way.
+    noisy = (noise_rms > 3.0 * deviation * np.sqrt(samples / 2.0)) | (
+        deviation > max_noise_ratio * plain.error_deviation(response)
     )
-    if not np.any(loud):
+    if not np.any(noisy):
         return cleaned
-    by_sines, _ = _cleaned(records, unknown, plain, at, poles)
-    loud &= by_sines.error_deviation(at) < noisier * deviation
-    loud[loud] = [
-        _steady(records[place], by_sines, place) for place in np.flatnonzero(loud).tolist()
+    plain_cleaned, _ = _tones_of_residuals(records, unpredicted, plain, response, poles)
+    noisy &= plain_cleaned.error_deviation(response) < max_noise_ratio * deviation
+    noisy[noisy] = [
+        _is_steady(records[place], plain_cleaned, place) for place in np.flatnonzero(noisy).tolist()
     ]
-    if not np.any(loud):
+    if not np.any(noisy):
         return cleaned
-    fewer = [
-        nothing if worse else own for own, nothing, worse in zip(known, unknown, loud, strict=True)
+    predictions = [
+        no_prediction if is_noisy else prediction
+        for prediction, no_prediction, is_noisy in zip(
+            predicted_by_tone, unpredicted, noisy, strict=True
+        )
     ]
-    return _cleaned(records, fewer, plain, at, poles)[0]
+    return _tones_of_residuals(records, predictions, plain, response, poles)[0]
 
 
 def roughly_cleaned(
     evidence: Evidence, problem: NetworkProblem | None, coordinates: Coordinates, z: FloatArray
 ) -> FrequencyProblem | None:
-    """The first look without transients: each tone of the network's residual at ``z`` by one sum under Hann's window.
+    """Return the first look without transients, None where the network reaches no record.
 
-    None where the network reaches no record.
+    Each tone of the network's residual at ``z`` comes from one sum under Hann's window.
     """
-    first, plain = evidence.first_look, evidence.tones
-    if problem is None or first is None or plain is None:
+    first_look = evidence.first_look
+    plain = evidence.tones
+    if problem is None or first_look is None or plain is None:
         return None
-    predicted, values = problem.predict(coordinates, z), coordinates.values(z)
-    frequency, reference, response, deviation = first.data
+    predicted = problem.predict(coordinates, z)
+    values = coordinates.values(z)
+    frequency, reference, response, deviation = first_look.data
     explained = reference * evidence.model.frequency_response(values, frequency, evidence.quantity)
     cleaned = np.array(response)
     for place, index in enumerate(plain.record):
-        record, series = evidence.records[index], predicted[index]
+        record = evidence.records[index]
+        series = predicted[index]
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
-        if (
-            used.sum() > 0.5 * record.mask.sum() and periods > 4.0
-        ):  # else offset and mirror image mix with the tone
+        # Of fewer samples or periods, offset and mirror image mix with the tone.
+        if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:
             wave = turning(
                 record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz
             )
-            left = np.where(used, record.response - series, 0.0) * window
-            cleaned[place] = explained[place] + 2.0 * (left @ wave) / np.sum(window)
-    return replace(first, data=(frequency, reference, cleaned, deviation))
+            residual = np.where(used, record.response - series, 0.0) * window
+            cleaned[place] = explained[place] + 2.0 * (residual @ wave) / np.sum(window)
+    return replace(first_look, data=(frequency, reference, cleaned, deviation))
 
 
-def _steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
-    """Whether the reference keeps the size of its tone over the record, as far as its noise tells.
+def _is_steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
+    """Return whether the reference keeps the size of its tone, as far as its noise tells.
 
-    Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and the sensor's answer
-    to that is in no sine.
+    Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and
+    the sensor's answer to that is in no sine.
     """
-    mask, turns = record.mask, tones.frequency_hz[place] / record.sampling_rate_hz
+    mask = record.mask
+    turns = tones.frequency_hz[place] / record.sampling_rate_hz
     wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
     rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
-    faded = rows * hann(record.samples)[mask]
-    found = np.linalg.lstsq(
-        faded @ rows.T, faded @ np.asarray(record.reference)[mask], rcond=1e-12
+    windowed_rows = rows * hann(record.samples)[mask]
+    amplitudes = np.linalg.lstsq(
+        windowed_rows @ rows.T, windowed_rows @ np.asarray(record.reference)[mask], rcond=1e-12
     )[0]
     noise = np.sqrt(
         np.sum(np.abs(tones.line_reference[place]) ** 2) / np.sum(tones.line_weight[place])
     )
-    return bool(abs(found[0] - 1j * found[1] - tones.reference[place]) < 5.0 * noise)
+    return bool(abs(amplitudes[0] - 1j * amplitudes[1] - tones.reference[place]) < 5.0 * noise)
 
 
-def _cleaned(
+def _tones_of_residuals(
     records: Sequence[Record],
     predicted: Sequence[FloatArray],
     plain: MeasuredResponse,
-    at: Callable[[FloatArray], ComplexArray],
+    response_at: Callable[[FloatArray], ComplexArray],
     poles: ComplexArray,
 ) -> tuple[MeasuredResponse, FloatArray]:
-    """The tones of the residuals, and the rms of what is left beside each (zero where a plain sine was fitted).
+    """Return the tones of the residuals, and the rms of what is beside each.
 
-    Records and what the network predicts of them, NaN where it does not reach, are in the order of the tones; ``at``:
-    response of the model.
+    The rms is zero where a plain sine was fitted. Records and what the network predicts of them,
+    NaN where it does not reach, are in the order of the tones; ``response_at``: response of the
+    model.
     """
-    left, reached = [], []
+    residual_records = []
+    reaches = []
     for record, series in zip(records, predicted, strict=True):
         used = record.mask & np.isfinite(series)
-        # Where the network reaches too little, or interpolates by too few samples to be good to 1e-5, the record keeps
-        # all its samples and its vibration noise.
-        reached.append(
+        # Where the network reaches too little, or interpolates by too few samples to be good to
+        # 1e-5, the record keeps all its samples and its vibration noise.
+        reaches.append(
             half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum())
         )
         residual = np.where(used, record.response - series, 0.0)
-        left.append(replace(record, response=residual, valid=used) if reached[-1] else record)
-    tones = measure_tones(left, plain.frequency_hz.tolist(), poles, records)
-    share = np.array(reached, dtype=float)
-    power = [
-        np.var(own.response[own.mask]) if cleaned else 0.0
-        for own, cleaned in zip(left, reached, strict=True)
+        residual_records.append(
+            replace(record, response=residual, valid=used) if reaches[-1] else record
+        )
+    tones = measure_tones(residual_records, plain.frequency_hz.tolist(), poles, records)
+    share = np.array(reaches, dtype=float)
+    powers = [
+        np.var(record.response[record.mask]) if is_reached else 0.0
+        for record, is_reached in zip(residual_records, reaches, strict=True)
     ]
-    rest = np.sqrt(np.maximum(np.array(power) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0))
-    lines = at(tones.line_hz.ravel()).reshape(tones.line_hz.shape)
-    found = replace(
+    noise_rms = np.sqrt(
+        np.maximum(np.array(powers) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0)
+    )
+    lines = response_at(tones.line_hz.ravel()).reshape(tones.line_hz.shape)
+    measured = replace(
         tones,
-        response=tones.response + share * at(tones.frequency_hz) * tones.reference,
+        response=tones.response + share * response_at(tones.frequency_hz) * tones.reference,
         line_response=tones.line_response + share[:, None] * lines * tones.line_reference,
         record=plain.record,
     )
-    return found, rest
+    return measured, noise_rms

@@ -1,4 +1,4 @@
-"""Several calibrations of one sensor → one joint fit → a result for each."""
+"""The joint fit of several calibrations of one sensor, with a result for each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vibrident.fit.decay import decays_alone
 from vibrident.fit.estimators import AUTO, Estimate, Estimator
 from vibrident.fit.identification import fit
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.joint.descent import Descent, Together, descend
+from vibrident.fit.joint.descent import Descent, JointProblem, descend
 from vibrident.fit.joint.sharing import Consistency, compare, joined
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, document, own_rows
@@ -45,28 +45,31 @@ def identify_together(
     uncertainty: Uncertainty = "auto",
     progress: Progress = silent,
 ) -> tuple[Result, ...]:
-    """Identify one sensor from several of its calibrations: by sine and by shock, or by two of its outputs.
+    """Identify one sensor from several of its calibrations.
 
-    Each calibration keeps its own model, units and estimator. What they share is estimated once, from all of them, each
-    weighted by its own covariance. One of free decays alone shares natural frequency and damping ratio.
+    They are by sine and by shock, say, or by two of its outputs. Each calibration keeps its own
+    model, units and estimator. What they share is estimated once, from all of them, each weighted
+    by its own covariance. One of free decays alone shares natural frequency and damping ratio.
 
     Args:
         calibrations: of one sensor.
-        model: name of the sensor model, or a :class:`vibrident.Model`, one for all or one for
-            each; None takes the calibration's.
+        model: name of the sensor model, or a :class:`vibrident.Model`, one for all or one for each;
+            None takes the calibration's.
         estimator: as for :func:`vibrident.identify`, for each by itself.
-        share: names of the parameters to share, and no others. None: natural frequency, damping ratio, frequency
-            and damping of a second mode; and where core model, unit of the response and kind of reference are the same
-            also gain, ``mode2_gain``, ``cubic_stiffness``, ``highpass_frequency`` and ``boxcar_length``. A delay is
-            shared only if named.
+        share: names of the parameters to share, and no others. None: natural frequency, damping
+            ratio, frequency and damping of a second mode; and where core model, unit of the
+            response and kind of reference are the same also gain, ``mode2_gain``,
+            ``cubic_stiffness``, ``highpass_frequency`` and ``boxcar_length``. A delay is shared
+            only if named.
         uncertainty: as for :func:`vibrident.identify`.
         progress: called after each iteration of the optimiser.
 
     Returns:
-        a result for each calibration, in order, with the joint values and their covariance. ``settings["joint"]`` names
-        the companions, what was shared, each calibration's separate estimate, and whether these are consistent; if not,
-        each result carries the warning ``estimators_disagree``, and the uncertainties by the data are
-        enlarged by the Birge ratio √(χ²/ν) (Birge, Phys. Rev. 40 (1932) 207).
+        A result for each calibration, in order, with the joint values and their covariance.
+        ``settings["joint"]`` names the companions, what was shared, each calibration's separate
+        estimate, and whether these are consistent; if not, each result carries the warning
+        ``estimators_disagree``, and the uncertainties by the data are enlarged by the Birge ratio
+        √(χ²/ν) (Birge, Phys. Rev. 40 (1932) 207).
 
     Raises:
         InputError: the data cannot be used, a name is not a parameter, or nothing can be shared.
@@ -85,17 +88,19 @@ def identify_together(
         )
     fitted = tuple(
         fit(
-            one,
+            calibration,
             name,
-            AUTO if decays_alone(one) else estimator,
+            AUTO if decays_alone(calibration) else estimator,
             uncertainty=uncertainty,
             progress=progress,
         )
-        for one, name in zip(calibrations, names, strict=True)
+        for calibration, name in zip(calibrations, names, strict=True)
     )
-    numbers = joined(calibrations, [one.evidence.model for one in fitted], share)
+    numbers = joined(calibrations, [separate.evidence.model for separate in fitted], share)
     descent = descend(
-        Together(fitted, numbers), lambda one: own_rows(one, uncertainty)[0].covariance, progress
+        JointProblem(fitted, numbers),
+        lambda separate: own_rows(separate, uncertainty)[0].covariance,
+        progress,
     )
     results = _documents(descent, uncertainty, _labels(calibrations))
     spent = time.perf_counter() - begin
@@ -105,6 +110,11 @@ def identify_together(
 
 
 def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) -> list[str | None]:
+    """Return the name of the model of each calibration, None where it is the calibration's own.
+
+    Raises:
+        InputError: there are no calibrations, or more or fewer models.
+    """
     if count == 0:
         raise InputError(
             "There is no calibration.", expected="one or more", found="none", where="calibrations"
@@ -119,26 +129,29 @@ def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) 
             where="model",
             remedy="name one model, or as many as there are calibrations",
         )
-    return [named(each) for each in model]
+    return [named(given) for given in model]
 
 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]) -> list[Result]:
-    fitted, places, balance = descent.together.fitted, descent.together.places, descent.balance
-    alone = [own_rows(one, uncertainty) for one in fitted]
-    data = [rows[0] for rows in alone]
-    for i, one in enumerate(fitted):
-        if i not in descent.alone:
+    """Return the result of each calibration in the joint fit."""
+    fitted = descent.problem.fitted
+    places = descent.problem.places
+    balance = descent.balance
+    separate_rows = [own_rows(effect, uncertainty) for effect in fitted]
+    data = [rows[0] for rows in separate_rows]
+    for i, effect in enumerate(fitted):
+        if i not in descent.own_used:
             covariance = inverse_normal(balance.information[i])
             data[i] = BudgetRow(
-                RESIDUAL, DATA, None, "", one.estimate.degrees_of_freedom, covariance
+                RESIDUAL, DATA, None, "", effect.estimate.degrees_of_freedom, covariance
             )
     consistency = _consistency(descent, data)
     birge = 1.0
-    told = []
-    if consistency is not None and not consistency.whole.consistent:
+    disagreements = []
+    if consistency is not None and not consistency.overall.consistent:
         if uncertainty != "noise":
-            birge = np.sqrt(consistency.whole.chi2 / consistency.whole.degrees_of_freedom)
-        told = [_disagreement(consistency, birge, labels, descent)]
+            birge = np.sqrt(consistency.overall.chi2 / consistency.overall.degrees_of_freedom)
+        disagreements = [_disagreement(consistency, birge, labels, descent)]
     shares = [
         (
             replace(row, source=f"{label}: {row.source}" if len(places) > 1 else row.source),
@@ -146,9 +159,9 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
         )
         for i, (row, label) in enumerate(zip(data, labels, strict=True))
     ]
-    for number, one in enumerate(descent.effects):
+    for number, effect in enumerate(descent.effects):
         shift = balance.by_effect(number)
-        shares.append((row_of_effect(one.effect, np.zeros(0)), np.outer(shift, shift)))
+        shares.append((row_of_effect(effect.effect, np.zeros(0)), np.outer(shift, shift)))
     results = []
     for i, place in enumerate(places):
         rows = [
@@ -156,10 +169,10 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
             for row, share in shares
             if share.any()
         ]
-        results.append(document(fitted[i].at(_estimate(descent, i)), rows, told))
+        results.append(document(fitted[i].at(_estimate(descent, i)), rows, disagreements))
     if len(places) == 1:
         return results
-    about = _about(descent, labels, results, alone, consistency)
+    about = _about(descent, labels, results, separate_rows, consistency)
     return [
         replace(result, settings={**result.settings, "joint": {"position": i, **about}})
         for i, result in enumerate(results)
@@ -167,23 +180,25 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
 
 
 def _estimate(descent: Descent, index: int) -> Estimate:
-    """A calibration's estimate in the joint fit."""
-    fitted, place, near = (
-        descent.together.fitted,
-        descent.together.places[index],
-        descent.near[index],
-    )
+    """Return a calibration's estimate in the joint fit."""
+    fitted = descent.problem.fitted
+    place = descent.problem.places[index]
+    near = descent.near[index]
     estimate = fitted[index].estimate
-    findings, more = estimate.findings, {}
-    if index not in descent.alone and findings.noise is not None:
-        nothing, none = np.zeros(0), np.zeros((0, 0))
+    findings = estimate.findings
+    changes = {}
+    if index not in descent.own_used and findings.noise is not None:
+        no_values = np.zeros(0)
+        no_pulls = np.zeros((0, 0))
         findings = replace(
-            findings, noise=replace(findings.noise, reference=nothing, doubt=nothing, pulls=none)
+            findings,
+            noise=replace(findings.noise, reference=no_values, doubt=no_values, pulls=no_pulls),
         )
     if near.noise is not None and findings.network is not None:
         findings = replace(findings, network=replace(findings.network, noise=near.noise))
-        more["problem"] = near.problem
-    theta, trace = descent.balance.theta, descent.trace
+        changes["problem"] = near.problem
+    theta = descent.balance.theta
+    trace = descent.trace
     return replace(
         estimate,
         z=place.z(theta),
@@ -195,21 +210,23 @@ def _estimate(descent: Descent, index: int) -> Estimate:
         tones=None,  # measured again, with the network's response at the joint values
         predicted=None,
         begin=None,
-        equations=sum(one.estimate.equations for one in fitted),
-        **more,
+        equations=sum(fit.estimate.equations for fit in fitted),
+        **changes,
     )
 
 
 def _consistency(descent: Descent, data: Sequence[BudgetRow]) -> Consistency | None:
-    together, estimates = descent.together, descent.balance.estimates
+    """Return the comparison of the separate estimates, None if nothing is shared."""
+    problem = descent.problem
+    estimates = descent.balance.estimates
     stacked = [
         np.concatenate([effect.shifts.get(i, np.zeros(len(z))) for i, z in enumerate(estimates)])
         for effect in descent.effects
     ]
     fewest = min(row.degrees_of_freedom for row in data)
     return compare(
-        together.numbers,
-        together.places,
+        problem.numbers,
+        problem.places,
         estimates,
         [row.covariance for row in data],
         stacked,
@@ -218,11 +235,17 @@ def _consistency(descent: Descent, data: Sequence[BudgetRow]) -> Consistency | N
 
 
 def _labels(calibrations: Sequence[Calibration]) -> list[str]:
-    """A short name for each calibration: its file, with the folder where files share a name."""
-    names = [Path(one.source).name or f"calibration {i}" for i, one in enumerate(calibrations, 1)]
+    """Return a short name for each calibration: its file's.
+
+    The folder comes with it where files share a name.
+    """
+    names = [
+        Path(calibration.source).name or f"calibration {i}"
+        for i, calibration in enumerate(calibrations, 1)
+    ]
     return [
-        name if names.count(name) == 1 else one.source or f"calibration {i}"
-        for i, (name, one) in enumerate(zip(names, calibrations, strict=True), 1)
+        name if names.count(name) == 1 else calibration.source or f"calibration {i}"
+        for i, (name, calibration) in enumerate(zip(names, calibrations, strict=True), 1)
     ]
 
 
@@ -232,27 +255,35 @@ def _disagreement(
     labels: Sequence[str],
     descent: Descent,
 ) -> ResultWarning:
-    name, whole = consistency.worst, consistency.whole
-    fitted, values = descent.together.fitted, []
-    number = next(n for n in descent.together.numbers if n.name == name and len(n.members) > 1)
+    """Return the warning of calibrations that are not consistent."""
+    name = consistency.worst
+    overall = consistency.overall
+    fitted = descent.problem.fitted
+    values = []
+    number = next(
+        parameter
+        for parameter in descent.problem.numbers
+        if parameter.name == name and len(parameter.members) > 1
+    )
     for owner, _ in number.members:
         estimate = fitted[owner].estimate
         unit = parameter_units(estimate.coordinates.model, fitted[owner].evidence.calibration)[name]
         text = (
             amount(estimate.coordinates.values(estimate.z)[name], unit, 6)
-            if owner in descent.alone
+            if owner in descent.own_used
             else "elsewhere"
         )
         values.append(f"{text} ({labels[owner]})")
-    said = (
+    worst_sentence = (
         f"The {in_words(name)} differs most: {', '.join(values)}. "
-        if name in consistency.each
+        if name in consistency.by_name
         else ""
     )
     return ResultWarning(
         "estimators_disagree",
-        f"The calibrations disagree on what they share: χ² = {whole.chi2:.4g} with {whole.degrees_of_freedom} degrees "
-        f"of freedom, probability {whole.probability:.2g}. {said}"
+        f"The calibrations disagree on what they share: χ² = {overall.chi2:.4g} with "
+        f"{overall.degrees_of_freedom} degrees of freedom, "
+        f"probability {overall.probability:.2g}. {worst_sentence}"
         + (
             f"The uncertainties of the joint values are enlarged by the Birge ratio, {birge:.3g}."
             if birge > 1.0
@@ -268,54 +299,62 @@ def _about(
     rows: Sequence[Sequence[BudgetRow]],
     consistency: Consistency | None,
 ) -> dict[str, Any]:
-    """The content of ``settings["joint"]``; ``rows``: whole budget of each separate fit."""
-    fitted = descent.together.fitted
+    """Return the content of ``settings["joint"]``; ``rows``: whole budget of each separate fit."""
+    fitted = descent.problem.fitted
     separate = [
-        _alone(fitted[i], rows[i]) if i in descent.alone else {} for i in range(len(fitted))
+        _separate_parameters(fitted[i], rows[i]) if i in descent.own_used else {}
+        for i in range(len(fitted))
     ]
     shared = []
-    for number in descent.together.numbers:
+    for number in descent.problem.numbers:
         if len(number.members) < 2:
             continue
         owners = [owner for owner, _ in number.members]
         joint = results[owners[0]].parameters[number.name]
-        verdict = None if consistency is None else consistency.each.get(number.name)
+        verdict = None if consistency is None else consistency.by_name.get(number.name)
         shared.append(
             {
                 "name": number.name,
                 "unit": joint.unit,
-                "joint": _stated(joint),
-                "separate": {labels[o]: _stated(separate[o].get(number.name)) for o in owners},
+                "joint": _value_and_uncertainty(joint),
+                "separate": {
+                    labels[owner]: _value_and_uncertainty(separate[owner].get(number.name))
+                    for owner in owners
+                },
                 "chi2": None if verdict is None else verdict.chi2,
                 "probability": None if verdict is None else verdict.probability,
             }
         )
-    whole = None if consistency is None else consistency.whole
+    overall = None if consistency is None else consistency.overall
     return {
         "calibrations": [
             {
                 "file": label,
-                "model": r.model,
-                "estimator": r.estimator,
-                "own_fit_used": i in descent.alone,
+                "model": result.model,
+                "estimator": result.estimator,
+                "own_fit_used": i in descent.own_used,
             }
-            for i, (label, r) in enumerate(zip(labels, results, strict=True))
+            for i, (label, result) in enumerate(zip(labels, results, strict=True))
         ],
         "shared": shared,
-        "consistency": None if whole is None else {**asdict(whole), "consistent": whole.consistent},
+        "consistency": None
+        if overall is None
+        else {**asdict(overall), "consistent": overall.consistent},
     }
 
 
-def _alone(one: Fitted, rows: Sequence[BudgetRow]) -> dict[str, Parameter]:
-    """The parameters of a separate fit, with its whole budget."""
-    estimate, covariance = one.estimate, np.sum([row.covariance for row in rows], axis=0)
-    units = unit_fields(one.evidence.calibration)
+def _separate_parameters(fitted: Fitted, rows: Sequence[BudgetRow]) -> dict[str, Parameter]:
+    """Return the parameters of a separate fit, with its whole budget."""
+    estimate = fitted.estimate
+    covariance = np.sum([row.covariance for row in rows], axis=0)
+    units = unit_fields(fitted.evidence.calibration)
     return parameter_table(
         estimate.coordinates, estimate.z, covariance, rows[0].degrees_of_freedom, units, {}
     )
 
 
-def _stated(parameter: Parameter | None) -> dict[str, float | None] | None:
+def _value_and_uncertainty(parameter: Parameter | None) -> dict[str, float | None] | None:
+    """Return value and standard uncertainty of a parameter for the settings."""
     if parameter is None:
         return None
     return {"value": parameter.value, "standard_uncertainty": parameter.standard_uncertainty}

@@ -1,13 +1,15 @@
 """The parameters that calibrations share, and each calibration's coordinates in the joint fit.
 
-A sensor's mechanics are common to all outputs: natural frequency, damping ratio and those of a second mode. Parameters
-of an output (gain, a second mode's share, cubic stiffness, high-pass, averaging) are shared if core model, unit of the
-response and kind of reference are the same. The delay belongs to the channels of a calibration.
+A sensor's mechanics are common to all outputs: natural frequency, damping ratio and those of a
+second mode. Parameters of an output (gain, a second mode's share, cubic stiffness, high-pass,
+averaging) are shared if core model, unit of the response and kind of reference are the same. The
+delay belongs to the channels of a calibration.
 
-Consistent are calibrations whose separate estimates differ no more than the covariance of these allows. With y the
-separate estimates, one below the other, and V their covariance, the hypothesis y = A θ leaves contrasts t = Tᵀ y, Tᵀ A
-= 0, that are zero but for noise: tᵀ (Tᵀ V T)⁻¹ t is χ² with as many degrees of freedom as there are contrasts (GUM,
-JCGM 102, 8; the test of a key comparison, Cox 2002). Systematic effects common to two calibrations are correlated in V.
+Calibrations are consistent if their separate estimates differ no more than the covariance of these
+allows. With y the separate estimates, one below the other, and V their covariance, the hypothesis y
+= A θ leaves contrasts t = Tᵀ y, Tᵀ A = 0, that are zero but for noise: tᵀ (Tᵀ V T)⁻¹ t is χ² with
+as many degrees of freedom as there are contrasts (GUM, JCGM 102, 8; the test of a key comparison,
+Cox 2002). Systematic effects common to two calibrations are correlated in V.
 """
 
 from __future__ import annotations
@@ -28,38 +30,37 @@ from vibrident.physics.models import ParameterSpec, SensorModel
 
 
 @dataclass(frozen=True)
-class Joint:
-    """One number of the joint fit."""
+class JointParameter:
+    """A parameter of the joint fit: one of a calibration, or shared by several."""
 
     name: str  # of the parameter
-    members: tuple[
-        tuple[int, int], ...
-    ]  # calibration, and index in its model, of each parameter that is this number
+    #: Calibration, and index in its model, of each parameter that is this one.
+    members: tuple[tuple[int, int], ...]
 
 
 def joined(
     calibrations: Sequence[Calibration], models: Sequence[SensorModel], share: Sequence[str] | None
-) -> tuple[Joint, ...]:
-    """The numbers of the joint fit: each shared parameter once, each other one for itself.
+) -> tuple[JointParameter, ...]:
+    """Return the parameters of the joint fit: each shared one once, each other one for itself.
 
-    ``models``: of each; ``share``: names of the parameters to share, these and no others; None: the mechanics, and the
-    parameters of equal outputs.
+    ``models``: of each calibration; ``share``: names of the parameters to share, these and no
+    others; None: the mechanics, and the parameters of equal outputs.
 
     Raises:
         InputError: a name is not a parameter, or not one that two calibrations can share.
     """
     if share is not None:
-        _check(share, models)
-    found: dict[tuple[object, ...], list[tuple[int, int]]] = {}
+        _check_names(share, models)
+    members_by_key: dict[tuple[object, ...], list[tuple[int, int]]] = {}
     for number, (calibration, model) in enumerate(zip(calibrations, models, strict=True)):
         for index, spec in enumerate(model.parameters):
             name = spec.name
             key = _key(spec, calibration, model)
-            alone = spec.describes == "channel" if share is None else name not in share
-            found.setdefault((number, name) if alone else key, []).append((number, index))
+            is_own = spec.describes == "channel" if share is None else name not in share
+            members_by_key.setdefault((number, name) if is_own else key, []).append((number, index))
     numbers = tuple(
-        Joint(models[members[0][0]].parameter_names[members[0][1]], tuple(members))
-        for members in found.values()
+        JointParameter(models[members[0][0]].parameter_names[members[0][1]], tuple(members))
+        for members in members_by_key.values()
     )
     if len(calibrations) > 1:
         _check_common(numbers, share, calibrations)
@@ -67,14 +68,19 @@ def joined(
 
 
 def _key(spec: ParameterSpec, calibration: Calibration, model: SensorModel) -> tuple[object, ...]:
-    """Attributes that two parameters of this name must share to be one."""
+    """Return the attributes that two parameters of this name must share to be one."""
     if spec.describes != "output":
         return (spec.name,)
     drive = calibration.reference_unit if calibration.quantity == "drive" else None
     return (spec.name, model.core.name, calibration.response_unit, drive)
 
 
-def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
+def _check_names(share: Sequence[str], models: Sequence[SensorModel]) -> None:
+    """Refuse names to share that are no parameters.
+
+    Raises:
+        InputError: a name is not a parameter of the models.
+    """
     known = list(dict.fromkeys(name for model in models for name in model.parameter_names))
     for name in share:
         if name not in known:
@@ -82,8 +88,15 @@ def _check(share: Sequence[str], models: Sequence[SensorModel]) -> None:
 
 
 def _check_common(
-    numbers: Sequence[Joint], share: Sequence[str] | None, calibrations: Sequence[Calibration]
+    numbers: Sequence[JointParameter],
+    share: Sequence[str] | None,
+    calibrations: Sequence[Calibration],
 ) -> None:
+    """Refuse calibrations that have nothing to share, or not what was asked for.
+
+    Raises:
+        InputError: nothing, or a name in ``share``, is common to two calibrations.
+    """
     common = {number.name for number in numbers if len(number.members) > 1}
     lacking = [name for name in share or () if name not in common]
     if lacking or not common:
@@ -91,10 +104,12 @@ def _check_common(
             f"The calibrations have no {lacking[0]} in common."
             if lacking
             else "The calibrations share nothing.",
-            expected="a parameter of two or more calibrations; a gain: of the same model, response unit and reference",
+            expected="a parameter of two or more calibrations; "
+            "a gain: of the same model, response unit and reference",
             found="; ".join(
-                f"{c.model}, response in {c.response_unit}, reference {c.quantity}"
-                for c in calibrations
+                f"{calibration.model}, response in {calibration.response_unit}, "
+                f"reference {calibration.quantity}"
+                for calibration in calibrations
             ),
             where="share",
             remedy="share other parameters, or identify these calibrations one by one",
@@ -102,41 +117,64 @@ def _check_common(
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Where a calibration's coordinates lie in those of the joint fit: z = offset + matrix @ theta."""
+class JointPlace:
+    """The map from the joint coordinates to a calibration's: z = offset + matrix @ theta."""
 
     offset: FloatArray  # shape (p,)
     matrix: FloatArray  # one entry a row, shape (p, q)
 
     def z(self, theta: FloatArray) -> FloatArray:
-        """The calibration's coordinates, shape (p,), at those of the joint fit, shape (q,)."""
+        """Return the calibration's coordinates, shape (p,), at joint ones, shape (q,)."""
         return self.offset + self.matrix @ theta
 
 
-def places(numbers: Sequence[Joint], coordinates: Sequence[Coordinates]) -> tuple[Place, ...]:
-    """The place of each calibration; a joint coordinate is that of its first member."""
-    offsets = [np.zeros(len(c.model.parameters)) for c in coordinates]
-    matrices = [np.zeros((len(c.model.parameters), len(numbers))) for c in coordinates]
+def places(
+    numbers: Sequence[JointParameter], coordinates: Sequence[Coordinates]
+) -> tuple[JointPlace, ...]:
+    """Return the place of each calibration; a joint coordinate is that of its first member."""
+    offsets = [np.zeros(len(of_calibration.model.parameters)) for of_calibration in coordinates]
+    matrices = [
+        np.zeros((len(of_calibration.model.parameters), len(numbers)))
+        for of_calibration in coordinates
+    ]
     for column, number in enumerate(numbers):
         first, first_index = number.members[0]
         for owner, index in number.members:
-            offset, scale = _onto(coordinates[first], first_index, coordinates[owner], index)
+            offset, scale = _offset_and_scale(
+                coordinates[first], first_index, coordinates[owner], index
+            )
             offsets[owner][index] = offset
             matrices[owner][index, column] = scale
-    return tuple(Place(offset, matrix) for offset, matrix in zip(offsets, matrices, strict=True))
+    return tuple(
+        JointPlace(offset, matrix) for offset, matrix in zip(offsets, matrices, strict=True)
+    )
 
 
-def _onto(one: Coordinates, i: int, other: Coordinates, j: int) -> tuple[float, float]:
-    """Offset and scale from a coordinate to another of the same physical value: one is linear in the other."""
-    name, beside = one.model.parameters[i].name, other.values(np.zeros(len(other.model.parameters)))
-    values = [one.values(np.full(len(one.model.parameters), at))[name] for at in (0.0, 1.0)]
-    begin, end = (float(other.place(beside | {name: value})[j]) for value in values)
+def _offset_and_scale(
+    first: Coordinates, first_index: int, second: Coordinates, second_index: int
+) -> tuple[float, float]:
+    """Return offset and scale from a coordinate to another of the same physical value.
+
+    The second is linear in the first.
+    """
+    name = first.model.parameters[first_index].name
+    other_values = second.values(np.zeros(len(second.model.parameters)))
+    values = [
+        first.values(np.full(len(first.model.parameters), coordinate))[name]
+        for coordinate in (0.0, 1.0)
+    ]
+    begin, end = (
+        float(second.place(other_values | {name: value})[second_index]) for value in values
+    )
     return begin, end - begin
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """χ² of a difference, its degrees of freedom, and the probability of at least this χ² for consistent data."""
+    """A test of consistency: χ² of a difference, its degrees of freedom, and its probability.
+
+    The probability is that of at least this χ² for consistent data.
+    """
 
     chi2: float
     degrees_of_freedom: int
@@ -144,26 +182,29 @@ class Verdict:
 
     @property
     def consistent(self) -> bool:
-        """Not rejected."""
+        """Return whether consistency is not rejected."""
         return self.probability >= REJECTION
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """The outcome of the comparison."""
+    """The outcome of the comparison of separate estimates."""
 
-    whole: Verdict  # of all shared parameters together
-    each: dict[str, Verdict]  # of each shared parameter by itself, by name
+    overall: Verdict  # of all shared parameters together
+    by_name: dict[str, Verdict]  # of each shared parameter by itself
 
     @property
     def worst(self) -> str:
-        """The parameter that differs most."""
-        return min(self.each, key=lambda name: (self.each[name].probability, -self.each[name].chi2))
+        """Return the parameter that differs most."""
+        return min(
+            self.by_name,
+            key=lambda name: (self.by_name[name].probability, -self.by_name[name].chi2),
+        )
 
 
 def compare(
-    numbers: Sequence[Joint],
-    places: Sequence[Place],
+    numbers: Sequence[JointParameter],
+    places: Sequence[JointPlace],
     estimates: Sequence[FloatArray],
     covariances: Sequence[FloatArray],
     effects: Sequence[FloatArray],
@@ -176,34 +217,46 @@ def compare(
         places: of each calibration in it.
         estimates: separate estimates of each calibration's coordinates, shapes (p,).
         covariances: of them, from the data alone, shapes (p, p).
-        effects: change of all of them for one standard uncertainty of each systematic effect, shapes (Σp,).
+        effects: change of all of them for one standard uncertainty of each systematic effect,
+            shapes (Σp,).
         degrees_of_freedom: the least of any covariance.
     """
-    whole = np.concatenate([place.matrix for place in places])
-    rest = np.concatenate([z - place.offset for z, place in zip(estimates, places, strict=True)])
+    matrix = np.concatenate([place.matrix for place in places])
+    residual = np.concatenate(
+        [z - place.offset for z, place in zip(estimates, places, strict=True)]
+    )
     covariance = np.asarray(block_diag(*covariances), dtype=float)
-    covariance = covariance + sum((np.outer(s, s) for s in effects), np.zeros_like(covariance))
+    covariance = covariance + sum(
+        (np.outer(shift, shift) for shift in effects), np.zeros_like(covariance)
+    )
     begin = np.concatenate([[0], np.cumsum([len(place.offset) for place in places])])
 
-    def verdict(rows: FloatArray, at: FloatArray, spread: FloatArray) -> Verdict:
+    def verdict(rows: FloatArray, values: FloatArray, row_covariance: FloatArray) -> Verdict:
         contrasts = null_space(rows.T)
-        left = contrasts.T @ at
-        chi2 = float(left @ inverse_normal(contrasts.T @ spread @ contrasts) @ left)
-        return Verdict(chi2, len(left), _probability(chi2, len(left), degrees_of_freedom))
+        difference = contrasts.T @ values
+        chi2 = float(
+            difference @ inverse_normal(contrasts.T @ row_covariance @ contrasts) @ difference
+        )
+        return Verdict(
+            chi2, len(difference), _probability(chi2, len(difference), degrees_of_freedom)
+        )
 
-    each = {}
+    verdicts = {}
     for column, number in enumerate(numbers):
         if len(number.members) > 1:
-            index = [int(begin[owner]) + own for owner, own in number.members]
-            rows = whole[index][:, [column]]
-            found = verdict(rows, rest[index], covariance[np.ix_(index, index)])
-            if number.name not in each or found.probability < each[number.name].probability:
-                each[number.name] = found
-    return Consistency(verdict(whole, rest, covariance), each) if each else None
+            index = [int(begin[owner]) + position for owner, position in number.members]
+            rows = matrix[index][:, [column]]
+            verdict_of_parameter = verdict(rows, residual[index], covariance[np.ix_(index, index)])
+            if (
+                number.name not in verdicts
+                or verdict_of_parameter.probability < verdicts[number.name].probability
+            ):
+                verdicts[number.name] = verdict_of_parameter
+    return Consistency(verdict(matrix, residual, covariance), verdicts) if verdicts else None
 
 
 def _probability(chi2: float, contrasts: int, freedom: float) -> float:
-    """Probability of at least this χ²; of Fisher's F if the scale of V is estimated."""
+    """Return the probability of at least this χ²; of Fisher's F if the scale of V is estimated."""
     if np.isfinite(freedom):
         return float(fdtrc(contrasts, max(freedom, 1.0), chi2 / contrasts))
     return float(chdtrc(contrasts, chi2))

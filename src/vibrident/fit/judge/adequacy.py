@@ -15,6 +15,8 @@ from vibrident.fit.decay import decay_deviations
 from vibrident.fit.descent.weighed import Weighed, weighed_segments, weighed_series
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
+from vibrident.fit.judge.excerpts import excerpts
+from vibrident.fit.judge.misfit import describe_misfit, describe_no_freedom
 from vibrident.fit.problem import Evidence, network_of
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.rounding import rounding_variance
@@ -39,26 +41,28 @@ from vibrident.result import Signal
 if TYPE_CHECKING:
     from vibrident.fit.decay.beside import DecayDeviation
 
-_EXCERPT_SAMPLES = 5_000  # of all records together; a picture is a few hundred wide
-
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What the estimate says of the data.
+    """The verdict on the data by an estimate.
 
     Attributes:
         adequacy: points, χ², verdict.
         lack_of_fit: the warning's text, should it be needed.
         birge: factor on the uncertainties that the deviations demand, at least one.
-        predicted: predicted response of each record, NaN where it is not defined; empty for a table.
-        scatter: standard deviation of the weighted residuals where no uncertainty was stated, else None.
+        predicted: predicted response of each record, NaN where it is not defined; empty for a
+            table.
+        scatter: standard deviation of the weighted residuals where no uncertainty was stated, else
+            None.
         signals: excerpts for pictures.
         weights: the network's weights as the paper's Table 1.
         tones: of the sine records, cleaned; None without sines.
         points: what the adequacy is made of, those of the tones first.
-        found: systematic effects that were found in the data.
-        effects: stated and found ones, and how much of each the data show, in its standard uncertainties.
-        remedied: χ²/ν of another model that explains the data, so that all else is misfit; None where none does.
+        detected_effects: systematic effects that were found in the data.
+        effects: stated and detected ones, and how much of each the data show, in its standard
+            uncertainties.
+        remedy_chi2: χ²/ν of another model that explains the data, so that all else is misfit; None
+            where none does.
         explained_by: name of that model.
         shares: of the response's power.
     """
@@ -72,66 +76,68 @@ class Judgement:
     weights: dict[str, Any] = field(default_factory=dict)
     tones: MeasuredResponse | None = None
     points: tuple[Points, ...] = ()
-    found: tuple[SystematicEffect, ...] = ()
+    detected_effects: tuple[SystematicEffect, ...] = ()
     effects: tuple[tuple[SystematicEffect, float], ...] = ()
-    remedied: float | None = None
+    remedy_chi2: float | None = None
     explained_by: str = ""
     shares: Shares = UNKNOWN_SHARES
 
     @property
     def explained(self) -> float:
-        """Share of the response's power that the model explains; all where that is not known."""
+        """Return the share of the response's power that the model explains; one where not known."""
         return 1.0 if np.isnan(self.shares.explained) else self.shares.explained
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
-    """Predict every record and compare, band by band."""
-    model, quantity = evidence.model, evidence.quantity
+    """Predict every record and compare it with the measured response, band by band."""
+    model = evidence.model
+    quantity = evidence.quantity
     values = estimate.coordinates.values(estimate.z)
 
     def response(frequency: FloatArray) -> Any:
         return model.frequency_response(values, np.asarray(frequency), quantity)
 
-    points, tones, shares = list[Points](), None, list[FloatArray]()
+    points = list[Points]()
+    tones = None
+    powers_by_record = list[FloatArray]()
     predicted, weights = _predict(evidence, estimate)
     if evidence.tones is not None and estimate.criterion != "samples":
-        tones = estimate.tones or _tones(evidence, estimate, values)
+        tones = estimate.tones or _clean_tones(evidence, estimate, values)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
-        shares.append(_powers_of_tones(tones, response))
+        powers_by_record.append(_powers_of_tones(tones, response))
     for bins in weighed_records(evidence, estimate, predicted):
         record = evidence.records[bins.record]
         sine = record.excitation == "sine"
         if sine and tones is not None:
             continue
-        factors = band_factors(bins, sine=sine, least=_of_rounding(record, bins, response))
+        factors = band_factors(bins, sine=sine, least=_rounding_floor(record, bins, response))
         points += (
             [] if factors is None else [factor_points(factors, record, bins.samples, response)]
         )
-        shares.append(_powers(evidence, record, bins, model.delay_s(values)))
+        powers_by_record.append(_powers(evidence, record, bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
-    if _is_the_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
+    if _is_measurement(evidence, adequacy.degrees_of_freedom, adequacy.frequency_hz):
         adequacy = replace(adequacy, adequate=True)
     birge = _birge(estimate, points, adequacy, decays)
-    text, share = _misfit(adequacy, points, response, decays), shares_of(shares)
-    if share.lacking:
-        adequacy, text = (
-            replace(adequacy, adequate=False),
-            str(share) if adequacy.adequate else f"{text} {share}",
-        )
+    lack_of_fit = describe_misfit(adequacy, points, response, decays)
+    shares = shares_of(powers_by_record)
+    if shares.lacking:
+        lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
+        adequacy = replace(adequacy, adequate=False)
     return Judgement(
         adequacy,
-        text,
+        lack_of_fit,
         birge,
         predicted,
-        signals=_excerpts(evidence, predicted),
+        signals=excerpts(evidence, predicted),
         weights=weights,
         tones=tones,
         points=tuple(points),
-        found=tuple(effects_of_steps(evidence.records, predicted, response, adequacy))
+        detected_effects=tuple(effects_of_steps(evidence.records, predicted, response, adequacy))
         if model.is_linear
         else (),
-        shares=share,
+        shares=shares,
     )
 
 
@@ -146,20 +152,23 @@ def weighed_records(
         yield from weighed_segments(estimate.in_noise, estimate.z, estimate.coordinates)
         return
     for number, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        own = None if record.reference is None else weighed_series(number, record, series)
-        if own is not None:
-            yield own
+        weighed = None if record.reference is None else weighed_series(number, record, series)
+        if weighed is not None:
+            yield weighed
 
 
-def _of_rounding(record: Record, bins: Weighed, response: Response) -> FloatArray | float:
-    """Return the variance a sample of the converters' rounding, shape (bins,); noise is not below it."""
+def _rounding_floor(record: Record, bins: Weighed, response: Response) -> FloatArray | float:
+    """Return the variance a sample of the converters' rounding, shape (bins,).
+
+    Noise is not below it; it is zero where there is none.
+    """
     hz = line_frequencies(bins.samples, record.sampling_rate_hz)[: bins.residual.size]
-    found = rounding_variance(record, lambda: power_of(response(hz)))
-    return 0.0 if found is None else found
+    variance = rounding_variance(record, lambda: power_of(response(hz)))
+    return 0.0 if variance is None else variance
 
 
 def _powers(evidence: Evidence, record: Record, bins: Weighed, delay_s: float) -> FloatArray:
-    """Return what a record says of the shares of the response's power, in the band of the motion."""
+    """Return a record's summands of the shares of the response's power, in the motion's band."""
     assert record.reference is not None
     used = record.reference_mask[bins.span] & bins.used
     low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in evidence.band_hz)
@@ -169,20 +178,27 @@ def _powers(evidence: Evidence, record: Record, bins: Weighed, delay_s: float) -
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:
-    """What sines say of the shares of the response's power."""
-    left = tones.response - response(tones.frequency_hz) * tones.reference
-    return _summed(
-        power_of(tones.response), power_of(left), 2.0 * tones.error_deviation(response) ** 2
+    """Return the sines' summands of the shares of the response's power."""
+    residual = tones.response - response(tones.frequency_hz) * tones.reference
+    return _sum_powers(
+        power_of(tones.response), power_of(residual), 2.0 * tones.error_deviation(response) ** 2
     )
 
 
-def _summed(power: FloatArray, left: FloatArray, noise: FloatArray) -> FloatArray:
-    """Sums over points, as of :func:`powers`; all noise is incoherent."""
-    return np.array([np.sum(each) for each in (power, left, noise, noise**2)])
+def _sum_powers(power: FloatArray, residual_power: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return sums over points as those of :func:`powers`; all noise is incoherent."""
+    return np.array(
+        [np.sum(powers_at_points) for powers_at_points in (power, residual_power, noise, noise**2)]
+    )
 
 
-def _tones(evidence: Evidence, estimate: Estimate, values: dict[str, float]) -> MeasuredResponse:
-    """Tones at the estimate, by the network with exact weights, for any trained network."""
+def _clean_tones(
+    evidence: Evidence, estimate: Estimate, values: dict[str, float]
+) -> MeasuredResponse:
+    """Return the tones at the estimate, by the network with exact weights.
+
+    A network that was trained with other weights is not used.
+    """
     exact = estimate.findings.method.is_exact
     problem = estimate.problem if exact else None
     problem = problem or network_problem(evidence, values)
@@ -196,73 +212,35 @@ def _birge(
     adequacy: Adequacy,
     decays: Sequence[DecayDeviation],
 ) -> float:
-    """By how much the deviations exceed what the estimate's own covariance allows for: √(χ²/dof), at least one.
+    """Return by how much the deviations exceed the estimate's own covariance: √(χ²/dof) ≥ 1.
 
-    Equal weights hold a record's whole residual, misfit and all, and a deviation is compared with what that allows.
+    Equal weights hold a record's whole residual, misfit and all, and a deviation is compared with
+    what that allows.
     """
     network = estimate.findings.network
     if network is None or network.weights != "white" or adequacy.degrees_of_freedom <= 0:
         return adequacy.birge
     total = sum(
-        float(np.sum(each.squares * each.unweighted))
-        for each in points
-        if each.unweighted is not None
+        float(np.sum(points_of_record.squares * points_of_record.unweighted))
+        for points_of_record in points
+        if points_of_record.unweighted is not None
     )
     total += sum(decay.parts.chi2 for decay in decays)
     return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))
 
 
-def _misfit(
-    adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()
-) -> str:
-    """The warning that an inadequate model gets."""
-    if not points:
-        return (
-            "It cannot be tested whether the model explains the data: in no band does the response exceed the "
-            "residual. The records are too short for a test, or noise and misfit are too large."
-        )
-    if adequacy.degrees_of_freedom <= 0:
-        equations = 2 * len(adequacy.frequency_hz)
-        return _nothing_left(equations, equations - adequacy.degrees_of_freedom, "data")
-    chi2 = adequacy.chi2_reduced or 0.0
-    worst = _worst(points, response)
-    if decays:
-        far = max(decays, key=lambda decay: decay.parts.chi2)
-        if far.parts.chi2 > max(float(np.max(part.squares)) for part in points):
-            worst = f"; most in a free decay: {far.words}"
-    return (
-        f"The model does not explain the data: deviations at the excited frequencies are {plain(chi2**0.5, 3)} times "
-        f"what the noise explains (χ²/dof = {plain(chi2, 4)}, {adequacy.degrees_of_freedom} degrees of freedom)"
-        f"{worst}."
-    )
-
-
-def _is_the_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) -> bool:
+def _is_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) -> bool:
     """Return whether the model says what was measured at one frequency and claims nothing else."""
     return evidence.model.is_gain_alone and degrees == 0 and np.ptp(frequency_hz) == 0.0
-
-
-def _nothing_left(equations: int, parameters: int, what: str) -> str:
-    """A model with no fewer parameters than there are equations meets any data."""
-    return (
-        f"It cannot be tested whether the model explains the {what}: {parameters} parameters meet {equations} measured "
-        "values, and none is left to judge by. Measure at more frequencies, or take a model with fewer parameters."
-    )
-
-
-def _worst(points: list[Points], response: Any) -> str:
-    frequency = np.concatenate([p.frequency_hz for p in points])
-    measured = np.concatenate([p.measured for p in points])
-    weighted = np.concatenate([p.squares for p in points])
-    index = int(np.argmax(weighted))
-    off = 100 * abs(response(frequency[index : index + 1])[0] / measured[index] - 1.0)
-    return f", most at {frequency[index]:.4g} Hz, where model and measurement differ by {off:.2g} %"
 
 
 def _predict(
     evidence: Evidence, estimate: Estimate
 ) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
-    """Predicted responses by the network with exact weights (or those it was trained with), and its Table 1."""
+    """Return the predicted responses by the network, and its weights as the paper's Table 1.
+
+    The network's weights are exact, or those it was trained with.
+    """
     step = estimate.findings.method
     values = estimate.coordinates.values(estimate.z)
     try:
@@ -270,19 +248,16 @@ def _predict(
             evidence.records, evidence.model, step, evidence.quantity, values
         )
     except InputError:  # all records are too short to interpolate: only the tones remain
-        return tuple(np.full(r.samples, np.nan) for r in evidence.records), {}
+        return tuple(np.full(record.samples, np.nan) for record in evidence.records), {}
     predicted = estimate.predicted or tuple(problem.predict(estimate.coordinates, estimate.z))
     if estimate.criterion != "samples":
         return predicted, {}
     first = Weights(*(np.asarray(weight)[0] for weight in problem.weights(values)))
     scale = evidence.model.rational(values, evidence.quantity).angular_scale
     try:
-        table = weight_table(
-            first, scale ** np.arange(problem.frame.order)
-        )  # in the paper's states V, V̇
-    except (
-        np.linalg.LinAlgError
-    ):  # a sensor that forgets its state within a sample has no W2 = C Φ⁻¹
+        table = weight_table(first, scale ** np.arange(problem.frame.order))  # states V, V̇
+    except np.linalg.LinAlgError:
+        # A sensor that forgets its state within a sample has no W2 = C Φ⁻¹.
         return predicted, {}
     return predicted, {
         **table,
@@ -292,103 +267,84 @@ def _predict(
 
 
 def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
-    """Compare free decays, which have no reference, with the free motion, stretch of time by stretch."""
+    """Compare free decays with the free motion, one stretch of time after the other.
+
+    They have no reference.
+    """
     from vibrident.fit.decay import estimate as free  # only where there are decays
 
-    predicted, verdict, text = free.predicted(evidence, estimate), *free.lack_of_fit(estimate)
+    predicted = free.predicted(evidence, estimate)
+    verdict, text = free.lack_of_fit(estimate)
     adequacy = Adequacy(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0), (), *verdict)
     return Judgement(
-        adequacy, text, adequacy.birge, predicted, signals=_excerpts(evidence, predicted)
+        adequacy, text, adequacy.birge, predicted, signals=excerpts(evidence, predicted)
     )
 
 
 def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
-    """Compare the model with a table."""
-    table, problem = evidence.calibration.table, evidence.first_look
+    """Compare the model with the points of a table."""
+    table = evidence.calibration.table
+    problem = evidence.first_look
     assert table is not None
     assert problem is not None
     residual = np.asarray(problem.residual(estimate.z, estimate.coordinates))
-    squares, degrees = float(np.sum(residual**2)), len(residual) - len(estimate.z)
+    squares = float(np.sum(residual**2))
+    degrees = len(residual) - len(estimate.z)
     chi2 = squares / degrees if degrees > 0 else None
-    chance, scatter = probability(squares, degrees), None
-    measured = _is_the_measurement(evidence, degrees, table.frequency_hz)
-    adequate = measured or (degrees > 0 and chance >= REJECTION)
+    chance = probability(squares, degrees)
+    scatter = None
+    is_measurement = _is_measurement(evidence, degrees, table.frequency_hz)
+    adequate = is_measurement or (degrees > 0 and chance >= REJECTION)
     if table.magnitude_uncertainty is None:
-        scatter = (
-            1e8 if chi2 is None else float(np.sqrt(chi2))
-        )  # where nothing tells it: the points say nothing
+        # Where nothing tells the scatter, the points say nothing.
+        scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))
         order = np.argsort(table.frequency_hz, kind="stable")
-        n = table.points
-        parts = [residual[:n][order]] + ([residual[n:][order]] if problem.has_phase else [])
-        chi2, chance = None, 1.0
-        adequate = measured or (degrees > 0 and all(looks_random(part) for part in parts))
-        text = "The deviations from the model follow a pattern along frequency: the model does not explain the table."
+        count = table.points
+        residuals = [residual[:count][order]] + (
+            [residual[count:][order]] if problem.has_phase else []
+        )
+        chi2 = None
+        chance = 1.0
+        adequate = is_measurement or (
+            degrees > 0 and all(looks_random(component) for component in residuals)
+        )
+        text = (
+            "The deviations from the model follow a pattern along frequency: "
+            "the model does not explain the table."
+        )
     else:
         text = (
-            f"The model does not explain the table: deviations are {plain((chi2 or 0.0) ** 0.5, 3)} times the stated "
-            f"uncertainties (χ²/dof = {plain(chi2 or 0.0, 4)}, {degrees} degrees of freedom)."
+            "The model does not explain the table: deviations are "
+            f"{plain((chi2 or 0.0) ** 0.5, 3)} times the stated uncertainties "
+            f"(χ²/dof = {plain(chi2 or 0.0, 4)}, {degrees} degrees of freedom)."
         )
         if problem.has_phase and table.phase_uncertainty_rad is None:
             text += " The phase's, which is not stated, is taken to be the magnitude's, in rad."
     if degrees <= 0:
-        text = _nothing_left(len(residual), len(estimate.z), "table")
+        text = describe_no_freedom(len(residual), len(estimate.z), "table")
     model = evidence.model.frequency_response(
         estimate.coordinates.values(estimate.z), table.frequency_hz, evidence.quantity
     )
-    left, size = table.response - model, np.abs(table.response)
+    deviation = table.response - model
+    size = np.abs(table.response)
     if not problem.has_phase:
-        left = size - np.abs(model)
+        deviation = size - np.abs(model)
     names = (table.provenance.file or "table",) * table.points
     relative = (
         problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
     )
-    turn = np.asarray(problem.data[4]) * (scatter or 1.0)
+    phase_deviation = np.asarray(problem.data[4]) * (scatter or 1.0)
     adequacy = Adequacy(
-        table.frequency_hz, table.response, relative, names, chi2, degrees, adequate, turn, chance
+        table.frequency_hz,
+        table.response,
+        relative,
+        names,
+        chi2,
+        degrees,
+        adequate,
+        phase_deviation,
+        chance,
     )
     noise = (1.0 + problem.has_phase) * (adequacy.relative_deviation * size) ** 2
-    share = shares_of([_summed(size**2, np.abs(left) ** 2, noise)])
-    return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=share)
-
-
-def _excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
-    """Return a piece of every record from where its response is largest, a few periods long.
-
-    They have :data:`_EXCERPT_SAMPLES` samples together. One that took no part in the fit is NaN.
-    """
-    signals, tones = [], evidence.tones
-    most = int(np.clip(_EXCERPT_SAMPLES // max(len(predicted), 1), 24, 600))
-    owners = {} if tones is None else dict(zip(tones.record, tones.frequency_hz, strict=True))
-    for index, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        takes_part = record.mask & np.isfinite(series)
-        used = np.flatnonzero(takes_part)
-        if used.size < 2:
-            continue
-        residual = record.response[used] - series[used]
-        deviation = float(np.std(record.response[used]))
-        rmse = float(np.sqrt(np.mean(residual**2)))
-        span = used.size
-        if index in owners:
-            span = int(np.clip(3.0 * record.sampling_rate_hz / owners[index], 16, used.size))
-        start = 0
-        if record.excitation == "shock":
-            peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
-            span = min(used.size, max(64, used.size // 4))
-            start = int(np.clip(peak - span // 3, 0, used.size - span))
-        first, last = int(used[start]), int(used[start + span - 1])
-        step = -(-(last - first + 1) // most)
-        piece = slice(first, last + 1, step)
-        measured = np.where(takes_part[piece], record.response[piece], np.nan)
-        signals.append(
-            Signal(
-                record.name,
-                first / record.sampling_rate_hz,
-                step / record.sampling_rate_hz,
-                measured,
-                measured - series[piece],
-                evidence.calibration.response_unit,
-                rmse,
-                rmse / deviation if deviation > 0 else 0.0,
-            )
-        )
-    return tuple(signals)
+    shares = shares_of([_sum_powers(size**2, np.abs(deviation) ** 2, noise)])
+    return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=shares)

@@ -1,4 +1,4 @@
-"""Fit and judge."""
+"""A fit of a calibration, and its judgement."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 
 from vibrident.base.memory import give_back_after
 from vibrident.data.records import SystematicEffect
-from vibrident.fit.departures.examination import Together
+from vibrident.fit.departures.examination import DepartureGroup
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.judge.adequacy import Judgement, judge_decays, judge_records, judge_table
@@ -18,13 +18,13 @@ from vibrident.fit.problem import Evidence
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.result import Finding, ResultWarning
 
-#: Share of the response's power that a fit explains at least, if a model may be at fault at all.
-MIN_SHARE = 0.5
+#: Share of the response's power that a fit must explain for its model to be at fault at all.
+MIN_EXPLAINED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Told:
-    """What is said of departures."""
+class DepartureReport:
+    """Findings of departures, and the warnings of those that matter."""
 
     findings: tuple[Finding, ...] = ()
     warnings: tuple[ResultWarning, ...] = ()
@@ -37,13 +37,14 @@ class Fitted:
     Attributes:
         evidence: the data.
         estimate: the fit.
-        judgement: what the estimate says of the data.
+        judgement: of the data by the estimate.
         estimator: that made it.
         progress: called after each iteration of its optimiser.
         reason: why that estimator.
-        told: departures that the fit has as nuisance parameters.
+        reports: of departures that the fit has as nuisance parameters.
         phase_by_scatter: whether the uncertainty of a table's phase was read from its deviations.
-        departures: from the estimate, the most significant kind first; None where that was not asked yet.
+        departures: from the estimate, the most significant kind first; None where they were not
+            tested yet.
     """
 
     evidence: Evidence
@@ -52,35 +53,43 @@ class Fitted:
     estimator: Estimator
     progress: Progress
     reason: str = ""
-    told: tuple[Told, ...] = ()
+    reports: tuple[DepartureReport, ...] = ()
     phase_by_scatter: bool = False
-    departures: tuple[Together, ...] | None = None
+    departures: tuple[DepartureGroup, ...] | None = None
 
     @classmethod
-    def of(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Fitted:
+    def from_evidence(cls, evidence: Evidence, estimator: Estimator, progress: Progress) -> Fitted:
         """Fit and judge.
 
         Raises:
             NotConverged: the start values lead to no finite fit.
         """
-        return cls(evidence, *_once(evidence, estimator, progress), estimator, progress)
+        return cls(evidence, *_fit_and_judge(evidence, estimator, progress), estimator, progress)
 
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
-        """The same estimator's of other data, from these values or from where this fit stands."""
+        """Return the same estimator's fit of other data.
+
+        It starts from these values or from where this fit stands.
+        """
         values = self.values if start is None else dict(start)
-        found = Fitted.of(replace(evidence, start=values), self.estimator, self.progress)
-        kept = {"reason": self.reason, "told": self.told, "phase_by_scatter": self.phase_by_scatter}
-        return replace(found, evidence=evidence, **kept)
+        refit = Fitted.from_evidence(replace(evidence, start=values), self.estimator, self.progress)
+        return replace(
+            refit,
+            evidence=evidence,
+            reason=self.reason,
+            reports=self.reports,
+            phase_by_scatter=self.phase_by_scatter,
+        )
 
     def once(self, evidence: Evidence) -> Fitted:
-        """The same estimator's of other data, by a single fit from their start values."""
-        estimate, judgement = _once(evidence, self.estimator, self.progress)
+        """Return the same estimator's fit of other data, by one descent from their start values."""
+        estimate, judgement = _fit_and_judge(evidence, self.estimator, self.progress)
         return replace(
             self, evidence=evidence, estimate=estimate, judgement=judgement, departures=None
         )
 
     def at(self, estimate: Estimate) -> Fitted:
-        """The same data judged at another estimate."""
+        """Return the fit of the same data judged at another estimate."""
         return replace(
             self, estimate=estimate, judgement=judged(self.evidence, estimate), departures=None
         )
@@ -91,57 +100,57 @@ class Fitted:
 
     @property
     def adequate(self) -> bool:
-        """Whether the model explains the data."""
+        """Return whether the model explains the data."""
         return self.judgement.adequacy.adequate
 
     @property
     def chi2(self) -> float:
-        """χ² of the adequacy test."""
+        """Return χ² of the adequacy test."""
         adequacy = self.judgement.adequacy
         return float(adequacy.chi2_reduced or 0.0) * adequacy.degrees_of_freedom
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters by name."""
+        """Return the parameters by name."""
         return self.estimate.coordinates.values(self.estimate.z)
 
     @cached_property
     def linear(self) -> Linearised:
-        """The fit at all excited frequencies, linearised at the estimate."""
+        """Return the fit at all excited frequencies, linearised at the estimate."""
         return linearised(self.evidence, self.estimate, self.judgement)
 
     @property
     def effects(self) -> list[SystematicEffect]:
-        """Systematic effects as stated, and those that were found in the data."""
+        """Return the systematic effects as stated, and those detected in the data."""
         return all_effects(self.evidence, self.judgement)
 
 
 def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
-    """What the estimate says of the data."""
-    judge = judge_table if evidence.calibration.table else judge_records
-    judge = judge if estimate.findings.decays is None else judge_decays
-    return allowing_for_effects(evidence, estimate, judge(evidence, estimate))
+    """Return the judgement of the data by the estimate, systematic effects included."""
+    judge_data = judge_table if evidence.calibration.table else judge_records
+    judge_data = judge_data if estimate.findings.decays is None else judge_decays
+    return allowing_for_effects(evidence, estimate, judge_data(evidence, estimate))
 
 
-def _once(
+def _fit_and_judge(
     evidence: Evidence, estimator: Estimator, progress: Progress
 ) -> tuple[Estimate, Judgement]:
-    """An estimate, or what takes its place where it is rejected, and what that says of the data."""
+    """Return an estimate, or what takes its place where it is rejected, and the judgement."""
     longest = max((record.samples for record in evidence.records), default=0)
     give_back_after(longest)
-    found = estimator.fit(evidence, progress)
-    found = found if found.problem is None else replace(found, problem=found.problem.idle())
+    fitted = estimator.fit(evidence, progress)
+    fitted = fitted if fitted.problem is None else replace(fitted, problem=fitted.problem.idle())
     give_back_after(longest)
-    estimate = canonically_labelled(found)
+    estimate = canonically_labelled(fitted)
     judgement = judged(evidence, estimate)
     give_back_after(longest)
     if (
         judgement.adequacy.adequate
-        or (other := estimator.where_rejected(evidence, found, progress)) is None
+        or (replacement := estimator.where_rejected(evidence, fitted, progress)) is None
     ):
         return estimate, judgement
-    other = canonically_labelled(other)
-    again = judged(evidence, other)
-    if estimate.in_noise is not None and not again.adequacy.adequate:
+    replacement = canonically_labelled(replacement)
+    judgement_of_replacement = judged(evidence, replacement)
+    if estimate.in_noise is not None and not judgement_of_replacement.adequacy.adequate:
         return estimate, judgement
-    return other, again
+    return replacement, judgement_of_replacement

@@ -1,8 +1,8 @@
-"""What is stated of an estimate, and the document that states it: covariance, budget, warnings, and the result."""
+"""What is stated of an estimate: covariance, budget, warnings, and the result that states them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.doubts import second_thoughts
-from vibrident.fit.judge.examined import told
+from vibrident.fit.judge.examined import report_departures
 from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
@@ -40,8 +40,8 @@ Uncertainty = Literal["auto", "noise", "inflated"]
 
 
 def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
-    """The budget of a calibration by itself: its data, then each systematic effect."""
-    covariance, freedom, scope = _scaled(fitted, uncertainty)
+    """Return the budget of a calibration by itself: its data, then each systematic effect."""
+    covariance, freedom, scope = _scaled_covariance(fitted, uncertainty)
     return [
         BudgetRow(scope, DATA, None, "", freedom, covariance),
         *rows_of_effects(fitted.effects, fitted.linear),
@@ -49,33 +49,42 @@ def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
 
 
 def document(
-    fitted: Fitted, rows: Sequence[BudgetRow], more: Sequence[ResultWarning] = ()
+    fitted: Fitted, rows: Sequence[BudgetRow], further_warnings: Sequence[ResultWarning] = ()
 ) -> Result:
-    """The result of a calibration whose uncertainty consists of these rows; ``more`` warnings follow its own."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    calibration, model, coordinates = evidence.calibration, evidence.model, estimate.coordinates
+    """Return the result of a calibration whose uncertainty consists of these rows.
+
+    ``further_warnings``: follow its own.
+    """
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    calibration = evidence.calibration
+    model = evidence.model
+    coordinates = estimate.coordinates
     data = [row for row in rows if row.kind == DATA]
-    by_data, total = (np.sum([row.covariance for row in some], axis=0) for some in (data, rows))
+    by_data, total = (
+        np.sum([row.covariance for row in selected], axis=0) for selected in (data, rows)
+    )
     freedom = float(np.min(effective_degrees_of_freedom(rows)))
     scope = "; ".join(dict.fromkeys(row.source for row in data))
     weak, doubts = weakly_determined(coordinates, estimate.z, by_data)
-    departures = told(fitted, total)
-    doubts += [*second_thoughts(fitted, by_data), *departures.warnings, *_learned(estimate)]
-    every = (*fitted.told, departures)
+    report = report_departures(fitted, total)
+    doubts += [*second_thoughts(fitted, by_data), *report.warnings, *_warn_of_learned(estimate)]
+    reports = (*fitted.reports, report)
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
     profile = _profile(fitted, by_data, coverage_factor(freedom))
     if profile is not None:
         table, widened = with_profile(
             table, profile, coordinates, total - by_data, coverage_factor(freedom)
         )
-        doubts = [
-            w
-            for w in doubts
-            if not any(f"determine the {in_words(name)}:" in w.message for name in widened)
-        ]
-        doubts += [ResultWarning("weakly_determined", text) for text in widened.values()]
+        doubts = _with_intervals(doubts, widened)
     warnings = _warnings(
-        fitted, table, [w for one in fitted.told for w in one.warnings] + doubts + list(more), scope
+        fitted,
+        table,
+        [warning for earlier in fitted.reports for warning in earlier.warnings]
+        + doubts
+        + list(further_warnings),
+        scope,
     )
     response, measured = _curves(fitted, total)
     points = point_budget(measured, fitted.effects, fitted.linear)
@@ -86,7 +95,7 @@ def document(
             **estimate.settings,
             **estimate.findings.as_settings(model.parameter_names),
             "uncertainty_covers": "; ".join([scope, *covered(rows)]),
-            **_seen(fitted),
+            **_settings_of_data(fitted),
             "coverage_factor": coverage_factor(freedom),
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
@@ -114,28 +123,47 @@ def document(
         training=_training(estimate),
         weights=judgement.weights,
         certificate=dict(calibration.certificate),
-        findings=tuple(finding for one in every for finding in one.findings),
+        findings=tuple(finding for earlier in reports for finding in earlier.findings),
         uncertainty={"covers": _kinds_covered(rows, calibration.table)},
     )
     return with_floor(result, calibration.capabilities)
 
 
+def _with_intervals(
+    doubts: Sequence[ResultWarning], widened: Mapping[str, str]
+) -> list[ResultWarning]:
+    """Return the doubts with the sentences on widened intervals in place of those they replace.
+
+    ``widened``: sentence of each parameter with an interval of the profile, by name.
+    """
+    remaining = [
+        warning
+        for warning in doubts
+        if not any(f"determine the {in_words(name)}:" in warning.message for name in widened)
+    ]
+    return remaining + [ResultWarning("weakly_determined", text) for text in widened.values()]
+
+
 def _reference(calibration: Calibration) -> dict[str, str]:
+    """Return quantity and unit of the reference."""
     return {"quantity": calibration.quantity, "unit": calibration.reference_unit}
 
 
 def _sensitivity_per(model: SensorModel, calibration: Calibration) -> dict[str, str]:
     """Return the quantity that curve and points are per, with its unit; a drive has its own."""
     quantity = model.stated_quantity(calibration.quantity)
-    drive = quantity == "drive"
-    unit = calibration.reference_unit if drive else REFERENCE_UNITS[quantity]
+    is_drive = quantity == "drive"
+    unit = calibration.reference_unit if is_drive else REFERENCE_UNITS[quantity]
     return {"quantity": quantity, "unit": unit}
 
 
 def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | None:
     """Return the profile likelihood of the response, where χ² is no parabola; None elsewhere."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    coordinates, adequacy = estimate.coordinates, judgement.adequacy
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    coordinates = estimate.coordinates
+    adequacy = judgement.adequacy
     linear = (
         coordinates.model.is_linear
         and evidence.first_look is not None
@@ -151,14 +179,15 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
 
 
 def covered(rows: Sequence[BudgetRow]) -> list[str]:
-    """The systematic effects among the rows, in words."""
+    """Return the systematic effects among the rows, in words."""
     return list(dict.fromkeys(f"{row.source} ({row.kind})" for row in rows if row.kind != DATA))
 
 
 def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
-    """Which of ``noise``, ``gain`` and ``phase`` the uncertainties hold: scatter, and what was stated of the chain.
+    """Return which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
 
-    The uncertainty that a table states of its points is all that its laboratory says of them, the chain's with it.
+    They hold scatter, and what was stated of the chain. The uncertainty that a table states of its
+    points is all that its laboratory says of them, the chain's with it.
     """
     kinds = {row.kind for row in rows}
     if table is not None and table.magnitude_uncertainty is not None:
@@ -167,8 +196,13 @@ def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> li
 
 
 def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurve]:
-    """The sensitivity over the band, and the points; empty for free decays, which have no gain."""
-    evidence, estimate, calibration = fitted.evidence, fitted.estimate, fitted.evidence.calibration
+    """Return the sensitivity over the band, and the points; empty for free decays.
+
+    These have no gain.
+    """
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    calibration = fitted.evidence.calibration
     if not evidence.model.has_gain:
         return Curve.none(), MeasuredCurve.none()
     reference_hz = calibration.certificate.get("reference_frequency_hz")
@@ -181,11 +215,16 @@ def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurv
     ), measured_curve(fitted)
 
 
-def _seen(fitted: Fitted) -> dict[str, Any]:
-    """How much of each effect the data show, in its u; a model that explains all; the quality of optical signals."""
+def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
+    """Return, for the settings, what the data show beside the parameters.
+
+    It is how much of each effect they show, in its u, a model that explains all, and the quality of
+    optical signals.
+    """
     judgement = fitted.judgement
     amounts = [
-        {"source": e.source, "kind": e.kind, "amount_in_u": size} for e, size in judgement.effects
+        {"source": effect.source, "kind": effect.kind, "amount_in_u": size}
+        for effect, size in judgement.effects
     ]
     records = fitted.evidence.calibration.records
     optical = {
@@ -193,12 +232,12 @@ def _seen(fitted: Fitted) -> dict[str, Any]:
         for record in records
         if record.optical is not None
     }
-    found = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
-    found |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
-    found |= {"known_responses": _known_responses(fitted.evidence)}
+    settings = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
+    settings |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
+    settings |= {"known_responses": _known_responses(fitted.evidence)}
     bands = {record.band_hz for record in fitted.evidence.records if record.band_hz is not None}
-    found |= {"band_hz": [*bands.pop()] if len(bands) == 1 else []}
-    return {name: value for name, value in found.items() if value}
+    settings |= {"band_hz": [*bands.pop()] if len(bands) == 1 else []}
+    return {name: value for name, value in settings.items() if value}
 
 
 def _known_responses(evidence: Evidence) -> list[dict[str, Any]]:
@@ -212,28 +251,34 @@ def _known_responses(evidence: Evidence) -> list[dict[str, Any]]:
     return [{"channel": name, "source": one.source, "band_hz": left} for name, one in known]
 
 
-def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
-    """Covariance of z, its degrees of freedom, and in words what it covers."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    adequacy, freedom = judgement.adequacy, estimate.degrees_of_freedom
+def _scaled_covariance(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
+    """Return the covariance of z, its degrees of freedom, and in words what it covers."""
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    adequacy = judgement.adequacy
+    freedom = estimate.degrees_of_freedom
     if judgement.scatter is not None:
         scatter = "the scatter of the points (no uncertainty was stated)"
         if adequacy.degrees_of_freedom <= 0:
-            nothing = (
+            no_scatter = (
                 "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
             )
-            return estimate.covariance * judgement.scatter**2, float("inf"), nothing
+            return estimate.covariance * judgement.scatter**2, float("inf"), no_scatter
         return (
             estimate.covariance * judgement.scatter**2,
             float(max(adequacy.degrees_of_freedom, 1)),
             scatter,
         )
-    error = estimate.findings.model_error
-    if error is not None:
-        text = f"noise and a relative model error of {100 * error:.3g} %, as large as the deviations demand"
+    model_error = estimate.findings.model_error
+    if model_error is not None:
+        text = (
+            f"noise and a relative model error of {100 * model_error:.3g} %, "
+            "as large as the deviations demand"
+        )
         return estimate.covariance, freedom, text
-    unasked = choice == "auto" and bool(evidence.records) and not adequacy.adequate
-    if (choice == "inflated" or unasked) and judgement.birge > 1.0:
+    inflated_by_default = choice == "auto" and bool(evidence.records) and not adequacy.adequate
+    if (choice == "inflated" or inflated_by_default) and judgement.birge > 1.0:
         text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
         return (
             estimate.covariance * judgement.birge**2,
@@ -248,69 +293,82 @@ def _scaled(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str
 def _warnings(
     fitted: Fitted, table: dict[str, Parameter], doubts: list[ResultWarning], scope: str
 ) -> tuple[ResultWarning, ...]:
-    """Of the data, of the lack of fit (one for all that is said of it), of what is doubted, and of the sign."""
-    evidence, adequacy, model = fitted.evidence, fitted.judgement.adequacy, fitted.evidence.model
+    """Return the warnings of the data, of the lack of fit, of what is doubted, and of the sign.
+
+    The lack of fit is one warning with all that is said of it.
+    """
+    evidence = fitted.evidence
+    adequacy = fitted.judgement.adequacy
+    model = fitted.evidence.model
     warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
     if not adequacy.adequate:
-        more = "".join(f" {w.message}" for w in doubts if w.code == "lack_of_fit")
-        text = f"{fitted.judgement.lack_of_fit} The parameters' uncertainties cover {scope}.{more}"
+        further = "".join(f" {doubt.message}" for doubt in doubts if doubt.code == "lack_of_fit")
+        text = (
+            f"{fitted.judgement.lack_of_fit} The parameters' uncertainties cover {scope}.{further}"
+        )
         warnings.append(ResultWarning("lack_of_fit", text))
-        doubts = [w for w in doubts if w.code != "lack_of_fit"]
+        doubts = [doubt for doubt in doubts if doubt.code != "lack_of_fit"]
     warnings += doubts
-    # fewer equations than parameters tell no sign
+    # Fewer equations than parameters determine no sign.
     if model.has_gain and table[model.gain_name].value < 0 and adequacy.degrees_of_freedom > 0:
         optical = any(record.optical is not None for record in evidence.records)
-        other = (
+        cause = (
             "the interferometer's columns are exchanged, or its direction is wrong"
             if optical
             else "a channel is wired reversed"
         )
-        text = f"The {in_words(model.gain_name)} is negative: the response moves against the reference (or {other})."
+        text = (
+            f"The {in_words(model.gain_name)} is negative: "
+            f"the response moves against the reference (or {cause})."
+        )
         warnings.append(ResultWarning("polarity", text))
     return tuple(warnings)
 
 
-def _learned(estimate: Estimate) -> list[ResultWarning]:
-    """The part that a learned residual explains is not explained by the model."""
+def _warn_of_learned(estimate: Estimate) -> list[ResultWarning]:
+    """Return the warning that a learned residual explains a part, if one is used."""
     learned = estimate.findings.learned
     if learned is None or not learned.kept:
         return []
     text = (
-        f"The model alone does not explain the data: a learned residual carries {100 * learned.share:.2g} % of the "
-        "response (settings, residual_network). Parameters and curve are the model's own."
+        "The model alone does not explain the data: a learned residual carries "
+        f"{100 * learned.share:.2g} % of the response (settings, residual_network). "
+        "Parameters and curve are the model's own."
     )
     return [ResultWarning("lack_of_fit", text)]
 
 
 def _training(estimate: Estimate) -> Training:
-    """The way from the grid to the optimum: start values from the response, then the estimator's own iterations."""
-    trace, begin = estimate.trace, estimate.begin
+    """Return the way from the grid to the optimum: start values, then the estimator's steps."""
+    trace = estimate.trace
+    begin = estimate.begin
     names = estimate.coordinates.model.parameter_names
-    keep = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), 400)).astype(int))
-    before = (
+    indices = distinct(np.linspace(0, len(trace.costs) - 1, min(len(trace.costs), 400)).astype(int))
+    of_start = (
         ()
         if begin is None or trace.optimiser == "adam"
-        else _shown(begin.costs, begin.equations, begin.path)
+        else _iterates(begin.costs, begin.equations, begin.path)
     )
-    path = [estimate.coordinates.values(trace.coordinates[i]) for i in keep]
-    own = _shown([trace.costs[i] for i in keep], estimate.equations, path)
+    path = [estimate.coordinates.values(trace.coordinates[i]) for i in indices]
+    of_estimator = _iterates([trace.costs[i] for i in indices], estimate.equations, path)
     return Training(
         optimiser=trace.optimiser,
         status=trace.status,
-        iterations=len(before) + len(trace.costs),
-        loss=tuple(cost for cost, _ in (*before, *own)),
+        iterations=len(of_start) + len(trace.costs),
+        loss=tuple(cost for cost, _ in (*of_start, *of_estimator)),
         parameters={
-            name: tuple(float(point[name]) for _, point in (*before, *own)) for name in names
+            name: tuple(float(point[name]) for _, point in (*of_start, *of_estimator))
+            for name in names
         },
         weighting_changes=tuple(
-            len(before) + int(np.searchsorted(keep, change))
-            for change in ((0, *trace.changes) if before else trace.changes)
+            len(of_start) + int(np.searchsorted(indices, change))
+            for change in ((0, *trace.changes) if of_start else trace.changes)
         ),
     )
 
 
-def _shown(
+def _iterates(
     costs: Sequence[float], equations: float, path: Sequence[dict[str, float]]
 ) -> tuple[tuple[float, dict[str, float]], ...]:
-    """Mean squared weighted residual and parameters at each iterate."""
+    """Return the mean squared weighted residual and the parameters at each iterate."""
     return tuple((float(cost) / equations, point) for cost, point in zip(costs, path, strict=True))

@@ -24,10 +24,12 @@ from vibrident.physics.models import ADD_ONS, CORES, SensorModel, parse
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
 
-#: Another reading of the data is proposed where it fits this many times better, and well.
-BETTER, WELL = 10.0, 4.0
+#: Another reading of the data is proposed where its χ²/ν is smaller by at least this factor …
+MIN_IMPROVEMENT = 10.0
+#: … and below this …
+MAX_CHI2_REDUCED = 4.0
 #: … and if chance would make a wrong reading fit as well with a probability below this.
-CHANCE = 1e-4
+MAX_CHANCE = 1e-4
 ANGULAR = (
     "The frequencies are 2π times those of the one-third-octave series: are they in rad/s? "
     "The column wants Hz, and the natural frequency is in the unit of the column."
@@ -35,41 +37,49 @@ ANGULAR = (
 
 
 def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
-    """Warnings ``reference_noise``, ``weakly_determined`` where another solution fits as well, and ``units_suspect``.
+    """Return warnings of noise of the reference, other solutions, and suspected units.
 
+    Their codes are ``reference_noise``, ``weakly_determined`` and ``units_suspect``.
     ``covariance``: of the coordinates, by the data alone, shape (p, p).
     """
-    warnings = [*_reference_noise(fitted.estimate), *_one_frequency(fitted)]
-    warnings += _others(fitted, covariance)
+    warnings = [*_warn_of_reference_noise(fitted.estimate), *_warn_of_one_frequency(fitted)]
+    warnings += _warn_of_solutions(fitted, covariance)
     if _in_angular_frequencies(fitted.evidence.calibration.table):
         return [*warnings, ResultWarning("units_suspect", ANGULAR)]
     # Without stated uncertainties a table that is misread is one that scatters.
     doubted = not fitted.adequate or fitted.judgement.scatter is not None
     if doubted and fitted.judgement.adequacy.degrees_of_freedom > 0:
-        warnings += _misread(fitted.evidence, fitted.estimate, fitted.judgement.remedied)
+        warnings += _warn_of_misreading(
+            fitted.evidence, fitted.estimate, fitted.judgement.remedy_chi2
+        )
     return warnings
 
 
-def _one_frequency(fitted: Fitted) -> list[ResultWarning]:
-    """Propose the gain alone for the data of a single frequency."""
-    model, points = fitted.evidence.model, fitted.judgement.adequacy
-    at = points.frequency_hz
-    if model.is_gain_alone or not at.size or np.max(at) > np.min(at) * (1.0 + SAME):
+def _warn_of_one_frequency(fitted: Fitted) -> list[ResultWarning]:
+    """Return the proposal of the gain alone for the data of a single frequency, if any."""
+    model = fitted.evidence.model
+    points = fitted.judgement.adequacy
+    hz = points.frequency_hz
+    if model.is_gain_alone or not hz.size or np.max(hz) > np.min(hz) * (1.0 + SAME):
         return []
-    alone = next(name for name in CORES if parse(name).is_gain_alone)
+    gain_alone = next(name for name in CORES if parse(name).is_gain_alone)
     delay = next(name for name, addon in ADD_ONS.items() if addon.is_delay)
     text = (
-        f"All data are at {at[0]:.6g} Hz, so they tell the sensitivity there and nothing else: "
-        f"the measured value. The model {alone}+{delay} states it, or {alone} where no phase is "
-        "measured."
+        f"All data are at {hz[0]:.6g} Hz, so they tell the sensitivity there and nothing else: "
+        f"the measured value. The model {gain_alone}+{delay} states it, or {gain_alone} where no "
+        "phase is measured."
     )
     return [ResultWarning("weakly_determined", text)]
 
 
-def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
-    """Other solutions that fit as well."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
-    coordinates, z, points = estimate.coordinates, estimate.z, judgement.adequacy
+def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
+    """Return warnings of other solutions that fit as well."""
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    coordinates = estimate.coordinates
+    z = estimate.z
+    points = judgement.adequacy
     if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
         return []
     problem = evidence.first_look
@@ -80,47 +90,58 @@ def _others(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
         sought = TargetFRF(
             points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False
         )
-    spread = np.abs(coordinates.slopes(z)) * deviations(covariance)
-    found = Solution(
-        fitted.values, dict(zip(coordinates.model.parameter_names, spread.tolist(), strict=True))
+    uncertainty = np.abs(coordinates.slopes(z)) * deviations(covariance)
+    solution = Solution(
+        fitted.values,
+        dict(zip(coordinates.model.parameter_names, uncertainty.tolist(), strict=True)),
     )
     units = parameter_units(evidence.model, evidence.calibration)
     return list(
-        other_solutions(coordinates.model, evidence.quantity, sought, found, estimate.begin, units)
+        other_solutions(
+            coordinates.model, evidence.quantity, sought, solution, estimate.begin, units
+        )
     )
 
 
-def _reference_noise(estimate: Estimate) -> list[ResultWarning]:
+def _warn_of_reference_noise(estimate: Estimate) -> list[ResultWarning]:
+    """Return the warning that noise of the reference makes up much of an uncertainty, if any."""
     noise = estimate.findings.noise
     if noise is None or not np.any(noise.doubt > 0.8):
         return []
     worst = int(np.argmax(noise.doubt))
     name = estimate.coordinates.model.parameter_names[worst]
     text = (
-        "Noise of the reference channel itself cannot be separated from noise of the response here; it makes "
-        f"up {100 * noise.doubt[worst]:.0f} % of the standard uncertainty of the {in_words(name)}."
+        "Noise of the reference channel itself cannot be separated from noise of the response "
+        f"here; it makes up {100 * noise.doubt[worst]:.0f} % of the standard uncertainty of the "
+        f"{in_words(name)}."
     )
     return [ResultWarning("reference_noise", text)]
 
 
-def _misread(evidence: Evidence, estimate: Estimate, remedied: float | None) -> list[ResultWarning]:
-    """A reading of the same data in other units, if it fits far better than by chance, and no worse than a remedy."""
+def _warn_of_misreading(
+    evidence: Evidence, estimate: Estimate, remedy_chi2: float | None
+) -> list[ResultWarning]:
+    """Return the warning of a reading of the same data in other units, if any.
+
+    It fits far better than by chance, and no worse than the remedy, whose χ²/ν is ``remedy_chi2``.
+    """
     problem = evidence.first_look
     if problem is None:
         return []
     declared, freedom = _cost(problem, evidence.model, estimate.begin)
-    most = min(declared / BETTER, WELL) * freedom
-    for text, other in _readings(problem, evidence.calibration.table):
-        cost, _ = _cost(other, evidence.model, most=most)
+    max_cost = min(declared / MIN_IMPROVEMENT, MAX_CHI2_REDUCED) * freedom
+    for text, reading in _readings(problem, evidence.calibration.table):
+        cost, _ = _cost(reading, evidence.model, max_cost=max_cost)
         ratio = declared / max(cost, np.finfo(float).tiny)
         worse = (
-            remedied is not None
-            and f_tail(1, freedom, (cost - remedied) * freedom / max(remedied, 1.0)) < CHANCE
+            remedy_chi2 is not None
+            and f_tail(1, freedom, (cost - remedy_chi2) * freedom / max(remedy_chi2, 1.0))
+            < MAX_CHANCE
         )
         if (
-            ratio > BETTER
-            and cost < WELL
-            and f_tail(freedom, freedom, ratio) < CHANCE
+            ratio > MIN_IMPROVEMENT
+            and cost < MAX_CHI2_REDUCED
+            and f_tail(freedom, freedom, ratio) < MAX_CHANCE
             and not worse
         ):
             return [
@@ -132,11 +153,17 @@ def _misread(evidence: Evidence, estimate: Estimate, remedied: float | None) -> 
 
 
 def _cost(
-    problem: FrequencyProblem, model: SensorModel, begun: Start | None = None, most: float = np.inf
+    problem: FrequencyProblem,
+    model: SensorModel,
+    known_start: Start | None = None,
+    max_cost: float = np.inf,
 ) -> tuple[float, int]:
-    """Cost of the best start (or of this one) for each degree of freedom, and these; infinite where above ``most``."""
+    """Return the cost of the best start for each degree of freedom, and these.
+
+    ``known_start``: is taken where given; the cost is infinite where it is above ``max_cost``.
+    """
     try:
-        start = begun or find_start(problem, model, most)
+        start = known_start or find_start(problem, model, max_cost)
     except VibridentError:
         return float("inf"), 0
     freedom = int(start.equations - len(start.values))
@@ -144,45 +171,62 @@ def _cost(
 
 
 def _in_angular_frequencies(table: ResponseTable | None) -> bool:
-    """Whether the frequencies are 2π times those of the one-third-octave series; five of them are so by no chance."""
+    """Return whether the frequencies are 2π times those of the one-third-octave series.
+
+    Five of them are so by no chance.
+    """
     frequencies = np.zeros(0) if table is None else distinct(table.frequency_hz)
     return (
         len(frequencies) >= 5
-        and not _nominal(frequencies)
-        and _nominal(frequencies / (2.0 * np.pi))
+        and not _all_nominal(frequencies)
+        and _all_nominal(frequencies / (2.0 * np.pi))
     )
 
 
-def _nominal(frequency_hz: FloatArray) -> bool:
-    """Whether all frequencies are of the one-third-octave series, exact or as they are printed (ISO 266)."""
+def _all_nominal(frequency_hz: FloatArray) -> bool:
+    """Return whether all frequencies are of the one-third-octave series (ISO 266).
+
+    They are exact or as they are printed.
+    """
     steps = np.round(10.0 * np.log10(frequency_hz)).astype(int)
-    exact, printed = 10.0 ** (steps / 10.0), np.array([nominal_value(int(n)) for n in steps])
-    off = np.minimum(np.abs(exact / frequency_hz - 1.0), np.abs(printed / frequency_hz - 1.0))
-    return bool(np.all(off < 2e-3))
+    exact = 10.0 ** (steps / 10.0)
+    printed = np.array([nominal_value(int(step)) for step in steps])
+    deviation = np.minimum(np.abs(exact / frequency_hz - 1.0), np.abs(printed / frequency_hz - 1.0))
+    return bool(np.all(deviation < 2e-3))
 
 
 def _readings(
     problem: FrequencyProblem, table: ResponseTable | None
 ) -> Iterator[tuple[str, FrequencyProblem]]:
-    """The same data with phase in the other unit, of the other sign, as decibels, with channels exchanged, or of
-    another reference quantity."""
+    """Yield other readings of the same data, each with the question that it raises.
+
+    They have phase in the other unit or of the other sign, decibels, exchanged channels, or another
+    reference quantity.
+    """
     if table is not None:
         yield from _readings_of_table(problem, table)
     elif np.all(problem.data[2] != 0.0):
         frequency, reference, response, deviation = problem.data
-        text = "The data fit far better with reference and response exchanged: are their columns the right way round?"
+        text = (
+            "The data fit far better with reference and response exchanged: "
+            "are their columns the right way round?"
+        )
         data = (frequency, response, reference, deviation * np.abs(reference / response))
         yield text, replace(problem, data=data)
     if problem.quantity != "drive":
         for quantity in get_args(Quantity):
             if quantity not in (problem.quantity, "drive"):
-                text = f"The data fit far better with a reference in {quantity}: is its quantity right?"
+                text = (
+                    f"The data fit far better with a reference in {quantity}: "
+                    "is its quantity right?"
+                )
                 yield text, replace(problem, quantity=quantity)
 
 
 def _readings_of_table(
     problem: FrequencyProblem, table: ResponseTable
 ) -> Iterator[tuple[str, FrequencyProblem]]:
+    """Yield other readings of a table, each with the question that it raises."""
     frequency, magnitude, phase, magnitude_u, phase_u = problem.data
     if problem.has_phase:
         for text, factor in (
@@ -200,14 +244,17 @@ def _readings_of_table(
                 )
         text = "The phases fit far better with the other sign: here a lag is negative"
         yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
-    root, relative_u = np.sqrt(magnitude), magnitude_u / magnitude
+    root = np.sqrt(magnitude)
+    relative_u = magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
     yield text, replace(problem, data=(frequency, root, phase, 0.5 * relative_u * root, phase_u))
-    if (
-        np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0
-    ):  # any small numbers look like levels of a flat response
+    # Any small numbers look like levels of a flat response.
+    if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:
         ratio = 10.0 ** (magnitude / 20.0)
-        text = "The magnitudes fit far better as decibels: the column wants the ratio itself, not its level"
+        text = (
+            "The magnitudes fit far better as decibels: "
+            "the column wants the ratio itself, not its level"
+        )
         relative_u = (
             relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
         )

@@ -1,4 +1,4 @@
-"""What departs from a fit, in words: the findings of a result, and those of them that matter as warnings."""
+"""Departures from a fit, in words: findings of a result, and warnings of those that matter."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.departures.examination import Found, Together, examine
+from vibrident.fit.departures.examination import DepartureGroup, SignificantDeparture, examine
 from vibrident.fit.departures.points import PointsPart
 from vibrident.fit.departures.sources import groups_of, scale_of
-from vibrident.fit.judge.attempts import Fitted, Told
+from vibrident.fit.judge.attempts import DepartureReport, Fitted
 from vibrident.fit.response.hum import hum_tones, lacking
 from vibrident.fit.uncertainty.budget import patterns
 from vibrident.fit.uncertainty.parameters import deviations, parameter_units
@@ -22,21 +22,28 @@ from vibrident.result import Finding, ResultWarning
 
 #: Of a model with a bent spring.
 BESIDE_ITS_MIDDLE = (
-    "The model has a spring that is bent alike on both sides of its rest; one that rests beside its middle, as under a "
-    "static load, is not, and the parameters are off by more than their uncertainty says."
+    "The model has a spring that is bent alike on both sides of its rest; one that rests beside "
+    "its middle, as under a static load, is not, and the parameters are off by more than their "
+    "uncertainty says."
 )
-#: A longer shift of a coordinate is beyond what a linearised fit tells: a gain twice as large, e times the frequency.
+#: A longer shift of a coordinate is beyond what a linearised fit tells: a gain twice as large, e
+#: times the frequency.
 MAX_SHIFT = 1.0
-#: A smaller shift, in standard uncertainties, is rounding or next to nothing, and is not told by its number.
-TOLD_FROM = 0.01
+#: A smaller shift, in standard uncertainties, is rounding or next to nothing: no number is stated.
+MIN_STATED_SHIFT = 0.01
 
 
-def departures_of(fitted: Fitted) -> tuple[Together, ...]:
-    """All departures from a fit, tested where they were not yet; those of one kind together."""
-    evidence, estimate, judgement = fitted.evidence, fitted.estimate, fitted.judgement
+def departures_of(fitted: Fitted) -> tuple[DepartureGroup, ...]:
+    """Return all departures from a fit, those of one kind together.
+
+    They are tested where they were not yet.
+    """
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
     if fitted.departures is not None:
         return fitted.departures
-    if estimate.findings.decays is not None:  # they have tests of their own
+    if estimate.findings.decays is not None:  # free decays have tests of their own
         return ()
     tones = judgement.points[0] if judgement.tones is not None else None
     return tuple(
@@ -51,93 +58,120 @@ def departures_of(fitted: Fitted) -> tuple[Together, ...]:
 
 
 def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
-    """The records with hum, and departures that can be so, as nuisance parameters; themselves where they have all."""
+    """Return the records with hum and departures as nuisance parameters, as far as they can be.
+
+    They are themselves where they have all.
+    """
     records = fitted.evidence.records
     if records and fitted.evidence.model.is_linear:
-        own = tuple(record.hum_hz for record in records)
-        tones = hum_tones(records, fitted.judgement.predicted, own)
-        if lacking(tones, fitted.estimate.findings.hum_hz or own, records):
-            records = tuple(replace(one, hum_hz=hz) for one, hz in zip(records, tones, strict=True))
-    for group in _nuisances(fitted):  # what is shown by some is in all: it is of the channel
-        freer = group.found[0].departure.beside
-        records = tuple(one if one.reference is None else freer(one) for one in records)
+        known_hum = tuple(record.hum_hz for record in records)
+        tones = hum_tones(records, fitted.judgement.predicted, known_hum)
+        if lacking(tones, fitted.estimate.findings.hum_hz or known_hum, records):
+            records = tuple(
+                replace(record, hum_hz=hz) for record, hz in zip(records, tones, strict=True)
+            )
+    for group in _nuisances(fitted):  # those that some records show are in all: of the channel
+        with_nuisance = group.departures[0].kind.beside
+        records = tuple(
+            record if record.reference is None else with_nuisance(record) for record in records
+        )
     return records
 
 
-def told(fitted: Fitted, total: FloatArray) -> Told:
-    """Findings of all, and warnings of those that matter.
+def report_departures(fitted: Fitted, total: FloatArray) -> DepartureReport:
+    """Return findings of all departures, and warnings of those that matter.
 
     ``total``: covariance of the coordinates as stated, systematic effects included, shape (p, p).
     """
     groups = departures_of(fitted)
-    words = _Words(replace(fitted, departures=groups), deviations(total))
-    # what another model explains is no defect of the data
-    matter = [] if fitted.judgement.remedied is not None else _that_matter(words)
-    return Told(words.findings(groups), tuple(words.warning(group) for group in matter))
+    report = _Report(replace(fitted, departures=groups), deviations(total))
+    # What another model explains is no defect of the data.
+    matter = [] if fitted.judgement.remedy_chi2 is not None else _select_that_matter(report)
+    return DepartureReport(
+        report.findings(groups), tuple(report.warning(group) for group in matter)
+    )
 
 
-def told_as_nuisances(fitted: Fitted) -> Told:
-    """The same of those that :func:`with_nuisances` gives the records: the values stated are then without them."""
-    words, own = _words(fitted), _nuisances(fitted)
-    matter = [group for group in own if group in _that_matter(words)]
-    words = replace(words, admitted=True)
-    return Told(words.findings(own), tuple(words.warning(group) for group in matter))
+def report_nuisances(fitted: Fitted) -> DepartureReport:
+    """Return the report of departures that :func:`with_nuisances` gives the records.
 
-
-def _words(fitted: Fitted) -> _Words:
-    return _Words(fitted, deviations(fitted.estimate.covariance))
-
-
-def _nuisances(fitted: Fitted) -> list[Together]:
-    """What the fit can have as nuisance parameters; beside a tone, where they cost most, only what matters."""
-    all_of_them = fitted.estimate.criterion == "samples"
-    groups = departures_of(fitted) if all_of_them else _that_matter(_words(fitted))
-    return [one for one in groups if one.found[0].departure.nuisance]
-
-
-def _that_matter(words: _Words) -> list[Together]:
-    """Those that move a parameter by its standard uncertainty, the first of a misfit, and some to no first order.
-
-    An interferometer's light that is wrong at a harmonic is wrong at the tone, and a spring that rests beside its
-    middle moves the parameters by the square of what shows it.
+    The values stated are then without them.
     """
-    adequacy, bent = words.fitted.judgement.adequacy, not words.fitted.evidence.model.is_linear
+    report = _report(fitted)
+    groups = _nuisances(fitted)
+    matter = [group for group in groups if group in _select_that_matter(report)]
+    report = replace(report, admitted=True)
+    return DepartureReport(
+        report.findings(groups), tuple(report.warning(group) for group in matter)
+    )
+
+
+def _report(fitted: Fitted) -> _Report:
+    """Return the report of a fit, with the uncertainty of the data alone."""
+    return _Report(fitted, deviations(fitted.estimate.covariance))
+
+
+def _nuisances(fitted: Fitted) -> list[DepartureGroup]:
+    """Return the departures that the fit can have as nuisance parameters.
+
+    Beside a tone, where they cost most, only what matters.
+    """
+    in_time = fitted.estimate.criterion == "samples"
+    groups = departures_of(fitted) if in_time else _select_that_matter(_report(fitted))
+    return [group for group in groups if group.departures[0].kind.nuisance]
+
+
+def _select_that_matter(report: _Report) -> list[DepartureGroup]:
+    """Return the departures that matter.
+
+    They move a parameter by its standard uncertainty, are the first of a misfit, or matter to no
+    first order: an interferometer's light that is wrong at a harmonic is wrong at the tone, and a
+    spring that rests beside its middle moves the parameters by the square of what shows it.
+    """
+    adequacy = report.fitted.judgement.adequacy
+    bent = not report.fitted.evidence.model.is_linear
     unexplained = not adequacy.adequate and adequacy.degrees_of_freedom > 0
     return [
         group
-        for number, group in enumerate(departures_of(words.fitted))
-        if np.max(words.sizes(group.shift), initial=0.0) >= 1.0
+        for number, group in enumerate(departures_of(report.fitted))
+        if np.max(report.sizes(group.shift), initial=0.0) >= 1.0
         or (unexplained and number == 0)
-        or group.found[0].code == "few_fringes"
-        or (group.found[0].code == "nonlinear" and bent)
+        or group.departures[0].code == "few_fringes"
+        or (group.departures[0].code == "nonlinear" and bent)
     ]
 
 
 def _points(fitted: Fitted) -> PointsPart | None:
-    """The response of a table or of sines; None for other motion, or where nothing is left to judge by."""
-    evidence, estimate, judgement, linear = (
-        fitted.evidence,
-        fitted.estimate,
-        fitted.judgement,
-        fitted.linear,
-    )
-    alone = evidence.calibration.table is not None or (
+    """Return the response of a table or of sines at its points.
+
+    None for other motion, or where no degree of freedom remains.
+    """
+    evidence = fitted.evidence
+    estimate = fitted.estimate
+    judgement = fitted.judgement
+    linear = fitted.linear
+    has_points = evidence.calibration.table is not None or (
         evidence.only_sines and estimate.criterion != "samples"
     )
-    if not alone or not evidence.model.is_linear or judgement.adequacy.degrees_of_freedom <= 0:
+    if not has_points or not evidence.model.is_linear or judgement.adequacy.degrees_of_freedom <= 0:
         return None
-    size, record = judgement.scatter or 1.0, judgement.adequacy.record
+    scatter = judgement.scatter or 1.0
+    record = judgement.adequacy.record
     linear = replace(
-        linear, matrix=linear.matrix / size, rest=linear.rest / size, weight=linear.weight / size
+        linear,
+        matrix=linear.matrix / scatter,
+        residual=linear.residual / scatter,
+        weight=linear.weight / scatter,
     )
-    shape = patterns(fitted.effects, linear, linear.frequency_hz)
+    effect_patterns = patterns(fitted.effects, linear, linear.frequency_hz)
     common = (
-        np.where(linear.is_phase[:, None], np.imag(shape), np.real(shape)) * linear.weight[:, None]
+        np.where(linear.is_phase[:, None], np.imag(effect_patterns), np.real(effect_patterns))
+        * linear.weight[:, None]
     )
     transfer = evidence.model.frequency_response(
         fitted.values, linear.frequency_hz[: len(record)], "acceleration"
     )
-    freedom = [part.freedom for part in judgement.points]
+    freedom = [points.freedom for points in judgement.points]
     return PointsPart(
         linear,
         common.T,
@@ -145,16 +179,16 @@ def _points(fitted: Fitted) -> PointsPart | None:
         None if judgement.tones is None else judgement.tones.response,
         np.asarray(transfer, dtype=complex),
         float(1.0 / np.mean(1.0 / np.concatenate(freedom))) if freedom else np.inf,
-        np.zeros((0, len(linear.rest))),
+        np.zeros((0, len(linear.residual))),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Words:
-    """Findings and warnings in words.
+class _Report:
+    """Findings and warnings of a fit's departures, in words.
 
-    ``uncertainty``: of the coordinates as stated, shape (p,); ``admitted``: whether the fit that states the result has
-    the departures as nuisance parameters, and is not this one.
+    ``uncertainty``: of the coordinates as stated, shape (p,); ``admitted``: whether the fit that
+    states the result has the departures as nuisance parameters, and is not this one.
     """
 
     fitted: Fitted
@@ -162,80 +196,106 @@ class _Words:
     admitted: bool = False
 
     def sizes(self, shift: FloatArray) -> FloatArray:
-        """A shift of the coordinates, in their standard uncertainties."""
+        """Return a shift of the coordinates, in their standard uncertainties."""
         return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
 
-    def findings(self, groups: Iterable[Together]) -> tuple[Finding, ...]:
-        """All of them."""
-        return tuple(self._finding(one, group) for group in groups for one in group.found)
+    def findings(self, groups: Iterable[DepartureGroup]) -> tuple[Finding, ...]:
+        """Return the findings of all departures."""
+        return tuple(
+            self._finding(departure, group) for group in groups for departure in group.departures
+        )
 
-    def _finding(self, one: Found, group: Together) -> Finding:
-        """A finding by itself; one that is alone in its group moves what the group does."""
-        alone = len(group.found) == 1
-        shift, doubt = (group.shift, group.doubt) if alone else (one.score.shift, one.score.doubt)
+    def _finding(self, departure: SignificantDeparture, group: DepartureGroup) -> Finding:
+        """Return a departure's finding.
+
+        One that is alone in its group moves what the group does.
+        """
+        is_single = len(group.departures) == 1
+        shift, doubt = (
+            (group.shift, group.doubt)
+            if is_single
+            else (departure.score.shift, departure.score.doubt)
+        )
         without = self._values_without(shift)
         impact = {
-            n: 0.0 if self.admitted else float(v - without[n])
-            for n, v in self.fitted.values.items()
+            name: 0.0 if self.admitted else float(value - without[name])
+            for name, value in self.fitted.values.items()
         }
-        message = f"{_said(one)} {self._without(one, shift, doubt, 'it')}"
-        return Finding(one.code, one.record, one.candidate.time_s, one.chance, impact, message)
+        message = f"{_describe(departure)} {self._without(departure, shift, doubt, 'it')}"
+        return Finding(
+            departure.code,
+            departure.record,
+            departure.candidate.time_s,
+            departure.chance,
+            impact,
+            message,
+        )
 
-    def warning(self, group: Together) -> ResultWarning:
-        """One for all records of a group."""
-        first, others = group.found[0], len({one.record for one in group.found}) - 1
-        kinds = {
-            one.departure: one for one in reversed(group.found)
-        }  # the most significant of each
-        text = " ".join(_said(one) for one in sorted(kinds.values(), key=group.found.index))
+    def warning(self, group: DepartureGroup) -> ResultWarning:
+        """Return the warning of a group, one for all its records."""
+        first = group.departures[0]
+        others = len({departure.record for departure in group.departures}) - 1
+        # The most significant of each kind.
+        kinds = {departure.kind: departure for departure in reversed(group.departures)}
+        text = " ".join(
+            _describe(departure) for departure in sorted(kinds.values(), key=group.departures.index)
+        )
         if others:
             text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
         if first.code == "nonlinear" and not self.fitted.evidence.model.is_linear:
             return ResultWarning(first.code, f"{text} {BESIDE_ITS_MIDDLE}")
-        them = "it" if len(group.found) == 1 else "them"
+        pronoun = "it" if len(group.departures) == 1 else "them"
         return ResultWarning(
-            first.code, f"{text} {self._without(first, group.shift, group.doubt, them)}"
+            first.code, f"{text} {self._without(first, group.shift, group.doubt, pronoun)}"
         )
 
     def _values_without(self, shift: FloatArray) -> dict[str, float]:
-        """Values of the parameters without a shift, as far as a linearised fit tells."""
+        """Return the parameters without a shift, as far as a linearised fit tells."""
         estimate = self.fitted.estimate
         return estimate.coordinates.values(estimate.z - np.clip(shift, -MAX_SHIFT, MAX_SHIFT))
 
-    def _without(self, one: Found, shift: FloatArray, doubt: FloatArray, it: str) -> str:
-        """What the parameter that moves most would be."""
-        evidence, size = self.fitted.evidence, self.sizes(shift)
-        name = evidence.model.parameter_names[int(np.argmax(size))]
-        moved = f"{plain(float(np.max(size)), 2)} u"
-        if np.max(size) < TOLD_FROM:
-            return f"No parameter moves by {TOLD_FROM:g} u."
-        at = int(np.argmax(size))
-        if abs(shift[at]) < doubt[at] or abs(shift[at]) > MAX_SHIFT:
-            return f"By how much {it} moves the {in_words(name)} the data do not tell.".replace(
-                "them moves", "they move"
+    def _without(
+        self, departure: SignificantDeparture, shift: FloatArray, doubt: FloatArray, pronoun: str
+    ) -> str:
+        """Return the sentence on what the parameter that moves most would be.
+
+        ``pronoun``: of the departures, ``it`` or ``them``.
+        """
+        evidence = self.fitted.evidence
+        shift_sizes = self.sizes(shift)
+        name = evidence.model.parameter_names[int(np.argmax(shift_sizes))]
+        shift_in_u = f"{plain(float(np.max(shift_sizes)), 2)} u"
+        if np.max(shift_sizes) < MIN_STATED_SHIFT:
+            return f"No parameter moves by {MIN_STATED_SHIFT:g} u."
+        index = int(np.argmax(shift_sizes))
+        if abs(shift[index]) < doubt[index] or abs(shift[index]) > MAX_SHIFT:
+            return (
+                f"By how much {pronoun} moves the {in_words(name)} the data do not tell.".replace(
+                    "them moves", "they move"
+                )
             )
-        if one.departure.own_columns:  # the data do not tell which of them is wrong
-            return f"Where it is largest, it moves the {in_words(name)} by {moved}."
-        stated, without = self.fitted.values[name], self._values_without(shift)[name]
-        here, there = (stated, without) if self.admitted else (without, stated)
-        digits, unit = (
-            _digits(here, there),
-            parameter_units(evidence.model, evidence.calibration)[name],
-        )
-        values = f"{amount(here, unit, digits)} in place of {amount(there, unit, digits)}"
-        would = f"the {in_words(name)} would be {values} ({moved})."
+        if departure.kind.own_columns:  # the data do not determine which of them is wrong
+            return f"Where it is largest, it moves the {in_words(name)} by {shift_in_u}."
+        stated = self.fitted.values[name]
+        without = self._values_without(shift)[name]
+        alternative, given = (stated, without) if self.admitted else (without, stated)
+        digits = _digits(alternative, given)
+        unit = parameter_units(evidence.model, evidence.calibration)[name]
+        values = f"{amount(alternative, unit, digits)} in place of {amount(given, unit, digits)}"
+        change = f"the {in_words(name)} would be {values} ({shift_in_u})."
         if self.admitted:
-            return f"The fit has {it} as nuisance parameters; without these {would}"
-        return f"Without {it} {would}"
+            return f"The fit has {pronoun} as nuisance parameters; without these {change}"
+        return f"Without {pronoun} {change}"
 
 
-def _digits(one: float, other: float) -> int:
-    """By which two values can be told apart, to a tenth of what they differ by."""
-    apart = abs(one - other) / max(abs(one), np.finfo(float).tiny)
-    return min(max(6, 2 - math.floor(math.log10(apart))), 15) if apart > 0.0 else 6
+def _digits(first: float, second: float) -> int:
+    """Return the digits by which two values differ, to a tenth of their difference."""
+    difference = abs(first - second) / max(abs(first), np.finfo(float).tiny)
+    return min(max(6, 2 - math.floor(math.log10(difference))), 15) if difference > 0.0 else 6
 
 
-def _said(one: Found) -> str:
-    text = one.sentence[:1].upper() + one.sentence[1:]
+def _describe(departure: SignificantDeparture) -> str:
+    """Return the sentence on a departure, with its record where it is of one."""
+    text = departure.sentence[:1].upper() + departure.sentence[1:]
     text = text if text.endswith("?") else f"{text}."
-    return text if one.record is None else f"{one.record}: {text}"
+    return text if departure.record is None else f"{departure.record}: {text}"

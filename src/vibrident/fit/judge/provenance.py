@@ -43,7 +43,8 @@ LIBRARIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 def provenance(fitted: Fitted) -> dict[str, Any]:
     """Return versions, files and time of an identification, as plain values."""
-    evidence, calibration = fitted.evidence, fitted.evidence.calibration
+    evidence = fitted.evidence
+    calibration = fitted.evidence.calibration
     sources = [record.provenance for record in evidence.records or calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]
@@ -59,7 +60,10 @@ def provenance(fitted: Fitted) -> dict[str, Any]:
         **({"model": source_of(model)} if MODELS.is_given(model.name) else {}),
         "calibration_file": calibration.source,
         "files": [
-            *({"file": s.file, "sha256": s.sha256, "history": list(s.history)} for s in sources),
+            *(
+                {"file": source.file, "sha256": source.sha256, "history": list(source.history)}
+                for source in sources
+            ),
             *_known_files(calibration),
         ],
         "seed": None,
@@ -105,11 +109,13 @@ def _taking_part(fitted: Fitted, readers: Iterable[str]) -> Iterator[tuple[Regis
 
 
 def _versions(packages: Iterable[str]) -> dict[str, str]:
+    """Return the versions of packages by name."""
     return {package: _version(package) for package in packages}
 
 
 @functools.cache  # reading a package's metadata takes time
 def _version(package: str) -> str:
+    """Return the version of a package, or ``unknown``."""
     try:
         return version(package)
     except PackageNotFoundError:

@@ -1,6 +1,7 @@
-"""Fits without dead records, with drift and hum as nuisance parameters, and with a scatter that was not stated.
+"""Fits without dead records, with nuisance parameters, and with a scatter that was not stated.
 
-Each step takes the attempt so far and returns it, or a better one.
+The nuisance parameters are of drift and hum. Each step takes the attempt so far and returns it, or
+a better one.
 """
 
 from __future__ import annotations
@@ -11,85 +12,100 @@ import numpy as np
 
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.examined import departures_of, told_as_nuisances, with_nuisances
+from vibrident.fit.judge.examined import departures_of, report_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import looks_random
 
-#: What a table's record and the result say of it.
+#: The sentence of a table's history and of the result on a phase's uncertainty by its scatter.
 PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by its scatter"
 
 
 def without_dead_records(first: Fitted) -> Fitted:
-    """Return the fit without records that seem dead, where that explains the others or contradicts the first."""
-    others = first.evidence.without_dead_records()
-    if others is None:
+    """Return the fit without records that seem dead, where that is the better one.
+
+    It is better where it explains the others or contradicts the first.
+    """
+    evidence = first.evidence.without_dead_records()
+    if evidence is None:
         return first
-    better = Fitted.of(others, first.estimator, first.progress)
+    better = Fitted.from_evidence(evidence, first.estimator, first.progress)
     chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
-    left = [1.0 - attempt.judgement.explained for attempt in (better, first)]
-    clearer = chi2[0] < chi2[1] / 4.0 or left[0] < left[1] / 4.0
+    unexplained = [1.0 - attempt.judgement.explained for attempt in (better, first)]
+    clearer = chi2[0] < chi2[1] / 4.0 or unexplained[0] < unexplained[1] / 4.0
     return better if clearer or (better.adequate and _contradicted(first, better)) else first
 
 
 def _contradicted(first: Fitted, better: Fitted) -> bool:
     """Return whether a fit is not where some of its records say (Hausman 1978).
 
-    Were all records right, the fit of all would deviate from that of some by less than the latter from the truth.
-    A sharp resonance is where its ringing is read: what hides it in a dead record moves it.
+    Were all records right, the fit of all would deviate from that of some by less than the latter
+    from the truth. A sharp resonance is where its ringing is read: what hides it in a dead record
+    moves it.
     """
     estimate = better.estimate
-    moved = np.array([first.values[name] - value for name, value in better.values.items()])
-    moved /= estimate.coordinates.slopes(estimate.z)
-    squares = float(moved @ inverse_normal(estimate.covariance) @ moved)
-    return probability(squares, len(moved)) < REJECTION
+    shift = np.array([first.values[name] - value for name, value in better.values.items()])
+    shift /= estimate.coordinates.slopes(estimate.z)
+    squares = float(shift @ inverse_normal(estimate.covariance) @ shift)
+    return probability(squares, len(shift)) < REJECTION
 
 
 def with_phase_scatter(first: Fitted) -> Fitted:
-    """The fit of a table that states the magnitude's uncertainty alone: that of the phase is seen in its deviations.
+    """Return the fit of a table whose phase has its uncertainty from its deviations.
 
-    It is taken in proportion to the magnitude's. Where the deviations follow a pattern, the model does not explain the
-    phase, and their size says nothing of its uncertainty.
+    That is done where the table states the magnitude's uncertainty alone. The phase's is taken in
+    proportion to it. Where the deviations follow a pattern, the model does not explain the phase,
+    and their size says nothing of its uncertainty.
     """
-    calibration, problem, now = first.evidence.calibration, first.evidence.first_look, first
+    calibration = first.evidence.calibration
+    problem = first.evidence.first_look
+    current = first
     table = calibration.table
     if table is None or problem is None or not problem.has_phase:
         return first
     if table.magnitude_uncertainty is None or table.phase_uncertainty_rad is not None:
         return first
-    free, order = (
-        table.points - 0.5 * len(first.estimate.z),
-        np.argsort(table.frequency_hz, kind="stable"),
-    )
+    freedom = table.points - 0.5 * len(first.estimate.z)
+    order = np.argsort(table.frequency_hz, kind="stable")
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
-    known = 1.0
-    for _ in range(20 if free > 1.0 else 0):
-        turn = np.asarray(problem.residual(now.estimate.z, now.estimate.coordinates))[
-            table.points :
-        ][order]
-        scatter = float(np.sqrt(np.sum(turn**2) / free))
-        if abs(scatter - known) < 0.01 * known or scatter == 0.0:
-            return now if looks_random(turn) else first
-        known, stated = scatter, scatter * problem.relative_deviation
-        told = replace(table, phase_uncertainty_rad=stated, provenance=provenance)
-        again = first.anew(Evidence.gather(replace(calibration, table=told), first.evidence.model))
-        now = replace(again, phase_by_scatter=True)
+    scatter_before = 1.0
+    for _ in range(20 if freedom > 1.0 else 0):
+        phase_residual = np.asarray(
+            problem.residual(current.estimate.z, current.estimate.coordinates)
+        )[table.points :][order]
+        scatter = float(np.sqrt(np.sum(phase_residual**2) / freedom))
+        if abs(scatter - scatter_before) < 0.01 * scatter_before or scatter == 0.0:
+            return current if looks_random(phase_residual) else first
+        scatter_before = scatter
+        stated = scatter * problem.relative_deviation
+        table_with_phase = replace(table, phase_uncertainty_rad=stated, provenance=provenance)
+        refit = first.anew(
+            Evidence.gather(replace(calibration, table=table_with_phase), first.evidence.model)
+        )
+        current = replace(refit, phase_by_scatter=True)
     return first
 
 
 def beside_departures(first: Fitted) -> Fitted:
-    """The fit with those departures that can be so as nuisance parameters (drift, hum), from where it stands."""
-    now = first
+    """Return the fit with departures as nuisance parameters, from where it stands.
+
+    Those are drift and hum.
+    """
+    current = first
     for _ in range(3):
-        now = replace(now, departures=departures_of(now))
-        records = with_nuisances(now)
-        if all(kept is record for kept, record in zip(records, now.evidence.records, strict=True)):
+        current = replace(current, departures=departures_of(current))
+        records = with_nuisances(current)
+        if all(
+            record_with_nuisances is record
+            for record_with_nuisances, record in zip(records, current.evidence.records, strict=True)
+        ):
             break
-        other = now.anew(now.evidence.with_records(records))
-        # A misfit has tones and drifts, too; and what has more unknowns does not explain less, unless it went astray.
-        less = other.judgement.explained < now.judgement.explained
-        if not other.adequate and (less or not now.adequate):
+        refit = current.anew(current.evidence.with_records(records))
+        # A misfit has tones and drifts, too; and what has more unknowns does not explain less,
+        # unless it went astray.
+        explains_less = refit.judgement.explained < current.judgement.explained
+        if not refit.adequate and (explains_less or not current.adequate):
             break
-        now = replace(other, told=(*now.told, told_as_nuisances(now)))
-    return now
+        current = replace(refit, reports=(*current.reports, report_nuisances(current)))
+    return current

@@ -8,15 +8,15 @@ from dataclasses import replace
 
 from vibrident.base.amounts import plain
 from vibrident.base.errors import VibridentError
-from vibrident.fit.judge.attempts import MIN_SHARE, Fitted
+from vibrident.fit.judge.attempts import MIN_EXPLAINED_SHARE, Fitted
 from vibrident.fit.problem import Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.start.start import Start, extended, find_start
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, installed
 
-#: Degrees of freedom that must be left to judge a model by.
-LEAST_FREE = 4
+#: Degrees of freedom that must remain to judge a model by.
+MIN_FREEDOM = 4
 #: χ²/ν at the points alone that is little.
-LITTLE = 1.5
+MAX_SMALL_CHI2 = 1.5
 
 
 def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fitted:
@@ -26,53 +26,62 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
     ones by one fit from the values at the points. What is said is what a user gets who asks for
     that model: ``fit_anew`` fits it from nothing, and its χ² is stated.
     """
-    evidence, judgement = fitted.evidence, fitted.judgement
+    evidence = fitted.evidence
+    judgement = fitted.judgement
     declared = judgement.adequacy.chi2_reduced or 0.0
-    if fitted.adequate or declared <= 0.0 or not _may_be_the_model(fitted):
+    if fitted.adequate or declared <= 0.0 or not _may_lack_model(fitted):
         return fitted
-    for other, values in itertools.islice(_tried(fitted), 2):
+    for candidate, values in itertools.islice(_likely_models(fitted), 2):
         try:
-            if not fitted.once(replace(evidence, model=other, start=values)).adequate:
+            if not fitted.once(replace(evidence, model=candidate, start=values)).adequate:
                 continue
-            better = fit_anew(other)
+            better = fit_anew(candidate)
         except VibridentError:
             continue
         if better.adequate:
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
-            explained = f"The model {other.name} explains them (χ²/dof = {plain(chi2, 3)})."
+            explained = f"The model {candidate.name} explains them (χ²/dof = {plain(chi2, 3)})."
             text = f"{judgement.lack_of_fit} {explained}"
-            judgement = replace(judgement, lack_of_fit=text, remedied=chi2, explained_by=other.name)
+            judgement = replace(
+                judgement, lack_of_fit=text, remedy_chi2=chi2, explained_by=candidate.name
+            )
             return replace(fitted, judgement=judgement)
     return fitted
 
 
-def _may_be_the_model(found: Fitted) -> bool:
-    """Whether the model may be at fault: not its discretisation, nor what no linear model explains."""
-    findings, few = (
-        found.estimate.findings,
-        found.judgement.adequacy.degrees_of_freedom < LEAST_FREE,
-    )
+def _may_lack_model(fitted: Fitted) -> bool:
+    """Return whether the model may be at fault.
+
+    It is not where its discretisation is, nor where no linear model explains the data.
+    """
+    findings = fitted.estimate.findings
+    untestable = fitted.judgement.adequacy.degrees_of_freedom < MIN_FREEDOM
     network = findings.network
     plain_fit = (
         findings.learned is None
         and (network is None or network.optimiser != "adam")
         and findings.method.is_exact
     )
-    if found.evidence.bands is not None:
-        few |= found.judgement.explained < MIN_SHARE
-    return found.evidence.model.is_linear and plain_fit and not few
+    if fitted.evidence.bands is not None:
+        untestable |= fitted.judgement.explained < MIN_EXPLAINED_SHARE
+    return fitted.evidence.model.is_linear and plain_fit and not untestable
 
 
-def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """The models worth a fit of the records, with their values at the points: those of fewest parameters come first."""
-    problem = found.evidence.first_look
+def _likely_models(fitted: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
+    """Yield the models worth a fit of the records, with their values at the points.
+
+    Those of fewest parameters come first.
+    """
+    problem = fitted.evidence.first_look
     if problem is None:
         return
     if not problem.polar:  # beside the fit
-        problem = replace(problem, data=found.judgement.adequacy.as_data)
-    own = (found.judgement.adequacy.chi2_reduced or 0.0, found.evidence.model, found.values)
-    for level in _others(found.evidence):
-        likely = itertools.chain.from_iterable(_likely(problem, alike, *own) for alike in level)
+        problem = replace(problem, data=fitted.judgement.adequacy.as_data)
+    present = (fitted.judgement.adequacy.chi2_reduced or 0.0, fitted.evidence.model, fitted.values)
+    for models_by_size in _other_models(fitted.evidence):
+        likely = itertools.chain.from_iterable(
+            _models_that_explain(problem, models, *present) for models in models_by_size
+        )
         first = next(likely, None)
         if first is not None:
             yield first
@@ -80,73 +89,102 @@ def _tried(found: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
             return
 
 
-def _likely(
+def _models_that_explain(
     problem: FrequencyProblem,
-    others: Sequence[SensorModel],
-    own: float,
+    models: Sequence[SensorModel],
+    chi2_reduced: float,
     model: SensorModel,
     values: dict[str, float],
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Models that leave a tenth of χ²/ν or less, or little; and no more than 30 times what the best one leaves."""
-    found, worth = [], min(max(own / 10.0, LITTLE), 0.5 * own)
-    for other in others:
-        free = problem.equations - len(other.parameter_names)
-        start = _start(problem, other, model, values, worth * free) if free >= LEAST_FREE else None
-        if start is not None and _inside(problem, other, start.values):
-            found.append((other, start.costs[-1] / free, start.values))
-    least = min([own / 10.0, *(30.0 * cost for _, cost, _ in found)])
-    for other, cost, there in found:
-        if cost < min(max(least, LITTLE), worth):
-            yield other, there
+    """Yield models that leave a tenth of χ²/ν or less, or little, with their parameters.
+
+    They leave no more than 30 times what the best one leaves.
+
+    Args:
+        problem: the points.
+        models: to be tried.
+        chi2_reduced: of the present model.
+        model: the present one.
+        values: of its parameters.
+    """
+    candidates = []
+    max_cost = min(max(chi2_reduced / 10.0, MAX_SMALL_CHI2), 0.5 * chi2_reduced)
+    for candidate in models:
+        freedom = problem.equations - len(candidate.parameter_names)
+        start = (
+            _start_of_model(problem, candidate, model, values, max_cost * freedom)
+            if freedom >= MIN_FREEDOM
+            else None
+        )
+        if start is not None and _lies_inside(problem, candidate, start.values):
+            candidates.append((candidate, start.costs[-1] / freedom, start.values))
+    limit = min([chi2_reduced / 10.0, *(30.0 * cost for _, cost, _ in candidates)])
+    for candidate, cost, parameters in candidates:
+        if cost < min(max(limit, MAX_SMALL_CHI2), max_cost):
+            yield candidate, parameters
 
 
-def _start(
+def _start_of_model(
     problem: FrequencyProblem,
-    other: SensorModel,
+    candidate: SensorModel,
     model: SensorModel,
     values: dict[str, float],
-    most: float,
+    max_cost: float,
 ) -> Start | None:
-    """A model at the points; of one that extends the present model, from there; None where its cost is above most."""
-    asked = replace(problem, model=other, start=None)
+    """Return the start of a model at the points, or None where its cost is above the limit.
+
+    That of a model that extends the present one begins there.
+    """
+    problem_of_other = replace(problem, model=candidate, start=None)
     try:
-        if set(model.parameter_names) < set(other.parameter_names):
-            return extended(asked, other, values, most)
-        return find_start(asked, other, most)
+        if set(model.parameter_names) < set(candidate.parameter_names):
+            return extended(problem_of_other, candidate, values, max_cost)
+        return find_start(problem_of_other, candidate, max_cost)
     except VibridentError:
         return None
 
 
-def _inside(problem: FrequencyProblem, other: SensorModel, values: dict[str, float]) -> bool:
-    """Whether no frequency is at the end of the range searched: out there it explains nothing."""
-    coordinates = Coordinates.at(other, values, problem.band_hz)
-    z, (low, high) = coordinates.first, coordinates.edges
-    return all(
-        low[k] < z[k] < high[k] for k, spec in enumerate(other.parameters) if spec.kind == "log"
-    )
+def _lies_inside(
+    problem: FrequencyProblem, candidate: SensorModel, values: dict[str, float]
+) -> bool:
+    """Return whether no frequency is at the end of the range searched.
 
-
-def _others(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
-    """Linear models of another core or with one more add-on; then those with one more and a delay.
-
-    Of either those with as many parameters together, the fewest first.
+    Out there it explains nothing.
     """
-    own, possible = (
-        evidence.model.name.split("+"),
-        [addon for addon in ADD_ONS.values() if addon.force is None],
+    coordinates = Coordinates.at(candidate, values, problem.band_hz)
+    z = coordinates.first
+    low, high = coordinates.edges
+    return all(
+        low[k] < z[k] < high[k] for k, spec in enumerate(candidate.parameters) if spec.kind == "log"
     )
+
+
+def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
+    """Yield linear models of another core or with one more add-on; then with a delay too.
+
+    Of either those with as many parameters come together, the fewest first.
+    """
+    present = evidence.model.name.split("+")
+    add_ons = [addon for addon in ADD_ONS.values() if addon.force is None]
     if evidence.bands is not None:  # broadband motion needs a network
-        possible = [addon for addon in possible if addon.factor is None]
-    more = [addon.name for addon in possible if addon.name not in own]
-    delays = [addon.name for addon in possible if addon.is_delay and addon.name in more]
-    # a gain alone is a limit of the other cores
-    cores = [name for name, core in CORES.items() if name != own[0] and len(core.parameters) > 1]
-    one = [[core, *own[1:]] for core in cores] + [[*own, name] for name in more]
-    two = [[*own, name, delay] for delay in delays for name in more if not ADD_ONS[name].is_delay]
-    for names in (one, two):
-        models = (installed("+".join(parts)) for parts in names)
+        add_ons = [addon for addon in add_ons if addon.factor is None]
+    additional = [addon.name for addon in add_ons if addon.name not in present]
+    delays = [addon.name for addon in add_ons if addon.is_delay and addon.name in additional]
+    # A gain alone is a limit of the other cores.
+    cores = [
+        name for name, core in CORES.items() if name != present[0] and len(core.parameters) > 1
+    ]
+    one_more = [[core, *present[1:]] for core in cores] + [[*present, name] for name in additional]
+    with_delay = [
+        [*present, name, delay]
+        for delay in delays
+        for name in additional
+        if not ADD_ONS[name].is_delay
+    ]
+    for names in (one_more, with_delay):
+        models = (installed("+".join(components)) for components in names)
         linear = [model for model in models if model is not None and model.is_linear]
         yield [
-            [m for m in linear if len(m.parameters) == n]
-            for n in sorted({len(m.parameters) for m in linear})
+            [model for model in linear if len(model.parameters) == size]
+            for size in sorted({len(model.parameters) for model in linear})
         ]

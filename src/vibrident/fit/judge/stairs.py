@@ -1,4 +1,4 @@
-"""The fit of a drive that is held between samples, with the instants of its edges as a nuisance parameter."""
+"""The fit of a drive that is held between samples; its edges' instants are a nuisance parameter."""
 
 from __future__ import annotations
 
@@ -25,29 +25,34 @@ def fit_stairs(fitted: Fitted) -> Fitted:
     beside the samples, by less than a step, the fit has them there, and the budget their
     uncertainty. A model with a delay has that in it.
     """
-    findings = tuple(each for each in fitted.evidence.findings if each.code != ALIASING)
+    findings = tuple(finding for finding in fitted.evidence.findings if finding.code != ALIASING)
     evidence = replace(fitted.evidence, findings=findings)
     fitted = replace(fitted, evidence=evidence, reason=HELD)
-    late_s = _lateness(fitted)
-    if late_s is None:
+    delay_s = _edge_delay(fitted)
+    if delay_s is None:
         return fitted
-    stairs = fitted.estimator
-    assert isinstance(stairs, Ipnn)
+    estimator = fitted.estimator
+    assert isinstance(estimator, Ipnn)
     rate_hz = evidence.records[0].sampling_rate_hz
-    value, u = late_s
-    pattern = tuple((f, 0.0, -2.0 * math.pi * f) for f in (0.0, 0.5 * rate_hz))
+    value, u = delay_s
+    pattern = tuple((hz, 0.0, -2.0 * math.pi * hz) for hz in (0.0, 0.5 * rate_hz))
     effect = SystematicEffect("the instants of the drive's edges", "edges", u, pattern=pattern)
-    late = replace(stairs, late_samples=value * rate_hz)
-    moved = Fitted.of(replace(evidence, effects=(effect,)), late, fitted.progress)
+    delayed = replace(estimator, late_samples=value * rate_hz)
+    shifted = Fitted.from_evidence(replace(evidence, effects=(effect,)), delayed, fitted.progress)
     when = "after" if value > 0.0 else "before"
     edges = f"edges {amount(abs(value), 's', 3)} ± {amount(u, 's', 1)} {when} the samples"
-    return replace(moved, reason=f"{HELD}, {edges}")
+    return replace(shifted, reason=f"{HELD}, {edges}")
 
 
-def _lateness(fitted: Fitted) -> tuple[float, float] | None:
-    """Return by how much the edges come after the samples and its u, s; None where that is not shown."""
+def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
+    """Return by how much the edges come after the samples and its u, s.
+
+    None where that is not shown.
+    """
     evidence = fitted.evidence
-    kinds = {each.departure.name for group in departures_of(fitted) for each in group.found}
+    kinds = {
+        departure.kind.name for group in departures_of(fitted) for departure in group.departures
+    }
     if evidence.model.has_delay or (fitted.adequate and DELAY not in kinds):
         return None
     if len({record.sampling_rate_hz for record in evidence.records}) > 1:
@@ -61,12 +66,11 @@ def _lateness(fitted: Fitted) -> tuple[float, float] | None:
         delayed = fitted.once(replace(evidence, model=model, start=start))
     except VibridentError:
         return None
-    coordinates, z = delayed.estimate.coordinates, delayed.estimate.z
+    coordinates = delayed.estimate.coordinates
+    z = delayed.estimate.z
     place = model.parameter_names.index(DELAY)
     variance = float(delayed.estimate.covariance[place, place])
-    late_s, u = (
-        delayed.values[DELAY],
-        abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance),
-    )
+    delay_s = delayed.values[DELAY]
+    u = abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance)
     step_s = evidence.records[0].sampling_interval_s
-    return (late_s, u) if delayed.adequate and abs(late_s) < step_s else None
+    return (delay_s, u) if delayed.adequate and abs(delay_s) < step_s else None

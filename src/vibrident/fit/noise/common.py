@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.information import SMALLEST, inverse_normal, inverse_where_shown
+from vibrident.fit.information import MIN_SCALED_EIGENVALUE, inverse_normal, inverse_where_shown
 from vibrident.fit.noise.averages import averaged_bins, typical, windowed
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -152,7 +152,7 @@ def _amounts(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
     amounts = (covariance @ right[..., None])[..., 0]
     least = SIGNIFICANT_DEVIATIONS * np.sqrt(covariance[:, 1, 1])
     without = ~((amounts[:, 0] >= 0.0) & (amounts[:, 1] > least))
-    variance = 1.0 / np.maximum(normal[without, 0, 0], SMALLEST)
+    variance = 1.0 / np.maximum(normal[without, 0, 0], MIN_SCALED_EIGENVALUE)
     amounts[without] = 0.0
     amounts[without, 0] = variance * right[without, 0]
     covariance[without] = 0.0

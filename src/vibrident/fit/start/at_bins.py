@@ -224,7 +224,7 @@ class _Search:
 
         try:
             trace = levenberg_marquardt(
-                objective, coordinates.first, None, tolerance=ROUGH, most=MAX_EVALUATIONS
+                objective, coordinates.first, None, tolerance=ROUGH, max_evaluations=MAX_EVALUATIONS
             )
         except (NotConverged, np.linalg.LinAlgError):
             return candidate

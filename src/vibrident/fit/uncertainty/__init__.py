@@ -1,4 +1,7 @@
-"""From an estimate's covariance to what a laboratory signs: parameters, curve, adequacy, what is not determined."""
+"""From an estimate's covariance to what a laboratory signs.
+
+Parameters, curve, adequacy, and what the data do not determine.
+"""
 
 from vibrident.fit.uncertainty.adequacy import Adequacy, assess
 from vibrident.fit.uncertainty.curve import curve

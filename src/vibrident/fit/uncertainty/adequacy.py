@@ -1,8 +1,8 @@
-"""Does the model explain the data? Deviations at the excited frequencies against their uncertainty.
+"""The test of adequacy: does the model explain the data within their uncertainty?
 
-With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when the model is
-right. For records the points are the factors of bands (:mod:`vibrident.fit.uncertainty.factors`). The model is
-rejected below a probability of 10⁻³.
+With n complex points and p parameters, Σ |Y − H X|²/σ² is χ² with 2 n − p degrees of freedom when
+the model is right. For records the points are the factors of bands
+(:mod:`vibrident.fit.uncertainty.factors`). The model is rejected below a probability of 10⁻³.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Response = Callable[[FloatArray], ComplexArray]
 
 @dataclass(frozen=True, eq=False)
 class Adequacy:
-    """Points to compare, and the verdict."""
+    """The points where measurement and model are compared, and the verdict."""
 
     frequency_hz: FloatArray  # shape (n,)
     measured: ComplexArray  # measured complex sensitivity, shape (n,)
@@ -37,15 +37,14 @@ class Adequacy:
     chi2_reduced: float | None  # None where nothing is known of the points' uncertainty
     degrees_of_freedom: int  # 2 n − p (n − p for magnitudes)
     adequate: bool  # the verdict
-    phase_deviation: FloatArray | None = (
-        None  # of the measured phase, rad, shape (n,); None: the relative deviation
-    )
+    #: Of the measured phase, rad, shape (n,); None: the relative deviation.
+    phase_deviation: FloatArray | None = None
     chance: float = 1.0  # that a right model deviates as much
     decays: float = 0.0  # χ² of the free decays among the records
 
     @property
     def as_data(self) -> tuple[Any, ...]:
-        """The points as the data of a :class:`FrequencyProblem`, with a reference of one."""
+        """Return the points as the data of a :class:`FrequencyProblem` with a reference of one."""
         size = np.abs(self.measured)
         return (
             self.frequency_hz,
@@ -56,13 +55,16 @@ class Adequacy:
 
     @property
     def birge(self) -> float:
-        """√(χ²/ν), at least one: the factor on the uncertainties that the deviations demand (Birge 1932)."""
+        """Return √(χ²/ν), at least one: the factor on u that the deviations demand (Birge 1932)."""
         return float(np.sqrt(max(self.chi2_reduced or 0.0, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Squared weighted deviations at n points, of two real parts each, over a noise estimate of ``freedom``."""
+    """Squared weighted deviations at n points, of two real parts each.
+
+    They are over a noise estimate of ``freedom`` degrees of freedom.
+    """
 
     frequency_hz: FloatArray
     measured: ComplexArray
@@ -70,26 +72,32 @@ class Points:
     record: tuple[str, ...]
     squares: FloatArray
     freedom: FloatArray
-    unweighted: FloatArray | None = (
-        None  # variance over that by noise of one level, at most one; None where it is that
-    )
+    #: Variance over that by noise of one level, at most one; None where it is that.
+    unweighted: FloatArray | None = None
 
 
 def tone_points(tones: MeasuredResponse, response: Response, names: Sequence[str]) -> Points:
-    """Points of sine records with these names; ``response``: the model's complex sensitivity over frequency."""
+    """Return the points of sine records.
+
+    ``response``: the model's complex sensitivity over frequency; ``names``: of the records, by
+    index.
+    """
     deviation = tones.error_deviation(response)
-    error = (
+    squares = (
         np.abs(tones.response - response(tones.frequency_hz) * tones.reference) ** 2 / deviation**2
     )
     relative = deviation / np.maximum(np.abs(tones.response), np.finfo(float).tiny)
-    owners = tuple(names[int(i)] for i in tones.record)
+    record_names = tuple(names[int(i)] for i in tones.record)
     return Points(
-        tones.frequency_hz, tones.ratio, relative, owners, error, tones.degrees_of_freedom
+        tones.frequency_hz, tones.ratio, relative, record_names, squares, tones.degrees_of_freedom
     )
 
 
 def factor_points(factors: Factors, record: Record, samples: int, response: Response) -> Points:
-    """Points of a record by the factors of its bands, whose places are in bins of so many samples."""
+    """Return a record's points from the factors of its bands.
+
+    ``samples``: number of samples whose transform has the bins that the factors' places count.
+    """
     frequency = factors.place * (record.sampling_rate_hz / samples)
     return Points(
         frequency,
@@ -103,48 +111,51 @@ def factor_points(factors: Factors, record: Record, samples: int, response: Resp
 
 
 def assess(
-    parts: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()
+    groups: Sequence[Points], parameters: int, decays: Sequence[DecayDeviation] = ()
 ) -> Adequacy:
-    """Join points and free decays and judge.
+    """Join points and free decays and judge the model by them.
 
     Without points, or with no more of them than parameters, the model cannot be tested.
     """
-    if not parts:
+    if not groups:
         return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
-    squares = np.concatenate([p.squares for p in parts])
-    freedom = np.concatenate([p.freedom for p in parts])
-    free = sum(decay.parts.chi2 for decay in decays)
-    chi2 = float(squares @ shrunk(freedom)) + free
+    squares = np.concatenate([p.squares for p in groups])
+    freedom = np.concatenate([p.freedom for p in groups])
+    decay_chi2 = sum(decay.parts.chi2 for decay in decays)
+    chi2 = float(squares @ shrunk(freedom)) + decay_chi2
     degrees = 2 * len(squares) - parameters + sum(decay.parts.degrees for decay in decays)
-    chance = chance_of(as_chi2(squares, freedom), degrees, free)
+    chance = chance_of(as_chi2(squares, freedom), degrees, decay_chi2)
     return Adequacy(
-        np.concatenate([p.frequency_hz for p in parts]),
-        np.concatenate([p.measured for p in parts]),
-        np.concatenate([p.relative_deviation for p in parts]),
-        tuple(name for p in parts for name in p.record),
+        np.concatenate([p.frequency_hz for p in groups]),
+        np.concatenate([p.measured for p in groups]),
+        np.concatenate([p.relative_deviation for p in groups]),
+        tuple(name for p in groups for name in p.record),
         chi2 / degrees if degrees > 0 else None,
         degrees,
         degrees > 0 and chance >= REJECTION,
         chance=chance,
-        decays=free,
+        decays=decay_chi2,
     )
 
 
 def looks_random(residual: FloatArray) -> bool:
-    """Whether residuals in order of frequency scatter without pattern, where no uncertainty was stated.
+    """Return whether residuals in order of frequency scatter without pattern.
 
-    Random ones are taken to follow a polynomial with a probability of 1e-5; their lag-one correlation exceeds four
-    standard deviations with one of 3e-5.
+    It serves where no uncertainty was stated. Random residuals are taken to follow a polynomial
+    with a probability of 1e-5; their lag-one correlation exceeds four standard deviations with one
+    of 3e-5.
     """
-    n = len(residual)
+    count = len(residual)
     power = float(np.sum(residual**2))
-    if n < 8 or power == 0.0:
+    if count < 8 or power == 0.0:
         return True
     lagged = float(np.sum(residual[1:] * residual[:-1])) / power
     # With few points that correlation has little power; an F test with a short polynomial has more.
-    terms = min(6, n // 4)
-    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), terms - 1))
+    terms = min(6, count // 4)
+    basis, _ = np.linalg.qr(
+        np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, count), terms - 1)
+    )
     smooth = float(np.sum((basis.T @ residual) ** 2))
-    rest = max(power - smooth, np.finfo(float).eps * power)
-    pattern = f_tail(terms, n - terms, smooth / terms / (rest / (n - terms))) < 1e-5
-    return lagged * np.sqrt(n) < 4.0 and not pattern
+    remainder = max(power - smooth, np.finfo(float).eps * power)
+    pattern = f_tail(terms, count - terms, smooth / terms / (remainder / (count - terms))) < 1e-5
+    return lagged * np.sqrt(count) < 4.0 and not pattern

@@ -1,28 +1,31 @@
-"""The uncertainty budget: what each systematic contribution does to each parameter (GUM 5.1, type B).
+"""The uncertainty budget: what each systematic contribution does to a parameter (GUM 5.1, type B).
 
-A contribution changes the measured response by a known pattern over frequency, with one unknown factor:
+A contribution changes the measured response by a known pattern over frequency, with one unknown
+factor:
 
 | kind | change of log H for one unit | standard uncertainty |
 |---|---|---|
 | gain | 1 | relative (voltmeter, amplifier, reference) |
 | timing | −2πjf | s (skew between the channels) |
 | phase | −j | rad |
-| mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (a stiff mount well below its resonance) |
+| mounting | (f/f₀)² | relative, at f₀ = ``frequency_hz`` (stiff mount, far below resonance) |
 | clock | −f ∂ log H/∂f | relative (sampling rate) |
 | ellipse, cyclic | tabulated by the interferometer's signals | relative |
-| gain, phase with a table or a band | tabulated by the calibration file | relative, rad: the largest |
+| gain, phase with a table or a band | tabulated by the calibration file | relative, rad: largest |
 | rounding | tabulated by the records and their converters' steps | relative |
 
-The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so more data do not
-reduce it.
+The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so
+more data do not reduce it.
 
-Effects also explain deviations. Along the pattern d_k(f) of each acts one unknown factor a_k, whose prior is N(0, 1)
-in units of its standard uncertainty. The deviations from the right model then have the covariance
-Σ = Σ_noise + Σ_k d_k d_kᵀ, and the test of adequacy is the χ² in that metric. It is computed as the least sum of the
-squares of the weighted deviations and of the a_k, over the parameters and the a_k (the two are the same, Woodbury),
-with the model as it is, so that an effect may be large beside the noise. A pattern that the parameters can follow
-explains nothing, and nothing changes. The a_k are judged by themselves too, as many points would hide one of six: with
-S = DᵀD of the part of the patterns that no parameter follows, the covariance of the estimated a_k is S(1 + S)⁻¹.
+Effects also explain deviations. Along the pattern d_k(f) of each acts one unknown factor a_k, whose
+prior is N(0, 1) in units of its standard uncertainty. The deviations from the right model then have
+the covariance Σ = Σ_noise + Σ_k d_k d_kᵀ, and the test of adequacy is the χ² in that metric. It is
+computed as the least sum of the squares of the weighted deviations and of the a_k, over the
+parameters and the a_k (the two are the same, Woodbury), with the model as it is, so that an effect
+may be large beside the noise. A pattern that the parameters can follow explains nothing, and
+nothing changes. The a_k are judged by themselves too, as many points would hide one of six: with S
+= DᵀD of the part of the patterns that no parameter follows, the covariance of the estimated a_k is
+S(1 + S)⁻¹.
 """
 
 from __future__ import annotations
@@ -42,14 +45,13 @@ from vibrident.fit.uncertainty.parameters import deviations, reference_direction
 from vibrident.result import MeasuredCurve
 
 DATA = "data"  # kind of a row of type A
-Weighted = Callable[
-    [FloatArray, np.ndarray], FloatArray
-]  # of z and a change of log H at each point
+#: Weighted deviations, from z and a change of log H at each point.
+Weighted = Callable[[FloatArray, np.ndarray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
 class BudgetRow:
-    """A row of the budget."""
+    """A row of the uncertainty budget: one contribution."""
 
     source: str  # of the contribution
     kind: str  # as in the module's table; ``data`` for the type A part
@@ -60,7 +62,7 @@ class BudgetRow:
 
 
 def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> list[BudgetRow]:
-    """A row for each systematic effect, as the fit, linearised at the estimate, answers to it."""
+    """Return a row for each source of systematic effects: the fit's linear answer to it."""
     rows: list[BudgetRow] = []
     for effect in effects:
         shift = shift_of_effect(effect, linear)
@@ -70,20 +72,18 @@ def rows_of_effects(effects: Sequence[SystematicEffect], linear: Linearised) -> 
             and effect.pattern
             and (rows[-1].source, rows[-1].kind) == (effect.source, effect.kind)
         ):
-            before = rows.pop()  # parts of one source
-            sizes = before.standard_uncertainty or 0.0, effect.standard_uncertainty
-            u = float(
-                np.hypot(*sizes) if effect.kind == "rounding" else max(sizes)
-            )  # of the bands of a source
-            row = replace(
-                row, standard_uncertainty=u, covariance=before.covariance + row.covariance
-            )
+            previous = rows.pop()  # parts of one source
+            uncertainties = previous.standard_uncertainty or 0.0, effect.standard_uncertainty
+            # Bands of one source differ; their largest uncertainty is stated.
+            u = float(np.hypot(*uncertainties) if effect.kind == "rounding" else max(uncertainties))
+            covariance = previous.covariance + row.covariance
+            row = replace(row, standard_uncertainty=u, covariance=covariance)
         rows.append(row)
     return rows
 
 
 def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow:
-    """The row of an effect that adds ``covariance``, shape (p, p)."""
+    """Return the row of an effect that adds ``covariance``, shape (p, p), to that of z."""
     freedom = effect.degrees_of_freedom
     return BudgetRow(
         effect.source, effect.kind, effect.standard_uncertainty, effect.unit, freedom, covariance
@@ -91,31 +91,32 @@ def row_of_effect(effect: SystematicEffect, covariance: FloatArray) -> BudgetRow
 
 
 def shift_of_effect(effect: SystematicEffect, linear: Linearised) -> FloatArray:
-    """What one standard uncertainty of the effect does to z, shape (p,)."""
+    """Return how far one standard uncertainty of the effect moves z, shape (p,)."""
     u = effect.standard_uncertainty
-    if (
-        effect.kind == "gain" and not effect.pattern
-    ):  # exact, even if the data do not determine the other parameters
+    if effect.kind == "gain" and not effect.pattern:
+        # Exact, even if the data do not determine the other parameters.
         return reference_direction(linear.z, linear.coordinates.model, u)
-    if (
-        not linear.matrix.size
-    ):  # free decays: all frequencies scale with the clock, and nothing else reaches them
+    if not linear.matrix.size:
+        # Free decays: all frequencies scale with the clock, and nothing else reaches them.
         specs = linear.coordinates.model.parameters
         return np.array(
             [u if effect.kind == "clock" and spec.kind == "log" else 0.0 for spec in specs]
         )
     change = pattern(effect, linear, linear.frequency_hz)
-    part = np.where(linear.is_phase, np.imag(change), np.real(change))
-    return u * linear.shift(part * linear.weight)
+    row_change = np.where(linear.is_phase, np.imag(change), np.real(change))
+    return u * linear.shift(row_change * linear.weight)
 
 
 def pattern(
     effect: SystematicEffect, linear: Linearised | Place | None, frequency: FloatArray
 ) -> NDArray[Any]:
-    """Change of log H for one unit of the effect, complex, shape (m,); ``linear`` is for a clock alone."""
+    """Return the change of log H for one unit of the effect, complex, shape (m,).
+
+    ``linear`` is for the kind clock alone.
+    """
     if effect.pattern:
-        at, real, imaginary = np.array(effect.pattern).T
-        return np.interp(frequency, at, real) + 1j * np.interp(frequency, at, imaginary)
+        table_hz, real, imaginary = np.array(effect.pattern).T
+        return np.interp(frequency, table_hz, real) + 1j * np.interp(frequency, table_hz, imaginary)
     if effect.kind == "gain":
         return np.ones(len(frequency), dtype=complex)
     if effect.kind == "timing":
@@ -133,12 +134,12 @@ def pattern(
 
 
 def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
-    """Of each coordinate, by the Welch–Satterthwaite formula (GUM G.4.1), shape (p,)."""
+    """Return those of each coordinate by Welch–Satterthwaite (GUM G.4.1), shape (p,)."""
     variances = np.stack([np.diag(row.covariance) for row in rows])
     shares = variances / np.maximum(np.sum(variances, axis=0), 1e-300)
     freedom = np.array([row.degrees_of_freedom for row in rows])
-    divided = np.sum(shares**2 / freedom[:, None], axis=0)
-    return np.where(divided > 0, 1.0 / np.maximum(divided, 1e-300), np.inf)
+    reciprocal = np.sum(shares**2 / freedom[:, None], axis=0)
+    return np.where(reciprocal > 0, 1.0 / np.maximum(reciprocal, 1e-300), np.inf)
 
 
 def effects_of(calibration: Calibration) -> list[SystematicEffect]:
@@ -153,16 +154,17 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
 
 def covered_kinds(kinds: set[str]) -> list[str]:
     """Return which of ``noise``, ``gain`` and ``phase`` rows of these kinds cover."""
-    parts = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
-    return [name for name, covering in parts.items() if kinds & covering]
+    covering_kinds = {"noise": {DATA}, "gain": {"gain"}, "phase": {"phase", "timing"}}
+    return [name for name, covering in covering_kinds.items() if kinds & covering]
 
 
 def as_settings(
     rows: Sequence[BudgetRow], names: Sequence[str], slopes: FloatArray
 ) -> list[dict[str, Any]]:
-    """The budget as plain values: the contribution of each row to each parameter's standard uncertainty, in its unit.
+    """Return the budget as plain values: what each row contributes to each parameter's u.
 
-    ``rows``: the budget; ``slopes``: ∂parameter/∂z, shape (p,).
+    Contributions are in the parameter's unit. ``rows``: the budget; ``slopes``: ∂parameter/∂z,
+    shape (p,).
     """
     return [
         {
@@ -184,16 +186,16 @@ def as_settings(
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What effects explain."""
+    """Amounts of effects that explain deviations, and what deviations remain."""
 
     amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
-    left: FloatArray  # weighted deviations beside them
-    chi2: float  # what is left of Σ squares, the a_k counted in
+    residual: FloatArray  # weighted deviations that the effects do not explain
+    chi2: float  # Σ squares of these and of the a_k
     probability: float  # of a_k at least as large
 
 
 class Place(NamedTuple):
-    """Where a fit stands: its coordinates, their values, shape (p,), and the quantity of the reference."""
+    """Coordinates of a model, their values z, shape (p,), and the quantity of the reference."""
 
     coordinates: Coordinates
     z: FloatArray
@@ -203,7 +205,7 @@ class Place(NamedTuple):
 def patterns(
     effects: Sequence[SystematicEffect], linear: Linearised | Place, frequency_hz: FloatArray
 ) -> np.ndarray:
-    """Change of log H by one standard uncertainty of each effect, complex, shape (n, K)."""
+    """Return the change of log H by one u of each effect, complex, shape (n, K)."""
     columns = [e.standard_uncertainty * pattern(e, linear, frequency_hz) for e in effects]
     return np.stack(columns, axis=1) if columns else np.zeros((len(frequency_hz), 0), complex)
 
@@ -215,102 +217,136 @@ def explain(
     linear: Linearised,
     covariance: FloatArray,
 ) -> Explained | None:
-    """Fit the effects beside the parameters; None where that leads to another optimum than the estimate.
+    """Fit the effects beside the parameters; None where that leads to another optimum.
 
-    ``weighted``: the deviations over their noise; ``effects``: K of them; ``shape``: their patterns at the points,
-    shape (n, K); ``linear``: the fit, linearised at the estimate; ``covariance``: of the estimate, by noise, shape (p,
-    p).
+    Args:
+        weighted: the deviations over their noise.
+        effects: K of them.
+        shape: their patterns at the points, shape (n, K).
+        linear: the fit, linearised at the estimate.
+        covariance: of the estimate, by noise, shape (p, p).
     """
     from scipy.optimize import least_squares  # slow to load
 
-    z, p = linear.z, len(linear.z)
+    z = linear.z
+    parameters = len(linear.z)
 
     def residual(x: FloatArray) -> FloatArray:
-        return np.concatenate([weighted(z + x[:p], shape @ x[p:]), x[p:]])
-
-    with np.errstate(all="ignore"):
-        found = least_squares(
-            residual, np.zeros(p + shape.shape[1]), jac="3-point", max_nfev=60, xtol=1e-10
+        return np.concatenate(
+            [weighted(z + x[:parameters], shape @ x[parameters:]), x[parameters:]]
         )
-    shift, amounts = found.x[:p], found.x[p:]
-    moved = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
-    moved = moved * np.maximum(np.abs(amounts), 1.0)
+
+    begin = np.zeros(parameters + shape.shape[1])
+    with np.errstate(all="ignore"):
+        solution = least_squares(residual, begin, jac="3-point", max_nfev=60, xtol=1e-10)
+    shift = solution.x[:parameters]
+    amounts = solution.x[parameters:]
+    shifts = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
+    shifts = shifts * np.maximum(np.abs(amounts), 1.0)
     # Beyond five standard deviations is another optimum.
-    allowed = 5.0 * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(moved**2, axis=1)) + 1e-9
-    if not np.all(np.isfinite(found.x)) or np.any(np.abs(shift) > allowed):
+    allowed = 5.0 * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(shifts**2, axis=1)) + 1e-9
+    if not np.all(np.isfinite(solution.x)) or np.any(np.abs(shift) > allowed):
         return None
-    jacobian = found.jac[: -shape.shape[1]]
-    stated = np.array(
-        [effect.kind != "rounding" for effect in effects]
-    )  # of the others the size is no claim
-    beside = np.concatenate([np.ones(p, dtype=bool), ~stated])
-    chance = _chance(amounts[stated], jacobian[:, beside], jacobian[:, ~beside])
-    return Explained(amounts, found.fun[: -len(amounts)], float(2.0 * found.cost), chance)
+    jacobian = solution.jac[: -shape.shape[1]]
+    # The size of rounding is no claim.
+    stated = np.array([effect.kind != "rounding" for effect in effects])
+    free_columns = np.concatenate([np.ones(parameters, dtype=bool), ~stated])
+    probability_of_amounts = _probability_of_amounts(
+        amounts[stated], jacobian[:, free_columns], jacobian[:, ~free_columns]
+    )
+    return Explained(
+        amounts, solution.fun[: -len(amounts)], float(2.0 * solution.cost), probability_of_amounts
+    )
 
 
-def _chance(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
-    """Probability of a_k at least as large where the stated uncertainties are right."""
+def _probability_of_amounts(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
+    """Return the probability of a_k at least as large where the stated uncertainties are right.
+
+    ``slopes``: weighted ∂deviation/∂z and of unjudged effects, ``effects``: ∂deviation/∂a_k, one
+    row a deviation.
+    """
     basis = _basis(slopes)
-    free = effects - basis @ (basis.T @ effects)
-    values, vectors = np.linalg.eigh(free.T @ free)
-    seen = values > 1e-3  # the part by which the data reduce the prior variance of a_k
-    chi2 = float(np.sum((vectors.T @ amounts)[seen] ** 2 * (1.0 + values[seen]) / values[seen]))
-    return probability(chi2, int(seen.sum()))
+    unfollowed = effects - basis @ (basis.T @ effects)
+    values, vectors = np.linalg.eigh(unfollowed.T @ unfollowed)
+    determined = values > 1e-3  # S: by S/(1 + S) the data reduce the prior variance of a_k
+    chi2 = float(
+        np.sum(
+            (vectors.T @ amounts)[determined] ** 2 * (1.0 + values[determined]) / values[determined]
+        )
+    )
+    return probability(chi2, int(determined.sum()))
 
 
 def _basis(matrix: FloatArray) -> FloatArray:
-    """Orthonormal basis of the columns of a matrix."""
-    left, size, _ = np.linalg.svd(matrix, full_matrices=False)
-    return left[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
+    """Return an orthonormal basis of the columns of a matrix."""
+    left_vectors, singular_values, _ = np.linalg.svd(matrix, full_matrices=False)
+    return left_vectors[
+        :, singular_values > 1e-9 * max(float(singular_values.max(initial=0.0)), 1e-300)
+    ]
 
 
 def deviation_uncertainty(
     linear: Linearised, shape: np.ndarray, scatter: float = 1.0
 ) -> FloatArray:
-    """Standard uncertainty of the deviation between the points and a model that was fitted to them.
+    """Return the standard uncertainty of the deviations of points from the model fitted to them.
 
-    The model follows the points: noise by the leverage of each, and of an effect all that its parameters can imitate.
-    What it does not follow is left: (1 − h) of the noise's variance, and the rest of each pattern.
+    The model follows the points: noise by the leverage of each, and of an effect all that its
+    parameters can imitate. What it does not follow remains: (1 − h) of the noise's variance, and
+    the remainder of each pattern.
 
-    ``linear``: m rows, magnitudes first, phases (if any) after them; ``shape``: patterns of the effects at the n
-    points, shape (n, K); ``scatter``: standard deviation of the noise in units of the rows' weights.
+    Args:
+        linear: m rows, magnitudes first, phases (if any) after them.
+        shape: patterns of the effects at the n points, shape (n, K).
+        scatter: standard deviation of the noise in units of the rows' weights.
 
     Returns:
-        Of log H, shape (m,): relative for magnitudes, rad for phases; NaN for a point that any value would fit.
+        Of log H, shape (m,): relative for magnitudes, rad for phases; NaN for a point that any
+        value would fit.
     """
     repeats = len(linear.frequency_hz) // max(len(shape), 1)
     rows = np.tile(shape, (repeats, 1))
-    part = np.where(linear.is_phase[:, None], np.imag(rows), np.real(rows)) * linear.weight[:, None]
+    weighted_patterns = (
+        np.where(linear.is_phase[:, None], np.imag(rows), np.real(rows)) * linear.weight[:, None]
+    )
     basis = _basis(linear.matrix)
-    noise = 1.0 - np.sum(basis**2, axis=1)
-    effect = np.sum((part - basis @ (basis.T @ part)) ** 2, axis=1)
-    variance = np.where(noise > 1e-6, scatter**2 * noise + effect, np.nan)
+    noise_share = 1.0 - np.sum(basis**2, axis=1)
+    effect_variance = np.sum(
+        (weighted_patterns - basis @ (basis.T @ weighted_patterns)) ** 2, axis=1
+    )
+    variance = np.where(noise_share > 1e-6, scatter**2 * noise_share + effect_variance, np.nan)
     return np.sqrt(variance) / linear.weight
 
 
 def point_budget(
     measured: MeasuredCurve, effects: Sequence[SystematicEffect], linear: Linearised
 ) -> dict[str, Any] | None:
-    """Standard uncertainties by source at each point, evenly spread over 200 of more; None without effects.
+    """Return standard uncertainties by source at each point, or None without effects.
+
+    Of more than 200 points, 200 evenly spread ones are taken.
 
     Returns:
-        ``frequency_hz`` and, by source, ``magnitude`` (in the unit of the magnitude) and ``phase_deg`` of ``sources``,
-        whose root sum of squares is the uncertainty of the point before any floor.
+        ``frequency_hz`` and, by source, ``magnitude`` (in the unit of the magnitude) and
+        ``phase_deg`` of ``sources``, whose root sum of squares is the uncertainty of the point
+        before any floor.
     """
     if not effects or not len(measured.frequency_hz):
         return None
-    total = len(measured.frequency_hz)
-    chosen = np.unique(np.linspace(0, total - 1, min(total, 200)).astype(int))
-    f, size = measured.frequency_hz[chosen], np.abs(measured.magnitude[chosen])
-    shape = patterns(effects, linear, f)
+    count = len(measured.frequency_hz)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, 200)).astype(int))
+    frequency_hz = measured.frequency_hz[chosen]
+    size = np.abs(measured.magnitude[chosen])
+    shape = patterns(effects, linear, frequency_hz)
     noise = {
         "magnitude": measured.magnitude_noise[chosen].tolist(),
         "phase_deg": measured.phase_deg_noise[chosen].tolist(),
     }
     sources = [{"source": "noise", "type": "A", **noise}]
     for name in dict.fromkeys(effect.source for effect in effects):
-        own = shape[:, [effect.source == name for effect in effects]]
-        gain, turn = (np.sqrt(np.sum(part**2, axis=1)) for part in (np.real(own), np.imag(own)))
-        both = {"magnitude": (size * gain).tolist(), "phase_deg": np.rad2deg(turn).tolist()}
-        sources.append({"source": name, "type": "B", **both})
-    return {"frequency_hz": f.tolist(), "sources": sources}
+        source_patterns = shape[:, [effect.source == name for effect in effects]]
+        gain, phase = (
+            np.sqrt(np.sum(component**2, axis=1))
+            for component in (np.real(source_patterns), np.imag(source_patterns))
+        )
+        columns = {"magnitude": (size * gain).tolist(), "phase_deg": np.rad2deg(phase).tolist()}
+        sources.append({"source": name, "type": "B", **columns})
+    return {"frequency_hz": frequency_hz.tolist(), "sources": sources}

@@ -1,4 +1,4 @@
-"""The sensitivity curve with its uncertainty: magnitude and phase propagated from the parameters' covariance."""
+"""The sensitivity curve, whose uncertainty is propagated from the parameters' covariance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibrident.data.records import FloatArray, Quantity
 from vibrident.data.records.basis import distinct
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.uncertainty.linearised import fitted_sensor
-from vibrident.fit.uncertainty.parameters import NOTHING
+from vibrident.fit.uncertainty.parameters import MAX_RELATIVE_UNCERTAINTY
 from vibrident.physics.models.base import Rational
 from vibrident.result import Curve
 
@@ -23,21 +23,28 @@ def frequencies(
     measured_hz: Iterable[float] = (),
     reference_hz: float | None = None,
 ) -> FloatArray:
-    """Logarithmic grid over the band of the data; one point where the band is one frequency.
+    """Return a logarithmic grid over the band of the data; one point if it is one frequency.
 
-    The points nearest to the frequencies of a certificate (nominal one-third octaves, the reference) are moved there,
-    so that the result holds its values; their number, and with it the compiled program, stays the same.
+    The points nearest to the frequencies of a certificate (nominal one-third octaves, the
+    reference) are moved there, so that the result holds its values; their number, and with it the
+    compiled program, stays the same.
 
-    ``band_hz``: band of the data; ``measured_hz``: frequencies at which there are data; they tell nominal from exact
-    frequencies; ``reference_hz``: the requested reference frequency.
+    Args:
+        band_hz: band of the data.
+        measured_hz: frequencies at which there are data; they tell nominal from exact frequencies.
+        reference_hz: the requested reference frequency.
     """
     low, high = band_hz
     if not high > low:
         return np.array([low])
     grid = np.geomspace(low, high, POINTS)
-    chosen = [item.frequency_hz for item in series(low, high, measured_hz)]
-    extra, _ = reference(low, high, measured_hz, reference_hz)
-    chosen += [extra.frequency_hz] if extra and extra.frequency_hz not in chosen else []
+    chosen = [point.frequency_hz for point in series(low, high, measured_hz)]
+    reference_point, _ = reference(low, high, measured_hz, reference_hz)
+    chosen += (
+        [reference_point.frequency_hz]
+        if reference_point and reference_point.frequency_hz not in chosen
+        else []
+    )
     distance = np.abs(np.log(grid[:, None] / np.array(chosen)))
     distance[[0, -1]] = np.where(distance[[0, -1]] <= SAME, -1.0, np.inf)  # the ends stay the ends
     for column, frequency in enumerate(chosen):
@@ -48,30 +55,28 @@ def frequencies(
 
 
 def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
-    """The grid, and more points at each pole and zero too sharp for it, so that every peak is met.
+    """Return the grid with more points at each pole and zero too sharp for it.
 
-    Around each they lie by its half width (|Re p| / 2π), densely within two of these and then ever wider apart, until
-    the grid takes over.
+    So every peak is met. Around each the points lie by its half width (|Re p| / 2π), densely within
+    two of these and then ever wider apart, until the grid takes over.
 
     ``grid_hz``: logarithmic, ascending; ``system``: the sensor's transfer function.
     """
     if grid_hz.size < 2:
         return grid_hz
-    more = [grid_hz]
+    grids = [grid_hz]
     for coefficients in (system.numerator, system.denominator):
         for root in np.roots(np.asarray(coefficients, dtype=float)[::-1]):
-            centre, half_width = (
-                abs(root.imag) / (2.0 * np.pi),
-                max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root)),
-            )
+            centre = abs(root.imag) / (2.0 * np.pi)
+            half_width = max(abs(root.real) / (2.0 * np.pi), 1e-9 * abs(root))
             spacing = centre * float(np.log(grid_hz[-1] / grid_hz[0])) / (grid_hz.size - 1)
             if grid_hz[0] < centre < grid_hz[-1] and half_width < 2.0 * spacing:
                 reach = max(8.0 * spacing / half_width, 4.0)
-                wide = np.geomspace(2.0, reach, 8 + int(12 * np.log10(reach)))
-                steps = half_width * np.concatenate([np.arange(0.0, 2.0, 0.2), wide])
-                more += [centre + steps, centre - steps]
-    every = distinct(np.concatenate(more))
-    return every[(every >= grid_hz[0]) & (every <= grid_hz[-1])]
+                outer_steps = np.geomspace(2.0, reach, 8 + int(12 * np.log10(reach)))
+                steps = half_width * np.concatenate([np.arange(0.0, 2.0, 0.2), outer_steps])
+                grids += [centre + steps, centre - steps]
+    frequency_hz = distinct(np.concatenate(grids))
+    return frequency_hz[(frequency_hz >= grid_hz[0]) & (frequency_hz <= grid_hz[-1])]
 
 
 def curve(
@@ -86,16 +91,14 @@ def curve(
     It is per the sensor's own quantity; ``quantity``: of the reference.
     """
     sensor = fitted_sensor(coordinates, z, covariance, coordinates.model.stated_quantity(quantity))
-    response, (relative, u_p) = (
-        sensor.frequency_response(frequency_hz),
-        sensor.uncertainty(frequency_hz),
-    )
+    response = sensor.frequency_response(frequency_hz)
+    relative, u_phase = sensor.uncertainty(frequency_hz)
     magnitude = np.abs(response)
-    u_m = magnitude * relative
+    u_magnitude = magnitude * relative
     return Curve(
         frequency_hz,
         magnitude,
         np.rad2deg(np.angle(response)),
-        np.where(u_m < NOTHING * magnitude, u_m, np.nan),
-        np.where(np.rad2deg(u_p) < NOTHING, np.rad2deg(u_p), np.nan),
+        np.where(u_magnitude < MAX_RELATIVE_UNCERTAINTY * magnitude, u_magnitude, np.nan),
+        np.where(np.rad2deg(u_phase) < MAX_RELATIVE_UNCERTAINTY, np.rad2deg(u_phase), np.nan),
     )

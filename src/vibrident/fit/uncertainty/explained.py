@@ -1,8 +1,9 @@
 """Shares of the response's power: what the model explains, and what any linear sensor could.
 
-The second is what the response has locally in common with the motion, which needs no model: of each block of bins what
-no smooth response to the reference makes (:func:`vibrident.fit.noise.projection.without_common`, over its degrees of
-freedom) is incoherent. A model that explains nothing may well be adequate in its own noise; this tells.
+The second is what the response has locally in common with the motion, which needs no model: of each
+block of bins what no smooth response to the reference makes
+(:func:`vibrident.fit.noise.projection.without_common`, over its degrees of freedom) is incoherent.
+A model that explains nothing may well be adequate in its own noise; the shares tell.
 """
 
 from __future__ import annotations
@@ -23,22 +24,21 @@ from vibrident.fit.response.transform import power_of
 
 #: A model that explains less than this share of the response's power is not tested by it.
 MIN_EXPLAINED = 0.1
-#: A model may leave this share of the power …
-MAX_LEFT = 0.01
+#: A model may leave this share of the power unexplained …
+MAX_UNEXPLAINED = 0.01
 #: … or this many times what is incoherent, or what chance leaves with this probability.
-MAX_TIMES, CHANCE = 4.0, 1e-6
+MAX_INCOHERENT_RATIO = 4.0
+MIN_PROBABILITY = 1e-6
 
 
 @dataclass(frozen=True)
 class Shares:
-    """Shares of the response's power.
+    """Shares of the response's power; NaN where not known.
 
     Attributes:
         explained: by the model.
         coherent: by any linear sensor.
-        freedom: degrees of freedom of what is not.
-
-    NaN is not known.
+        freedom: degrees of freedom of what is not coherent.
     """
 
     explained: float = float("nan")
@@ -47,17 +47,18 @@ class Shares:
 
     @property
     def lacking(self) -> bool:
-        """Whether the model explains much less than what is coherent, or little at all."""
+        """Return whether the model explains much less than what is coherent, or little at all."""
         if self.explained < MIN_EXPLAINED:
             return True
-        left, incoherent = 1.0 - self.explained, 1.0 - self.coherent
-        if not left > max(MAX_LEFT, MAX_TIMES * incoherent):
+        unexplained = 1.0 - self.explained
+        incoherent = 1.0 - self.coherent
+        if not unexplained > max(MAX_UNEXPLAINED, MAX_INCOHERENT_RATIO * incoherent):
             return False
-        ratio = left / max(incoherent, np.finfo(float).eps)
-        return f_tail(self.freedom, self.freedom, ratio) <= CHANCE
+        ratio = unexplained / max(incoherent, np.finfo(float).eps)
+        return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
 
     def __str__(self) -> str:
-        """Return the sentence that a lacking model gets."""
+        """Return the sentence on a model that explains too little."""
         return (
             f"The model explains {100.0 * self.explained:.3g} % of the response's power, and "
             f"{100.0 * self.coherent:.3g} % of it has something in common with the motion."
@@ -69,22 +70,24 @@ UNKNOWN_SHARES = Shares()
 
 
 def shares_of(parts: Sequence[FloatArray]) -> Shares:
-    """Shares of all records together; ``parts``: of each by :func:`powers`."""
-    power, left, incoherent, squares = np.sum(parts, axis=0) if len(parts) else np.zeros(4)
+    """Return the shares of all records together; ``parts``: of each by :func:`powers`."""
+    power, unexplained, incoherent, squares = np.sum(parts, axis=0) if len(parts) else np.zeros(4)
     if not power > 0.0:
         return UNKNOWN_SHARES
-    # of exponential powers the sum of squares says how many there are (Satterthwaite 1946)
+    # Of exponential powers the sum of squares says how many there are (Satterthwaite 1946).
     freedom = 4.0 * incoherent**2 / max(squares, np.finfo(float).tiny)
     return Shares(
-        max(1.0 - left / power, 0.0), max(1.0 - incoherent / power, 0.0), max(freedom, 1.0)
+        max(1.0 - unexplained / power, 0.0), max(1.0 - incoherent / power, 0.0), max(freedom, 1.0)
     )
 
 
 def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> FloatArray:
-    """Return power of the response in a band, of what the model leaves, of what is incoherent, and Σ of its squares.
+    """Return powers of the response in a band, shape (4,): the summands of :func:`shares_of`.
 
-    What noise of the reference makes of the prediction counts as not foretold, instead of twice: behind a
-    displacement of eight bits it is more than the response.
+    They are: of the response, of what the model leaves, of what is incoherent, and the sum of the
+    squares of the last over the bins. What noise of the reference makes of the prediction counts as
+    not foretold, instead of twice: behind a displacement of eight bits it is more than the
+    response.
 
     Args:
         bins: of the record.
@@ -92,37 +95,43 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
         delay: of the model, in samples.
         band: bins, of which line 0 is none.
     """
-    lines, samples = bins.residual.size, bins.samples
-    turn = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
-    motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * turn
+    lines = bins.residual.size
+    samples = bins.samples
+    delay_phase = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
+    motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * delay_phase
     response = _without_drift(bins.residual + bins.predicted, samples)
-    level = np.sqrt(bins.spectrum.psd)
-    rest, freedom = without_common(response[None], [motion[None]], level[None])
+    deviation = np.sqrt(bins.spectrum.psd)
+    incoherent_lines, freedom = without_common(response[None], [motion[None]], deviation[None])
     begins = block_edges(lines)[:-1]
-    wide = np.diff([*begins, lines])
-    incoherent = power_of(rest[0])
-    incoherent[1:] *= np.repeat(wide / np.maximum(np.add.reduceat(freedom[0], begins), 1.0), wide)
-    left = power_of(bins.residual + _of_noise(bins) * bins.predicted)
-    parts = power_of(response), left, incoherent, incoherent**2
-    return np.array([np.sum(each[band]) for each in parts])
+    widths = np.diff([*begins, lines])
+    incoherent = power_of(incoherent_lines[0])
+    incoherent[1:] *= np.repeat(
+        widths / np.maximum(np.add.reduceat(freedom[0], begins), 1.0), widths
+    )
+    unexplained = power_of(bins.residual + _noise_share(bins) * bins.predicted)
+    bin_powers = power_of(response), unexplained, incoherent, incoherent**2
+    return np.array([np.sum(bin_power[band]) for bin_power in bin_powers])
 
 
-def _of_noise(bins: Weighed) -> FloatArray:
-    """Return the share of a prediction, by its power in each bin, that noise of the reference makes.
+def _noise_share(bins: Weighed) -> FloatArray:
+    """Return the share of a prediction that noise of the reference makes, by power in each bin.
 
-    The rest is what can be foretold of the response from a noisy reference (Wiener 1949).
+    The remainder is what can be foretold of the response from a noisy reference (Wiener 1949).
     """
     power = np.maximum(power_of(bins.predicted), np.finfo(float).tiny)
     return np.minimum(bins.passed_noise * bins.count / power, 1.0)
 
 
 def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
-    """Lines less those of a straight drift, which leaks from the ends of the record; no offset."""
-    w = shifted_lines(samples, slice(0, lines.size))
-    drift = np.divide(1.0 + w, w, out=np.zeros_like(w), where=w != 0.0)
+    """Return the lines without offset and less those of a straight drift.
+
+    The drift leaks from the ends of the record.
+    """
+    shifted = shifted_lines(samples, slice(0, lines.size))
+    drift = np.divide(1.0 + shifted, shifted, out=np.zeros_like(shifted), where=shifted != 0.0)
     share = float(np.vdot(drift, lines).real) / max(
         float(np.vdot(drift, drift).real), np.finfo(float).tiny
     )
-    left = lines - share * drift
-    left[:1] = 0.0
-    return left
+    detrended = lines - share * drift
+    detrended[:1] = 0.0
+    return detrended

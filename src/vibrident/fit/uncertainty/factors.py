@@ -1,16 +1,16 @@
 """Measured over modelled response, band by band, at the bins and with the weights of a fit.
 
-With R the residual, Ŷ the response to the most likely motion, W the weights of the bins and P the projection off the
-nuisance columns N in W, the columns D = Ŷ·1[band] and jŶ·1[band] have the score s = D*WPR and the information
-G = D*WPD. Then ρ = G⁻¹ s is measured over modelled response less one, with the covariance G⁻¹, and s*G⁻¹s is χ² with
-two degrees of freedom. The fit makes the scores of its own columns vanish, so that χ² of all bands together has as many
-degrees of freedom less as there are parameters.
+With R the residual, Ŷ the response to the most likely motion, W the weights of the bins and P the
+projection off the nuisance columns N in W, the columns D = Ŷ·1[band] and jŶ·1[band] have the score
+s = D*WPR and the information G = D*WPD. Then ρ = G⁻¹ s is measured over modelled response less one,
+with the covariance G⁻¹, and s*G⁻¹s is χ² with two degrees of freedom. The fit makes the scores of
+its own columns vanish, so that χ² of all bands together has as many degrees of freedom less as
+there are parameters.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy import fft
@@ -29,16 +29,17 @@ from vibrident.fit.response.bands import LEAST_POWER, band_edges
 from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
 from vibrident.fit.response.transform import SHORTEST, hann, power_of
 
-#: A factor whose real part has a larger standard deviation than this says nothing.
+#: A factor whose real part has a larger standard deviation than this is left out.
 MAX_DEVIATION = 0.5
-#: The smaller eigenvalue of a band's information over the larger one: less is rounding of what the nuisances imitate.
-MIN_EIGENVALUE = 1e-3
-#: Share of the noise's degrees of freedom that the projection of the motion leaves (three of 24 bins go).
+#: The smaller eigenvalue of a band's information over the larger one: less is rounding of what the
+#: nuisances imitate.
+MIN_EIGENVALUE_RATIO = 1e-3
+#: Share of the noise's degrees of freedom that the projection of the motion leaves: 21 of 24 bins.
 FREE_SHARE = 0.875
-#: Stretches of a record, each half the next one's too, in which its bands move.
+#: Half-overlapping stretches of a record over which the motion of its bands is followed.
 STRETCHES = 15
-#: Noise changes with time where chance makes its stretches as uneven with less than this probability.
-STEADY_CHANCE = 1e-3
+#: Noise changes with time where chance makes it as uneven with less than this probability.
+MIN_STEADY_PROBABILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class Factors:
         deviation: standard deviation of its real part.
         squares: χ² of two degrees of freedom, over noise of ``freedom``.
         freedom: degrees of freedom of the noise.
-        unweighted: the variance of ρ over what it would be if the noise had one level in all bins, at most one.
+        unweighted: the variance of ρ over that by noise of one level in all bins, at most one.
     """
 
     place: FloatArray
@@ -63,60 +64,82 @@ class Factors:
 
 
 def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) -> Factors | None:
-    """Return the factors of a record's bands, or None where no band holds enough of the motion.
+    """Return the factors of a record's bands, or None where no band holds enough motion.
 
-    ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape (bins,).
+    ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape
+    (bins,).
     """
     last = bins.residual.size
     edges = distinct(np.minimum(band_edges(bins.samples, 1.0).astype(int), last))
     edges = np.array([1, last]) if sine else edges
     if edges[-1] <= edges[0]:
         return None
-    motion, moves = motion_bins(bins), bins.counts * (bins.spectrum.excited > 0.5)
-    # The fit's weights fade out where noise of the reference may be the motion; these do not, so that cov s = G.
-    weight = moves / (bins.samples * bins.spectrum.psd)
-    left, gain, score, spent = _scores(bins, motion, weight, edges)
-    power, moment, flat = (
-        _sums(each, edges)
-        for each in (power_of(motion), np.arange(last) * power_of(motion), moves * power_of(motion))
-    )
+    motion = motion_bins(bins)
+    counted = bins.counts * (bins.spectrum.excited > 0.5)
+    # The fit's weights fade out where noise of the reference may be the motion; these do not, so
+    # that cov s = G.
+    weights = counted / (bins.samples * bins.spectrum.psd)
+    freed, information, score, taken = _scores(bins, motion, weights, edges)
+    motion_power = power_of(motion)
+    power = _sums(motion_power, edges)
+    moment = _sums(np.arange(last) * motion_power, edges)
+    flat = _sums(counted * motion_power, edges)
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
     # Of two real columns: the information less what the nuisances imitate.
-    first, second, both = gain - spent[0], gain - spent[1], -spent[2]
-    determinant, trace = first * second - both**2, first + second
-    kept = (power > LEAST_POWER * strongest) & (determinant > MIN_EIGENVALUE * trace**2 / 4.0)
-    kept &= trace * MAX_DEVIATION**2 > 2.0
-    if not kept.any():
-        return None
-    safe = np.where(kept, determinant, 1.0)
-    rho = (
-        second * score.real - both * score.imag + 1j * (first * score.imag - both * score.real)
-    ) / safe
-    variance, squares = 0.5 * trace / safe, rho.real * score.real + rho.imag * score.imag
-    rest = left - np.where(kept, rho, 0.0)[_band_of(edges, last)] * motion * (weight > 0.0)
-    uneven, even = _while_moving(bins, rest * np.sqrt(weight), motion * np.sqrt(weight), edges)
-    own = np.minimum(1.0, variance * flat / bins.samples)
-    lowest = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
-    lowest = np.maximum(lowest, LEAST_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
-    floor = np.maximum(variance * uneven, lowest)
-    squares *= variance / floor
-    place, freedom = (
-        moment / np.maximum(power, 1e-300),
-        np.full(len(rho), even * noise_freedom(bins)),
+    real_information = information - taken[0]
+    imaginary_information = information - taken[1]
+    cross_information = -taken[2]
+    determinant = real_information * imaginary_information - cross_information**2
+    trace = real_information + imaginary_information
+    shows = (power > LEAST_POWER * strongest) & (
+        determinant > MIN_EIGENVALUE_RATIO * trace**2 / 4.0
     )
-    every: tuple[Any, ...] = (place, rho, np.sqrt(floor), squares, freedom, own)
-    return Factors(*(each[kept] for each in every))
+    shows &= trace * MAX_DEVIATION**2 > 2.0
+    if not shows.any():
+        return None
+    divisor = np.where(shows, determinant, 1.0)
+    rho = (
+        imaginary_information * score.real
+        - cross_information * score.imag
+        + 1j * (real_information * score.imag - cross_information * score.real)
+    ) / divisor
+    variance = 0.5 * trace / divisor
+    squares = rho.real * score.real + rho.imag * score.imag
+    unexplained = freed - np.where(shows, rho, 0.0)[_band_of(edges, last)] * motion * (
+        weights > 0.0
+    )
+    power_ratio, steadiness = _unsteady_noise(
+        bins, unexplained * np.sqrt(weights), motion * np.sqrt(weights), edges
+    )
+    unweighted = np.minimum(1.0, variance * flat / bins.samples)
+    variance_limit = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    variance_limit = np.maximum(variance_limit, LEAST_DEVIATION**2 * strongest) / np.maximum(
+        power, 1e-300
+    )
+    variance_raised = np.maximum(variance * power_ratio, variance_limit)
+    squares *= variance / variance_raised
+    place = moment / np.maximum(power, 1e-300)
+    freedom = np.full(len(rho), steadiness * noise_freedom(bins))
+    deviation = np.sqrt(variance_raised)
+    return Factors(
+        place[shows],
+        rho[shows],
+        deviation[shows],
+        squares[shows],
+        freedom[shows],
+        unweighted[shows],
+    )
 
 
 def noise_freedom(bins: Weighed) -> float:
-    """Degrees of freedom of the level of the noise at a bin."""
+    """Return the degrees of freedom of the noise level at a bin."""
     if bins.count < SHORTEST:
         return max(bins.count - 2.0 - len(bins.nuisances), 2.0)
     return 4.0 * (averaged_bins(bins.residual.size) - NEAREST_BINS) * FREE_SHARE
 
 
 def motion_bins(bins: Weighed) -> ComplexArray:
-    """Response to the most likely motion, shape (bins,)."""
+    """Return the response to the most likely motion, shape (bins,)."""
     motion = bins.predicted + bins.passed_noise * bins.residual / bins.spectrum.psd
     motion[0] = 0.0
     return motion
@@ -125,70 +148,76 @@ def motion_bins(bins: Weighed) -> ComplexArray:
 def _scores(
     bins: Weighed, motion: ComplexArray, weight: FloatArray, edges: NDArray[np.int_]
 ) -> tuple[ComplexArray, FloatArray, ComplexArray, list[FloatArray]]:
-    """Residual beside the nuisances, shape (bins,); of each band information and score, and what nuisances take of it.
+    """Return the residual freed of the nuisances, and information and score of each band.
 
-    The last for the two columns of a band, and for their product.
+    Returns:
+        The residual freed of the nuisances, shape (bins,); information and score of each band,
+        shape (bands,); what the nuisances take of the information: of the real column, of the
+        imaginary one and of their product.
     """
     rows = np.concatenate([bins.nuisances, bins.residual[None]])
     gram = products(rows * weight, rows)
     inverse = inverse_where_shown(gram[:-1, :-1])
-    turned = weight * np.conj(motion)
-    left = bins.residual - (inverse @ gram[:-1, -1]) @ bins.nuisances
-    common = np.add.reduceat((turned * bins.nuisances)[:, : edges[-1]], edges[:-1], axis=1)
-    real, imaginary = np.real(common), np.imag(common)
+    weighted_motion = weight * np.conj(motion)
+    freed = bins.residual - (inverse @ gram[:-1, -1]) @ bins.nuisances
+    cross = np.add.reduceat((weighted_motion * bins.nuisances)[:, : edges[-1]], edges[:-1], axis=1)
+    real = np.real(cross)
+    imaginary = np.imag(cross)
     pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
-    spent = [np.sum(one * other, axis=0) for one, other in pairs]
-    return left, _sums(weight * power_of(motion), edges), _sums(turned * left, edges), spent
+    taken = [np.sum(first * second, axis=0) for first, second in pairs]
+    return (
+        freed,
+        _sums(weight * power_of(motion), edges),
+        _sums(weighted_motion * freed, edges),
+        taken,
+    )
 
 
 def _sums(lines: NDArray, edges: NDArray[np.int_]) -> NDArray:
-    """Sums over each band."""
+    """Return the sums over each band."""
     return np.add.reduceat(lines[: edges[-1]], edges[:-1])
 
 
 def _band_of(edges: NDArray[np.int_], lines: int) -> NDArray[np.int_]:
-    """Number of the band of each line; the first and the last beyond them."""
+    """Return the number of each line's band; lines beyond the bands belong to the end ones."""
     return np.clip(np.searchsorted(edges, np.arange(lines), side="right") - 1, 0, len(edges) - 2)
 
 
-def _while_moving(
-    bins: Weighed, rest: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
+def _unsteady_noise(
+    bins: Weighed, residual: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray | float, float]:
-    """Return the noise power while each band moves over its mean, shape (bands,), and how even it is in time.
+    """Return the noise power while each band moves over its mean, and how even it is in time.
 
-    The first is at least one.
-
-    A sweep passes a band in a moment; where noise grows within the record, that moment is not as noisy as the rest.
+    The first is of shape (bands,), at least one; the second is at most one. A sweep passes a band
+    in a moment; where noise grows within the record, that moment differs from the mean.
 
     Args:
         bins: of the record.
-        rest: whitened, less the factors, so that no misfit counts.
+        residual: whitened, less the factors, so that no misfit counts.
         motion: whitened.
         edges: of the bands.
     """
-    n, used = bins.samples, bins.used
-    profile = slow_profile(np.asarray(fft.irfft(rest, n)), used)
-    level = profile[:: max(n // (STRETCHES + 1), 1)]
-    freedom = 2.0 * float(np.count_nonzero(rest)) / len(level)
-    if (
-        chi2_tail(
-            len(level) - 1, 0.5 * freedom * float(np.sum((level / np.mean(level) - 1.0) ** 2))
-        )
-        > STEADY_CHANCE
-    ):
+    samples = bins.samples
+    used = bins.used
+    noise_power = slow_profile(np.asarray(fft.irfft(residual, samples)), used)
+    levels = noise_power[:: max(samples // (STRETCHES + 1), 1)]
+    freedom = 2.0 * float(np.count_nonzero(residual)) / len(levels)
+    chi2 = 0.5 * freedom * float(np.sum((levels / np.mean(levels) - 1.0) ** 2))
+    if chi2_tail(len(levels) - 1, chi2) > MIN_STEADY_PROBABILITY:
         return 1.0, 1.0
-    length = 2 * (n // (STRETCHES + 1))
+    length = 2 * (samples // (STRETCHES + 1))
     begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
-    moved = np.pad(np.asarray(fft.irfft(motion, n)), length // 2 + 1)
-    around = np.pad(profile, length // 2 + 1, mode="edge")
-    pieces = [sliding_window_view(each, length)[begins] for each in (moved, around)]
-    lines = power_of(np.asarray(fft.rfft(pieces[0] * hann(length))))
+    padded_motion = np.pad(np.asarray(fft.irfft(motion, samples)), length // 2 + 1)
+    padded_power = np.pad(noise_power, length // 2 + 1, mode="edge")
+    motion_stretches = sliding_window_view(padded_motion, length)[begins]
+    power_stretches = sliding_window_view(padded_power, length)[begins]
+    lines = power_of(np.asarray(fft.rfft(motion_stretches * hann(length))))
     total = np.cumsum(np.pad(lines, ((0, 0), (1, 0))), axis=1)
-    first, end = edges[:-1] * length // n, -(-edges[1:] * length // n)
-    moves = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
-    shares = moves / np.maximum(np.sum(moves, axis=0), 1e-300)
-    mean = float(np.mean(profile))
-    # What leaks into a band is of all the record, wherever the band moves: no quieter than the mean.
-    return np.maximum(np.mean(pieces[1], axis=1) @ shares / mean, 1.0), mean**2 / float(
-        np.mean(profile**2)
-    )
+    first = edges[:-1] * length // samples
+    end = -(-edges[1:] * length // samples)
+    motion_power = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
+    shares = motion_power / np.maximum(np.sum(motion_power, axis=0), 1e-300)
+    mean = float(np.mean(noise_power))
+    # What leaks into a band is of all the record, wherever the band moves: not below the mean.
+    ratio = np.maximum(np.mean(power_stretches, axis=1) @ shares / mean, 1.0)
+    return ratio, mean**2 / float(np.mean(noise_power**2))

@@ -1,6 +1,7 @@
 """No U below what the laboratory may state: its capability (CMC; ILAC-P14:09/2020, 5.4).
 
-The standard uncertainty of the sensitivity, at each frequency, is raised to half the capability where it is smaller.
+The standard uncertainty of the sensitivity, at each frequency, is raised to half the capability
+where it is smaller.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ Floor = Callable[[FloatArray], FloatArray]  # frequencies → least standard unc
 
 
 def with_floor(result: Result, capabilities: Sequence[Capability]) -> Result:
-    """Return the result with no u of the sensitivity below half the capability.
+    """Return the result with no u of the sensitivity below half the laboratory's capability.
 
     Curve and measured points are raised where the capability holds; the gain, which is that of all
     frequencies, to the least capability of the magnitude over the measured points. The budget gets
@@ -31,20 +32,22 @@ def with_floor(result: Result, capabilities: Sequence[Capability]) -> Result:
         return result
     stated = [
         {
-            "quantity": one.quantity,
-            "U": one.expanded_uncertainty,
-            "from_hz": one.from_hz,
-            "to_hz": one.to_hz,
+            "quantity": capability.quantity,
+            "U": capability.expanded_uncertainty,
+            "from_hz": capability.from_hz,
+            "to_hz": capability.to_hz,
         }
-        for one in capabilities
+        for capability in capabilities
     ]
 
-    def of(quantity: str) -> Floor:
+    def floor_of(quantity: str) -> Floor:
         return lambda frequency_hz: floor(capabilities, quantity, frequency_hz)
 
-    found = raised(result, of("magnitude"), of("phase"), SOURCE)
-    measured = _raised(result.measured, of("magnitude"), of("phase"))
-    return replace(found, measured=measured, settings={**found.settings, "cmc": stated})
+    raised_result = raised(result, floor_of("magnitude"), floor_of("phase"), SOURCE)
+    measured = _raise_curve(result.measured, floor_of("magnitude"), floor_of("phase"))
+    return replace(
+        raised_result, measured=measured, settings={**raised_result.settings, "cmc": stated}
+    )
 
 
 def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Result:
@@ -56,14 +59,18 @@ def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Resul
         phase: least standard uncertainty at frequencies, rad.
         source: of the floor, for the row of the budget.
     """
-    least = magnitude(result.measured.frequency_hz)
-    relative = float(np.min(least)) if least.size else 0.0
-    parameters, settings = dict(result.parameters), dict(result.settings)
-    none = {name: 0.0 for name, each in result.parameters.items() if not each.derived}
-    for name, one in result.parameters.items():
-        own, u = one.standard_uncertainty, relative * abs(one.value)
-        if is_gain(name) and own is not None and own < u:
-            parameters[name] = _widened(one, own, u)
+    floors = magnitude(result.measured.frequency_hz)
+    relative = float(np.min(floors)) if floors.size else 0.0
+    parameters = dict(result.parameters)
+    settings = dict(result.settings)
+    no_contribution = {
+        name: 0.0 for name, parameter in result.parameters.items() if not parameter.derived
+    }
+    for name, parameter in result.parameters.items():
+        u_before = parameter.standard_uncertainty
+        u = relative * abs(parameter.value)
+        if is_gain(name) and u_before is not None and u_before < u:
+            parameters[name] = _widen(parameter, u_before, u)
             row = {
                 "source": source,
                 "type": "B",
@@ -71,48 +78,53 @@ def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Resul
                 "standard_uncertainty": None,
                 "unit": "",
             }
-            added = {name: float(np.sqrt(u**2 - own**2))}
-            row |= {"degrees_of_freedom": None, "contributions": none | added}
+            added = {name: float(np.sqrt(u**2 - u_before**2))}
+            row |= {"degrees_of_freedom": None, "contributions": no_contribution | added}
             settings["uncertainty_budget"] = [*(settings.get("uncertainty_budget") or ()), row]
-    response = _raised(result.response, magnitude, phase)
+    response = _raise_curve(result.response, magnitude, phase)
     return replace(result, response=response, parameters=parameters, settings=settings)
 
 
 def floor(
     capabilities: Sequence[Capability], quantity: str, frequency_hz: FloatArray
 ) -> FloatArray:
-    """Least standard uncertainty at each frequency, relative or in rad; zero where no capability holds."""
+    """Return the least standard uncertainty at each frequency, zero where no capability holds.
+
+    It is relative, or in rad for the quantity ``phase``.
+    """
     least = np.zeros(len(frequency_hz))
-    for one in capabilities:
-        inside = (frequency_hz >= one.from_hz * (1 - 1e-9)) & (
-            frequency_hz <= one.to_hz * (1 + 1e-9)
+    for capability in capabilities:
+        inside = (frequency_hz >= capability.from_hz * (1 - 1e-9)) & (
+            frequency_hz <= capability.to_hz * (1 + 1e-9)
         )
-        if one.quantity == quantity:
-            least = np.where(inside, np.maximum(least, one.expanded_uncertainty / 2.0), least)
+        if capability.quantity == quantity:
+            least = np.where(
+                inside, np.maximum(least, capability.expanded_uncertainty / 2.0), least
+            )
     return least
 
 
-def _raised(curve: _Curve, magnitude: Floor, phase: Floor) -> _Curve:
-    size = magnitude(curve.frequency_hz) * np.abs(curve.magnitude)
-    turn = np.rad2deg(phase(curve.frequency_hz))
-    u, u_phase = (
-        curve.magnitude_uncertainty,
-        curve.phase_deg_uncertainty,
-    )  # NaN, not known, stays so
+def _raise_curve(curve: _Curve, magnitude: Floor, phase: Floor) -> _Curve:
+    """Return the curve with no u of magnitude and phase below the floors."""
+    floor_of_magnitude = magnitude(curve.frequency_hz) * np.abs(curve.magnitude)
+    floor_of_phase = np.rad2deg(phase(curve.frequency_hz))
+    u = curve.magnitude_uncertainty
+    u_phase = curve.phase_deg_uncertainty  # NaN, not known, stays so
     return replace(
         curve,
-        magnitude_uncertainty=np.where(u < size, size, u),
-        phase_deg_uncertainty=np.where(u_phase < turn, turn, u_phase),
+        magnitude_uncertainty=np.where(u < floor_of_magnitude, floor_of_magnitude, u),
+        phase_deg_uncertainty=np.where(u_phase < floor_of_phase, floor_of_phase, u_phase),
     )
 
 
-def _widened(one: Parameter, own: float, u: float) -> Parameter:
-    """The parameter with a larger u than its own, and its interval in proportion."""
-    if own:
+def _widen(parameter: Parameter, u_before: float, u: float) -> Parameter:
+    """Return the parameter with a larger u than before, and its interval in proportion."""
+    if u_before:
         low, high = (
-            None if end is None else one.value + u / own * (end - one.value)
-            for end in one.interval_95
+            None if end is None else parameter.value + u / u_before * (end - parameter.value)
+            for end in parameter.interval_95
         )
     else:
-        low, high = one.value - 2.0 * u, one.value + 2.0 * u
-    return replace(one, standard_uncertainty=u, interval_95=(low, high))
+        low = parameter.value - 2.0 * u
+        high = parameter.value + 2.0 * u
+    return replace(parameter, standard_uncertainty=u, interval_95=(low, high))

@@ -1,12 +1,15 @@
-"""The posterior distribution of the parameters, by Markov chain Monte Carlo, where the linearised one may mislead.
+"""The posterior distribution of the parameters, by Markov chain Monte Carlo.
 
-The likelihood is that of the measured complex responses, not linearised: of maximum likelihood for tones Student's t in
-two dimensions, whose degrees of freedom are those of the noise estimated beside the tone, and normal for the stated
-uncertainties of a table. For every other estimator the response's change from the estimate, at the measured points, is
-split into the part that the parameters make to first order, which has the estimate's covariance, and the rest, which
-has that of the points: to first order the posterior is then the stated covariance. The prior is flat in the optimiser's
-coordinates (``problem.coordinates``) within the range that a fit searches. Sampled by an ensemble of chains with steps
-of differential evolution (ter Braak 2006) from emcee (Foreman-Mackey et al. 2013), the extra ``bayes``.
+It serves where the linearised distribution may mislead. The likelihood is that of the measured
+complex responses, not linearised: of maximum likelihood for tones Student's t in two dimensions,
+whose degrees of freedom are those of the noise estimated beside the tone, and normal for the stated
+uncertainties of a table. For every other estimator the response's change from the estimate, at the
+measured points, is split into the part that the parameters make to first order, which has the
+estimate's covariance, and the remainder, which has that of the points: to first order the posterior
+is then the stated covariance. The prior is flat in the optimiser's coordinates
+(``problem.coordinates``) within the range that a fit searches. Sampled by an ensemble of chains
+with steps of differential evolution (ter Braak 2006) from emcee (Foreman-Mackey et al. 2013), the
+extra ``bayes``.
 """
 
 from __future__ import annotations
@@ -28,15 +31,18 @@ from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.fit.uncertainty.parameters import COVERAGE
 
 PRIOR = (
-    "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit searches; flat in "
-    "gain, delay, the share of a second mode and asinh of damping ratios"
+    "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit "
+    "searches; flat in gain, delay, the share of a second mode and asinh of damping ratios"
 )
-#: The chains must be so many autocorrelation times long for these to be known (emcee's documentation).
-MIN_TIMES = 50.0
-#: Share of steps by differential evolution (ter Braak 2006); the others jump between modes (emcee's documentation).
-DIFFERENTIAL = 0.8
-#: Part of a range at each of its ends, and of draws there, from which on the range ends the distribution.
-MARGIN, MIN_SHARE = 0.05, 0.01
+#: Autocorrelation times a chain must last for these to be known (emcee's documentation).
+MIN_AUTOCORRELATION_TIMES = 50.0
+#: Share of steps by differential evolution (ter Braak 2006); the others, by emcee's documentation,
+#: jump between modes.
+DIFFERENTIAL_SHARE = 0.8
+#: Part of a range at each of its ends, and of draws there, from which on the range ends the
+#: distribution.
+END_MARGIN = 0.05
+MIN_END_SHARE = 0.01
 
 #: Residual of a likelihood at coordinates z, shape (m,).
 Residual = Callable[[FloatArray], FloatArray]
@@ -48,9 +54,9 @@ class Sampling:
 
     Attributes:
         chains: walkers of the ensemble; at least twice as many as parameters.
-        warm_up: steps of each that are thrown away.
-        draws: steps of each that are kept.
-        seed: of all of them.
+        warm_up: steps of each walker that are discarded.
+        draws: steps of each walker that make the sample.
+        seed: of the random numbers of all walkers.
     """
 
     chains: int = 32
@@ -77,7 +83,7 @@ def sampler() -> Any:
 def sample_posterior(
     evidence: Evidence, estimate: Estimate, linear: Linearised, scale: float, sampling: Sampling
 ) -> dict[str, Any]:
-    """Draw from the posterior and sum it up, as plain values for a result.
+    """Draw from the posterior and summarise it as plain values for a result.
 
     Args:
         evidence: the data.
@@ -87,33 +93,38 @@ def sample_posterior(
         sampling: settings.
 
     Returns:
-        Settings and diagnostics, the parameters that the prior bounds in place of the data (``ends_by_prior``), and
-        for every parameter mean, standard deviation, 95 % credible interval (equal tails), autocorrelation time and
-        effective sample size, in the units of the result's parameters.
+        Settings and diagnostics, the parameters that the prior bounds in place of the data
+        (``ends_by_prior``), and for every parameter mean, standard deviation, 95 % credible
+        interval (equal tails), autocorrelation time and effective sample size, in the units of the
+        result's parameters.
 
     Raises:
         InputError: the model has no transfer function, or emcee is not installed.
     """
     emcee = sampler()
-    coordinates, middle = estimate.coordinates, np.asarray(estimate.z, dtype=float)
-    low, high = _range(coordinates)
+    coordinates = estimate.coordinates
+    centre = np.asarray(estimate.z, dtype=float)
+    low, high = _search_range(coordinates)
     density = log_density(*likelihood(evidence, estimate, linear), scale, low, high)
     random = np.random.RandomState(sampling.seed)
-    root = _root(estimate.covariance * scale**2)
-    starts = middle + random.standard_normal((sampling.chains, len(middle))) @ root.T
-    starts = np.clip(starts, np.maximum(low, middle - 3.0), np.minimum(high, middle + 3.0))
+    covariance_root = _covariance_root(estimate.covariance * scale**2)
+    starts = centre + random.standard_normal((sampling.chains, len(centre))) @ covariance_root.T
+    starts = np.clip(starts, np.maximum(low, centre - 3.0), np.minimum(high, centre + 3.0))
     moves = [
-        (emcee.moves.DEMove(), DIFFERENTIAL),
-        (emcee.moves.DESnookerMove(), 1.0 - DIFFERENTIAL),
+        (emcee.moves.DEMove(), DIFFERENTIAL_SHARE),
+        (emcee.moves.DESnookerMove(), 1.0 - DIFFERENTIAL_SHARE),
     ]
-    ensemble = emcee.EnsembleSampler(sampling.chains, len(middle), density, moves=moves)
+    ensemble = emcee.EnsembleSampler(sampling.chains, len(centre), density, moves=moves)
     state = emcee.State(starts, random_state=random.get_state())
     state = ensemble.run_mcmc(state, sampling.warm_up, skip_initial_state_check=True)
     ensemble.reset()
     ensemble.run_mcmc(state, sampling.draws, skip_initial_state_check=True)
-    z = ensemble.get_chain()
-    table = {name: _summary(values, emcee) for name, values in _physical(coordinates, z).items()}
-    longest = max(row["autocorrelation_time"] for row in table.values())
+    samples = ensemble.get_chain()
+    summaries = {
+        name: _summarise(values, emcee)
+        for name, values in _physical_values(coordinates, samples).items()
+    }
+    longest_time = max(row["autocorrelation_time"] for row in summaries.values())
     return {
         "sampler": f"differential evolution (emcee {emcee.__version__})",
         "chains": sampling.chains,
@@ -121,20 +132,21 @@ def sample_posterior(
         "draws": sampling.draws,
         "seed": sampling.seed,
         "prior": PRIOR,
-        "covers": "the data's noise or stated uncertainties; systematic contributions are in the parameters alone",
+        "covers": "the data's noise or stated uncertainties; "
+        "systematic contributions are in the parameters alone",
         "accepted": float(np.mean(ensemble.acceptance_fraction)),
-        "converged": bool(sampling.draws > MIN_TIMES * longest),
-        "ends_by_prior": ended(z, low, high, coordinates.model.parameter_names),
-        "parameters": table,
+        "converged": bool(sampling.draws > MIN_AUTOCORRELATION_TIMES * longest_time),
+        "ends_by_prior": ended_by_prior(samples, low, high, coordinates.model.parameter_names),
+        "parameters": summaries,
     }
 
 
 def likelihood(
     evidence: Evidence, estimate: Estimate, linear: Linearised
 ) -> tuple[Residual, FloatArray | None]:
-    """Return the residual whose squares make the likelihood, and the degrees of freedom behind its tones.
+    """Return the residual whose squares make the likelihood, and the tones' degrees of freedom.
 
-    None in place of these where the deviations are known: stated, or as the misfit has them.
+    These are None where the deviations are known: stated, or as the misfit has them.
 
     Raises:
         InputError: the model has no transfer function.
@@ -142,14 +154,18 @@ def likelihood(
     coordinates = estimate.coordinates
     if estimate.criterion == "likelihood":
         problem = solved_problem(estimate, evidence)
-        known = estimate.tones is None or estimate.findings.model_error is not None
-        freedom = None if known or estimate.tones is None else estimate.tones.degrees_of_freedom
+        deviations_known = estimate.tones is None or estimate.findings.model_error is not None
+        freedom = (
+            None
+            if deviations_known or estimate.tones is None
+            else estimate.tones.degrees_of_freedom
+        )
         return (lambda z: np.asarray(problem.residual(z, coordinates))), freedom
-    if not coordinates.model.is_linear or not len(linear.rest):
+    if not coordinates.model.is_linear or not len(linear.residual):
         raise InputError(
             "The posterior is sampled from the responses in frequency.",
             expected="a linear model, and records with a reference or a table",
-            found=f"the model {coordinates.model.name!r} with {len(linear.rest) // 2} points",
+            found=f"the model {coordinates.model.name!r} with {len(linear.residual) // 2} points",
             where="⟦identify.posterior⟧",
             remedy="leave ⟦identify.posterior⟧ out",
         )
@@ -160,14 +176,15 @@ def likelihood(
             coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
         )
 
-    back, middle = np.linalg.pinv(linear.matrix), response(linear.z)
-    whitened = np.linalg.pinv(_root(estimate.covariance))
+    pseudo_inverse = np.linalg.pinv(linear.matrix)
+    response_at_estimate = response(linear.z)
+    whitening = np.linalg.pinv(_covariance_root(estimate.covariance))
 
     def residual(z: FloatArray) -> FloatArray:
-        ratio = response(z) / middle
+        ratio = response(z) / response_at_estimate
         change = linear.weight * np.where(linear.is_phase, np.angle(ratio), np.log(np.abs(ratio)))
-        first_order = back @ change
-        return np.concatenate([whitened @ first_order, change - linear.matrix @ first_order])
+        first_order = pseudo_inverse @ change
+        return np.concatenate([whitening @ first_order, change - linear.matrix @ first_order])
 
     return residual, None
 
@@ -175,7 +192,11 @@ def likelihood(
 def log_density(
     residual: Residual, freedom: FloatArray | None, scale: float, low: FloatArray, high: FloatArray
 ) -> Callable[[FloatArray], float]:
-    """Return the logarithm of the posterior density of the coordinates z, up to a constant."""
+    """Return the log posterior density of the coordinates z, up to a constant.
+
+    ``freedom``: degrees of freedom of Student's t at each point, shape (n,); None for a normal
+    likelihood. ``low``, ``high``: ends of the flat prior, shape (p,).
+    """
 
     def density(z: FloatArray) -> float:
         if np.any(z < low) or np.any(z > high):
@@ -191,44 +212,55 @@ def log_density(
     return density
 
 
-def ended(z: FloatArray, low: FloatArray, high: FloatArray, names: Sequence[str]) -> list[str]:
-    """Return the parameters of which the range searched, and not the data, ends the distribution."""
-    closed = np.isfinite(low) & np.isfinite(high)
-    margin = MARGIN * np.where(closed, high - low, 0.0)
-    share = np.mean(closed & ((z < low + margin) | (z > high - margin)), axis=(0, 1))
-    return [name for name, part in zip(names, share, strict=True) if part > MIN_SHARE]
+def ended_by_prior(
+    z: FloatArray, low: FloatArray, high: FloatArray, names: Sequence[str]
+) -> list[str]:
+    """Return the names of parameters whose distribution ends at the prior's range.
+
+    ``z``: the draws, shape (draws, chains, p).
+    """
+    bounded = np.isfinite(low) & np.isfinite(high)
+    margin = END_MARGIN * np.where(bounded, high - low, 0.0)
+    end_shares = np.mean(bounded & ((z < low + margin) | (z > high - margin)), axis=(0, 1))
+    return [name for name, share in zip(names, end_shares, strict=True) if share > MIN_END_SHARE]
 
 
-def _range(coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest coordinates; a damping ratio is the same for z and −z."""
+def _search_range(coordinates: Coordinates) -> tuple[FloatArray, FloatArray]:
+    """Return lowest and highest coordinates; a damping ratio is the same for z and −z."""
     low, high = coordinates.edges
     mirrored = [spec.kind == "positive" for spec in coordinates.model.parameters]
     return np.where(mirrored, 0.0, low), high
 
 
-def _root(covariance: FloatArray) -> FloatArray:
-    """L with L Lᵀ the covariance."""
+def _covariance_root(covariance: FloatArray) -> FloatArray:
+    """Return L with L Lᵀ the covariance."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _physical(coordinates: Coordinates, z: FloatArray) -> dict[str, FloatArray]:
-    """Every parameter of every draw, estimated and derived; z of shape (draws, chains, p), values (draws, chains)."""
-    moved = np.moveaxis(z, -1, 0)
-    values = {name: np.asarray(value) for name, value in coordinates.physical(moved).items()}
-    flat = [
+def _physical_values(coordinates: Coordinates, z: FloatArray) -> dict[str, FloatArray]:
+    """Return every parameter of every draw, estimated and derived, by name.
+
+    ``z``: of shape (draws, chains, p); the values have shape (draws, chains).
+    """
+    coordinate_first = np.moveaxis(z, -1, 0)
+    values = {
+        name: np.asarray(value) for name, value in coordinates.physical(coordinate_first).items()
+    }
+    draws = [
         dict(zip(values, draw, strict=True))
         for draw in zip(*(v.ravel() for v in values.values()), strict=True)
     ]
     for quantity in coordinates.model.core.derived:
-        if all(quantity.exists(draw) for draw in flat):
+        if all(quantity.exists(draw) for draw in draws):
             values[quantity.name] = np.asarray(quantity.value(values))
     return values
 
 
-def _summary(values: FloatArray, emcee: Any) -> dict[str, Any]:
-    tail = 50.0 * (1.0 - COVERAGE)
-    low, high = np.percentile(values, [tail, 100.0 - tail])
+def _summarise(values: FloatArray, emcee: Any) -> dict[str, Any]:
+    """Return mean, deviation, interval and autocorrelation of one parameter's draws."""
+    tail_percent = 50.0 * (1.0 - COVERAGE)
+    low, high = np.percentile(values, [tail_percent, 100.0 - tail_percent])
     time = float(emcee.autocorr.integrated_time(values, tol=0)[0])
     time = time if np.isfinite(time) else float(len(values))  # draws that never moved
     return {

@@ -1,12 +1,13 @@
 """The effect of a converter's steps on the points: an error that repeats with the motion.
 
-Rounding errors of a deterministic motion are deterministic too (Widrow & Kollár 2008): part of them is coherent with
-the motion and acts as a gain. It depends on the position of the peaks between two steps, which is unknown. In records
-of one motion it is always the same, so that more of them do not reduce it. The predicted response, and the reference
-limited to its band, are therefore rounded at several sizes within one step. The part of the errors that is coherent
-with the motion at each point is taken as a systematic effect of unknown amount, common to the records of one motion:
-sines of other frequencies or sizes have errors of their own. Where noise is larger than the steps, their errors are
-noise, and nothing is added.
+Rounding errors of a deterministic motion are deterministic too (Widrow & Kollár 2008): part of them
+is coherent with the motion and acts as a gain. It depends on the position of the peaks between two
+steps, which is unknown. In records of one motion it is always the same, so that more of them do not
+reduce it. The predicted response, and the reference limited to its band, are therefore rounded at
+several sizes within one step. The part of the errors that is coherent with the motion at each point
+is taken as a systematic effect of unknown amount, common to the records of one motion: sines of
+other frequencies or sizes have errors of their own. Where noise is larger than the steps, their
+errors are noise, and nothing is added.
 """
 
 from __future__ import annotations
@@ -41,122 +42,139 @@ def effects_of_steps(
     response: Callable[[FloatArray], ComplexArray],
     points: Adequacy,
 ) -> list[SystematicEffect]:
-    """The effects that are not negligible; empty if the noise exceeds the steps.
+    """Return the effects of steps that are not negligible; none if the noise exceeds the steps.
 
-    ``predicted``: response of each by the model, NaN where it is not defined; ``response``: function from frequencies
-    to the model's complex sensitivity; ``points``: where the fit is judged.
+    Args:
+        records: of the fit.
+        predicted: response of each by the model, NaN where it is not defined.
+        response: function from frequencies to the model's complex sensitivity.
+        points: where the fit is judged.
     """
-    owner = {record.name: index for index, record in enumerate(records)}
-    at = np.array([owner.get(name, -1) for name in points.record])
-    motion = _motions(records, at, points.frequency_hz)
-    patterns = np.zeros((2 * TRIALS, len(at)), dtype=complex)
+    index_by_name = {record.name: index for index, record in enumerate(records)}
+    record_index = np.array([index_by_name.get(name, -1) for name in points.record])
+    motion = _motion_numbers(records, record_index, points.frequency_hz)
+    patterns = np.zeros((2 * TRIALS, len(record_index)), dtype=complex)
     for index, (record, series) in enumerate(zip(records, predicted, strict=True)):
-        places = np.flatnonzero(at == index)
+        point_indices = np.flatnonzero(record_index == index)
         if (
             record.reference is not None
-            and places.size
-            and not _alone_in_step(record, motion, places, points)
+            and point_indices.size
+            and not _is_single_synchronous_sine(record, motion, point_indices, points)
         ):
-            patterns[:, places] = _errors(
-                record, series, response, points.frequency_hz[places]
+            patterns[:, point_indices] = _relative_errors(
+                record, series, response, points.frequency_hz[point_indices]
             ) / np.sqrt(TRIALS)
     return [
         effect
-        for each in distinct(motion[motion >= 0])
-        for effect in _as_effects(np.where(motion == each, patterns, 0.0), points)
+        for number in distinct(motion[motion >= 0])
+        for effect in _as_effects(np.where(motion == number, patterns, 0.0), points)
     ]
 
 
-def _alone_in_step(
-    record: Record, motion: np.ndarray, places: np.ndarray, points: Adequacy
+def _is_single_synchronous_sine(
+    record: Record, motion: np.ndarray, point_indices: np.ndarray, points: Adequacy
 ) -> bool:
-    """Whether a sine in step with the sampling is the only one of its motion: its errors are in its own noise."""
-    if record.excitation != "sine" or np.sum(motion == motion[places[0]]) > 1:
+    """Return whether a sine in step with the sampling is the only record of its motion.
+
+    Its errors are then in its own noise.
+    """
+    if record.excitation != "sine" or np.sum(motion == motion[point_indices[0]]) > 1:
         return False
-    turns = float(points.frequency_hz[places[0]]) / record.sampling_rate_hz
+    turns = float(points.frequency_hz[point_indices[0]]) / record.sampling_rate_hz
     channels = record.response, np.asarray(record.reference)
     return any(0 < repeated_errors(values, record.mask, turns)[0] < FEW for values in channels)
 
 
-def _motions(records: Sequence[Record], at: np.ndarray, frequency_hz: FloatArray) -> np.ndarray:
-    """Number of the motion of each point, shape (points,); that of all but sines is one; −1 for no record."""
-    motion = np.where(at < 0, -1, 0)
-    known: list[tuple[float, float]] = []
-    for place in np.flatnonzero(at >= 0):
-        record = records[at[place]]
+def _motion_numbers(
+    records: Sequence[Record], record_index: np.ndarray, frequency_hz: FloatArray
+) -> np.ndarray:
+    """Return the number of the motion of each point, shape (points,); −1 for no record.
+
+    All motions but sines count as one.
+    """
+    motion = np.where(record_index < 0, -1, 0)
+    sines: list[tuple[float, float]] = []
+    for point in np.flatnonzero(record_index >= 0):
+        record = records[record_index[point]]
         if record.excitation != "sine":
             continue
         line = record.sampling_rate_hz / record.samples
         step = converter_step(record.response, record.mask)
-        frequency, size = (
-            float(frequency_hz[place]),
-            float(np.std(record.response[record.mask])) * np.sqrt(2.0),
-        )
-        alike = [
-            abs(hz - frequency) < 0.1 * line and abs(its_size - size) <= 0.5 * step
-            for hz, its_size in known
+        frequency = float(frequency_hz[point])
+        size = float(np.std(record.response[record.mask])) * np.sqrt(2.0)
+        matches = [
+            abs(hz - frequency) < 0.1 * line and abs(size_known - size) <= 0.5 * step
+            for hz, size_known in sines
         ]
-        if not any(alike):
-            alike.append(True)
-            known.append((frequency, size))
-        motion[place] = alike.index(True) + 1
+        if not any(matches):
+            matches.append(True)
+            sines.append((frequency, size))
+        motion[point] = matches.index(True) + 1
     return motion
 
 
 def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffect]:
-    """The same covariance by as few effects as do, each of 0.3 standard deviations of all points together or more.
+    """Return as few effects as have the covariance of these patterns, shape (K, points).
 
-    ``patterns``: of shape (K, points).
+    Each is of 0.3 standard deviations of all points together or more.
     """
     weighted = patterns / points.relative_deviation
     if not np.any(weighted) or not np.all(np.isfinite(weighted)):
         return []
-    left, size, _ = np.linalg.svd(
+    left_vectors, singular_values, _ = np.linalg.svd(
         np.concatenate([weighted.real, weighted.imag], axis=1), full_matrices=False
     )
-    shapes = left[:, size > 0.3].T @ patterns
-    frequency, which = np.unique(points.frequency_hz, return_inverse=True)
+    shapes = left_vectors[:, singular_values > 0.3].T @ patterns
+    frequency, frequency_index = np.unique(points.frequency_hz, return_inverse=True)
     weight = points.relative_deviation**-2.0
-    total = np.bincount(which, weight)
-    found = []
+    total_weight = np.bincount(frequency_index, weight)
+    effects = []
     for shape in shapes:
         real, imaginary = (
-            np.bincount(which, weight * part) / total for part in (shape.real, shape.imag)
+            np.bincount(frequency_index, weight * component) / total_weight
+            for component in (shape.real, shape.imag)
         )
         pattern = tuple(zip(frequency.tolist(), real.tolist(), imaginary.tolist(), strict=True))
-        found.append(
+        effects.append(
             SystematicEffect(
                 SOURCE, "rounding", 1.0, degrees_of_freedom=float(TRIALS), pattern=pattern
             )
         )
-    return found
+    return effects
 
 
-def _errors(
+def _relative_errors(
     record: Record,
     series: FloatArray,
     response: Callable[[FloatArray], ComplexArray],
     frequency_hz: FloatArray,
 ) -> ComplexArray:
-    """Relative error of the response at each frequency, by both channels' steps, shape (2 TRIALS, frequencies)."""
+    """Return the relative error of the response by both channels' steps, at each frequency.
+
+    It has shape (2 TRIALS, frequencies); ``series``: the prediction, NaN where it is not defined.
+    """
     assert record.reference is not None
-    found = np.zeros((2 * TRIALS, frequency_hz.size), dtype=complex)
+    relative_errors = np.zeros((2 * TRIALS, frequency_hz.size), dtype=complex)
     used = record.mask & np.isfinite(series)
     steps = (
         converter_step(record.response, record.mask),
         converter_step(record.reference, record.reference_mask),
     )
     if not used.any() or not any(steps):
-        return found
+        return relative_errors
     predicted = np.where(used, series, 0.0)
     if steps[0] > 0.0 and np.std((record.response - predicted)[used]) < DITHERED * steps[0]:
         errors = rounding_errors(predicted, used, steps[0], float(record.response[used][0]))
-        found[:TRIALS] = _coherent(record, errors, predicted, used, None, frequency_hz)
-    smooth = _within_band(record, steps[1], frequency_hz) if steps[1] > 0.0 else None
+        relative_errors[:TRIALS] = _coherent_errors(
+            record, errors, predicted, used, None, frequency_hz
+        )
+    smooth = _band_limited_reference(record, steps[1], frequency_hz) if steps[1] > 0.0 else None
     if smooth is not None:
         errors = rounding_errors(smooth, used, steps[1], float(record.reference[used][0]))
-        found[TRIALS:] = -_coherent(record, errors, predicted, used, response, frequency_hz)
-    return found
+        relative_errors[TRIALS:] = -_coherent_errors(
+            record, errors, predicted, used, response, frequency_hz
+        )
+    return relative_errors
 
 
 def rounding_in_residual(
@@ -168,17 +186,19 @@ def rounding_in_residual(
     transfer: ComplexArray,
     turns: float | None,
 ) -> FloatArray | None:
-    """Errors of both converters that repeat with the motion, as the residual has them, shape (2 TRIALS, n).
+    """Return the errors of both converters that repeat with the motion, as the residual has them.
 
-    Each is one of what the errors may be, scaled so that their products sum to the covariance of the part that noise
-    leaves coherent with the motion; None where all of it is noise.
+    They have shape (2 TRIALS, n). Each is one of what the errors may be, scaled so that their
+    products sum to the covariance of the part that noise leaves coherent with the motion; None
+    where all of it is noise.
 
     Args:
         record: the record.
         span: its samples that are looked at, n in number.
         motion: predicted response, shape (n,).
-        used: those that count, shape (n,).
-        variance: of the noise between the lines of the residual, which the errors are part of where they are noise.
+        used: samples that count, shape (n,).
+        variance: of the noise between the lines of the residual, which the errors are part of where
+            they are noise.
         transfer: of the sensor at the bins, shape (bins,).
         turns: of the record's sine from sample to sample; None for other motion.
     """
@@ -190,36 +210,49 @@ def rounding_in_residual(
     )
     if not any(steps):
         return None
-    found = np.zeros((2 * TRIALS, used.size))
+    residual_errors = np.zeros((2 * TRIALS, used.size))
     if steps[0] > 0.0 and variance < (DITHERED * steps[0]) ** 2:
         response = np.where(used, record.response[span], 0.0)
-        whole = np.where(used, motion + np.mean(response[used]), 0.0)
-        coherent = np.sqrt(undithered(steps[0], variance))
-        found[:TRIALS] = coherent * rounding_errors(whole, used, steps[0], float(response[used][0]))
-    top = (0.5 if turns is None else turns) * record.sampling_rate_hz
-    smooth = _within_band(record, steps[1], np.array([top])) if steps[1] > 0.0 else None
+        predicted = np.where(used, motion + np.mean(response[used]), 0.0)
+        coherent_share = np.sqrt(undithered(steps[0], variance))
+        residual_errors[:TRIALS] = coherent_share * rounding_errors(
+            predicted, used, steps[0], float(response[used][0])
+        )
+    highest_hz = (0.5 if turns is None else turns) * record.sampling_rate_hz
+    smooth = (
+        _band_limited_reference(record, steps[1], np.array([highest_hz]))
+        if steps[1] > 0.0
+        else None
+    )
     if smooth is not None:
-        kept = used & record.reference_mask[span]
-        left = np.where(kept, (record.reference - smooth)[span], 0.0)
-        between = (
-            float(median(np.abs(np.asarray(fft.rfft(left))) ** 2)) / MEDIAN_OF_POWER / used.size
+        reference_used = used & record.reference_mask[span]
+        reference_noise = np.where(reference_used, (record.reference - smooth)[span], 0.0)
+        noise_variance = (
+            float(median(np.abs(np.asarray(fft.rfft(reference_noise))) ** 2))
+            / MEDIAN_OF_POWER
+            / used.size
         )
         errors = rounding_errors(
-            smooth[span], kept, steps[1], float(record.reference[span][kept][0])
+            smooth[span], reference_used, steps[1], float(record.reference[span][reference_used][0])
         )
-        errors *= np.sqrt(undithered(steps[1], between))
+        errors *= np.sqrt(undithered(steps[1], noise_variance))
         bins = fft.rfft(errors, axis=1)[:, : transfer.size] * transfer  # of the band alone
-        found[TRIALS:] = -np.asarray(fft.irfft(bins, used.size, axis=1))
-    return found / np.sqrt(TRIALS) if np.any(found) else None
+        residual_errors[TRIALS:] = -np.asarray(fft.irfft(bins, used.size, axis=1))
+    return residual_errors / np.sqrt(TRIALS) if np.any(residual_errors) else None
 
 
-def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> FloatArray | None:
-    """The reference limited to its band, shape (samples,); None if the noise above the band exceeds the steps.
+def _band_limited_reference(
+    record: Record, step: float, frequency_hz: FloatArray
+) -> FloatArray | None:
+    """Return the reference limited to its band, or None if the noise above exceeds the steps.
 
-    The band ends three lines behind the last one that holds motion; noise is looked for up to 0.45 of the rate.
+    The band ends three lines behind the last one that holds motion; noise is looked for up to 0.45
+    of the rate. It has shape (samples,).
     """
     assert record.reference is not None
-    used, samples, rate = record.reference_mask, record.samples, record.sampling_rate_hz
+    used = record.reference_mask
+    samples = record.samples
+    rate = record.sampling_rate_hz
     mean = float(np.mean(record.reference[used]))
     motion = np.where(used, record.reference - mean, 0.0)
     lines = np.asarray(fft.rfft(motion), dtype=complex)
@@ -229,47 +262,54 @@ def _within_band(record: Record, step: float, frequency_hz: FloatArray) -> Float
     last = int(1.5 * float(np.max(frequency_hz)) * samples / rate)  # the band of a sine
     if record.excitation != "sine":
         power = np.abs(np.asarray(fft.rfft(window * motion))) ** 2
-        loud = np.flatnonzero(
-            power > 30.0 * step**2 / 12.0 * float(window @ window)
-        )  # by motion, not by rounding
+        # Louder than rounding makes them.
+        loud = np.flatnonzero(power > 30.0 * step**2 / 12.0 * float(window @ window))
         last = int(loud[-1]) + 3 if loud.size else 0
-    beyond = np.abs(lines[last : int(0.45 * samples)]) ** 2 / samples
-    # Of noise, one line in ten has this part of its mean power or less; the stronger ones may hold leakage.
-    if beyond.size < 10 or np.quantile(beyond, 0.1) > -np.log(1.0 - 0.1) * (DITHERED * step) ** 2:
+    power_beyond = np.abs(lines[last : int(0.45 * samples)]) ** 2 / samples
+    # One line of noise in ten has this part of the mean power or less; stronger ones may leak.
+    if (
+        power_beyond.size < 10
+        or np.quantile(power_beyond, 0.1) > -np.log(1.0 - 0.1) * (DITHERED * step) ** 2
+    ):
         return None
     lines[last:] = 0.0
     return np.asarray(fft.irfft(lines, samples)) + mean
 
 
-def _coherent(
+def _coherent_errors(
     record: Record,
     errors: FloatArray,
     predicted: FloatArray,
     used: BoolArray,
-    through: Callable[[FloatArray], ComplexArray] | None,
+    transfer: Callable[[FloatArray], ComplexArray] | None,
     frequency_hz: FloatArray,
 ) -> ComplexArray:
-    """What of the errors, through the sensor where it is given, is coherent with the prediction, relative to it."""
+    """Return the part of the errors that is coherent with the prediction, relative to it.
+
+    ``transfer``: of the sensor that the errors pass, where they are of the reference; None for the
+    response.
+    """
     motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
-    samples, rate = record.samples, record.sampling_rate_hz
+    samples = record.samples
+    rate = record.sampling_rate_hz
     if record.excitation == "sine":
-        turn = hann(samples) * np.exp(
+        kernel = hann(samples) * np.exp(
             -2j * np.pi / rate * np.outer(frequency_hz, np.arange(samples))
         )
-        gain = 1.0 if through is None else through(frequency_hz)
-        return np.asarray(gain * (errors @ turn.T) / (turn @ motion), dtype=complex)
+        gain = 1.0 if transfer is None else transfer(frequency_hz)
+        return np.asarray(gain * (errors @ kernel.T) / (kernel @ motion), dtype=complex)
     lines = np.asarray(fft.rfft(errors, axis=1), dtype=complex)
-    if through is not None:
-        lines *= through(line_frequencies(samples, rate))
-    moved = np.asarray(fft.rfft(motion), dtype=complex)
+    if transfer is not None:
+        lines *= transfer(line_frequencies(samples, rate))
+    motion_lines = np.asarray(fft.rfft(motion), dtype=complex)
     edges = band_edges(samples, rate).astype(int)
-    common = np.add.reduceat(
-        lines[:, : edges[-1]] * np.conj(moved[: edges[-1]]), edges[:-1], axis=1
+    cross_power = np.add.reduceat(
+        lines[:, : edges[-1]] * np.conj(motion_lines[: edges[-1]]), edges[:-1], axis=1
     )
-    power = np.add.reduceat(np.abs(moved[: edges[-1]]) ** 2, edges[:-1])
+    power = np.add.reduceat(np.abs(motion_lines[: edges[-1]]) ** 2, edges[:-1])
     band = np.clip(
         np.searchsorted(edges, frequency_hz * samples / rate, side="right") - 1, 0, len(edges) - 2
     )
     return np.asarray(
-        common[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex
+        cross_power[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex
     )

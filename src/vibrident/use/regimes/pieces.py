@@ -125,7 +125,7 @@ def _explained_pieces(
         try:
             evidence = Evidence.gather(cut(calibration, span), model)
             estimator, _ = choose(evidence)
-            fitted = Fitted.of(evidence, estimator, silent)
+            fitted = Fitted.from_evidence(evidence, estimator, silent)
         except VibridentError:
             continue
         if fitted.adequate:

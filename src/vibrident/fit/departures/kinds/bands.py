@@ -15,8 +15,10 @@ from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
-#: Parts of the frequencies of points, and the fewest frequencies that are parted.
-OF_POINTS, FEWEST = 4, 6
+#: Bands of the frequencies of points.
+POINT_BANDS = 4
+#: Fewest frequencies of points that are divided into bands.
+MIN_FREQUENCIES = 6
 
 
 class Bands(Departure):
@@ -28,26 +30,34 @@ class Bands(Departure):
     joint: ClassVar[bool] = False
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """The motion in each band; a sine has one frequency."""
+        """Yield the motion in each band; a sine has one frequency."""
         if group.pull is None:
-            inside = [
+            motions = [
                 group.likely * ((group.hz >= low) & (group.hz < high))
                 for low, high in pairwise(scale.bands_hz)
             ]
-            yield "", np.stack([turn * own for own in inside for turn in (1.0, 1j)], axis=1)
+            yield (
+                "",
+                np.stack([factor * motion for motion in motions for factor in (1.0, 1j)], axis=1),
+            )
 
     def at_points(self, points: PointsPart) -> list[Point]:
-        """A complex factor of the points of each part of the frequencies."""
+        """Return a complex factor of the points of each band."""
         order = np.argsort(points.frequency_hz, kind="stable")
-        if len(np.unique(points.frequency_hz)) < FEWEST:
+        if len(np.unique(points.frequency_hz)) < MIN_FREQUENCIES:
             return []
-        parts = [np.isin(np.arange(order.size), some) for some in np.array_split(order, OF_POINTS)]
+        bands = [
+            np.isin(np.arange(order.size), places) for places in np.array_split(order, POINT_BANDS)
+        ]
         return [
-            Point("", np.array([turn * one for one in parts for turn in (1.0, 1j)], dtype=complex))
+            Point(
+                "",
+                np.array([factor * band for band in bands for factor in (1.0, 1j)], dtype=complex),
+            )
         ]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """That the model misses a band."""
+        """Return the clause that the model misses a band."""
         return "the model is not equally right over the whole band"
 
 

@@ -1,4 +1,7 @@
-"""A bent characteristic: ŷ², ŷ³ and sgn ŷ, each with its quadrature, so that a delay of the shape does not matter."""
+"""A bent characteristic: ŷ², ŷ³ and sgn ŷ.
+
+Each has its quadrature, so that a delay of the shape does not matter.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from vibrident.fit.departures.score import Score
 
 
 class Characteristic(Shape):
-    """Volterra kernels of second and third order without memory, and a dead band (Schetzen 1980)."""
+    """A dead band, or Volterra kernels of second and third order without memory (Schetzen 1980)."""
 
     name: ClassVar[str] = "characteristic"
     code: ClassVar[WarningCode] = "nonlinear"
@@ -24,16 +27,19 @@ class Characteristic(Shape):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """Square, cube and sign of the motion, over their size at the largest."""
+        """Yield square, cube and sign of the motion, over their size at the largest."""
         y = signal / scale.motion
         yield "holds a square of the motion", y * y * scale.motion
         yield "is bent as by a cube of the motion", y * y * y * scale.motion
         yield "has a dead band, or a step, around its zero", np.sign(y) * scale.motion
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """How much, at the largest motion."""
+        """Return how much the response is bent, at the largest motion."""
         size = 100.0 * float(np.hypot(*score.amounts))
-        return f"the response {candidate.words}, {plain(size, 2)} % at the largest; a linear sensor does neither"
+        return (
+            f"the response {candidate.words}, {plain(size, 2)} % at the largest; "
+            "a linear sensor does neither"
+        )
 
 
 CHARACTERISTIC = Characteristic()

@@ -12,12 +12,14 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import OfReference, Scale
 
-#: Levels over the largest of the record, and that of samples that stand at the limit.
-LEVELS, AT_LIMIT = (0.5, 0.8, 0.95), 0.98
+#: Levels over the largest of the record.
+LEVELS = (0.5, 0.8, 0.95)
+#: Level over the largest of samples that stand at the limit.
+MIN_LIMIT_LEVEL = 0.98
 
 
 class ClippedReference(OfReference):
-    """Recorder of the reference at its limit."""
+    """A recorder of the reference at its limit."""
 
     name: ClassVar[str] = "clipped-reference"
     code: ClassVar[WarningCode] = "clipped"
@@ -25,15 +27,15 @@ class ClippedReference(OfReference):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """What lies beyond each level."""
-        said = "the reference departs {}, as where its channel is overdriven"
+        """Yield what lies beyond each level."""
+        sentence = "the reference departs {}, as where its channel is overdriven"
         for level in LEVELS:
-            words = said.format(f"beyond {plain(100.0 * level, 2)} % of its largest")
+            words = sentence.format(f"beyond {plain(100.0 * level, 2)} % of its largest")
             yield words, np.sign(signal) * np.maximum(np.abs(signal) - level * largest, 0.0)
         for sign, end in ((1.0, "highest"), (-1.0, "lowest")):
             yield (
-                said.format(f"at its {end}"),
-                np.where(sign * signal > AT_LIMIT * largest, sign * largest, 0.0),
+                sentence.format(f"at its {end}"),
+                np.where(sign * signal > MIN_LIMIT_LEVEL * largest, sign * largest, 0.0),
             )
 
 

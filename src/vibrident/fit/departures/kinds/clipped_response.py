@@ -12,12 +12,13 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import FloatArray
 from vibrident.fit.departures.departure import Scale, Shape
 
-#: Levels over the largest motion.
-LEVELS, OF_SIDES = (0.5, 0.8, 0.95), (0.5, 0.9)
+#: Levels over the largest motion: of both sides, and of one.
+LEVELS = (0.5, 0.8, 0.95)
+ONE_SIDED_LEVELS = (0.5, 0.9)
 
 
 class ClippedResponse(Shape):
-    """Amplifier or recorder at its limit."""
+    """An amplifier or recorder at its limit."""
 
     name: ClassVar[str] = "clipped-response"
     code: ClassVar[WarningCode] = "clipped"
@@ -25,16 +26,17 @@ class ClippedResponse(Shape):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """What lies beyond each level."""
+        """Yield what lies beyond each level."""
         for level in LEVELS:
             beyond = np.maximum(np.abs(signal) - level * scale.motion, 0.0)
             yield _words(level, ""), np.sign(signal) * beyond
-        for level in OF_SIDES:
+        for level in ONE_SIDED_LEVELS:
             for sign, side in ((1.0, " above"), (-1.0, " below")):
                 yield _words(level, side), np.maximum(sign * signal - level * scale.motion, 0.0)
 
 
 def _words(level: float, side: str) -> str:
+    """Return the clause on what lies beyond a level."""
     where = f"beyond {plain(100.0 * level, 2)} % of its largest{side}"
     return f"the response departs {where}, as where an amplifier is overdriven"
 

@@ -17,25 +17,26 @@ from vibrident.fit.response.response import ComplexArray
 
 
 class Clocks(Departure):
-    """The response is read at t(1 + ε): a delay that grows with time."""
+    """A response that is read at t(1 + ε): a delay that grows with time."""
 
     name: ClassVar[str] = "clocks"
     code: ClassVar[WarningCode] = "clock_suspect"
     family: ClassVar[str] = "change"
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """The slope of the motion times the time from the middle of the record.
+        """Yield the slope of the motion times the time from the middle of the record.
 
         What is alike at the begin and at the end is a delay.
         """
         yield "", slope_with_time(group, 0.5 * group.records[0].duration_s)[:, :1]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """By how much."""
+        """Return by how much the clocks differ."""
         offset = float(score.amounts[0])
         return (
             f"the intervals of the response are {plain(abs(offset) * 1e6, 3)} ppm "
-            f"{'longer' if offset > 0.0 else 'shorter'} than those of the reference, as of two clocks"
+            f"{'longer' if offset > 0.0 else 'shorter'} than those of the reference, "
+            "as of two clocks"
         )
 
 

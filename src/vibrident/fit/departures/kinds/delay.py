@@ -17,25 +17,28 @@ from vibrident.fit.response.response import ComplexArray
 
 
 class Delay(Departure):
-    """The response comes later, or earlier, than the model has it."""
+    """A response that comes later, or earlier, than the model has it."""
 
     name: ClassVar[str] = "delay"
     code: ClassVar[WarningCode] = "lack_of_fit"
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """The slope of the motion, per second of delay; a sine has one frequency."""
+        """Yield the slope of the motion, per second of delay; a sine has one frequency."""
         if group.pull is None:
             yield "", (-1j * group.rate_hz * group.radians * group.likely)[:, None]
 
     def at_points(self, points: PointsPart) -> list[Point]:
-        """A phase in proportion to the frequency."""
+        """Return a phase in proportion to the frequency."""
         return [Point("", np.asarray(-2j * np.pi * points.frequency_hz[None], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """How late."""
+        """Return how late the response comes."""
         late = float(score.amounts[0])
-        by = f"{amount(abs(late), 's', 2)} {'later' if late > 0.0 else 'earlier'}"
-        return f"the response comes {by} than the model has it; the add-on delay has a parameter for it"
+        difference = f"{amount(abs(late), 's', 2)} {'later' if late > 0.0 else 'earlier'}"
+        return (
+            f"the response comes {difference} than the model has it; "
+            "the add-on delay has a parameter for it"
+        )
 
 
 DELAY = Delay()

@@ -17,10 +17,10 @@ from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
 
-#: Highest degree.
-DEGREE = 5
+#: Highest degree of the polynomials.
+MAX_DEGREE = 5
 #: Turns over the record of the nuisance tone.
-TURNS = 0.5
+NUISANCE_TURNS = 0.5
 
 
 class Drift(WithoutMotion):
@@ -34,30 +34,37 @@ class Drift(WithoutMotion):
     nuisance: ClassVar[bool] = True
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """The polynomials, as large as the largest motion; of records with the nuisance tone, none is left."""
+        """Yield the polynomials, as large as the largest motion.
+
+        Of records with the nuisance tone there are none.
+        """
         if any(self.beside(record) is not record for record in group.records):
             bins = group.bins_of(_polynomials(group.samples)[None])
             yield "", scale.motion * np.broadcast_to(bins, (len(group.records), *bins.shape[1:]))
 
     def beside(self, record: Record) -> Record:
-        """With a tone of half a turn over the record, the size of which changes with time, as a nuisance parameter.
+        """Return the record with a slow tone whose size changes with time as a nuisance parameter.
 
-        With offset and leakage it stands for all smooth curves.
+        The tone makes half a turn over the record. With offset and leakage it stands for all smooth
+        curves.
         """
-        slow = TURNS / record.duration_s
+        slow = NUISANCE_TURNS / record.duration_s
         return record if slow in record.hum_hz else replace(record, hum_hz=(slow, *record.hum_hz))
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """How far."""
+        """Return how far the response drifts."""
         size = 100.0 * max(abs(score.known(column)) for column in range(len(score.amounts)))
-        by = f" by about {plain(size, 2)} % of its largest" if size else ""
-        return f"the response drifts{by}, which the motion does not explain"
+        amount = f" by about {plain(size, 2)} % of its largest" if size else ""
+        return f"the response drifts{amount}, which the motion does not explain"
 
 
 @functools.lru_cache(maxsize=2)
 def _polynomials(samples: int) -> FloatArray:
+    """Return Legendre polynomials of time, shape (degree, samples), without the constant."""
     time = np.linspace(-1.0, 1.0, samples)
-    return np.ascontiguousarray(np.polynomial.legendre.legvander(time, DEGREE).T[1:], dtype=float)
+    return np.ascontiguousarray(
+        np.polynomial.legendre.legvander(time, MAX_DEGREE).T[1:], dtype=float
+    )
 
 
 DRIFT = Drift()

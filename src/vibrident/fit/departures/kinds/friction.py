@@ -17,7 +17,7 @@ from vibrident.fit.response.response import ComplexArray
 
 
 class Friction(Shape):
-    """Coulomb's force against the velocity of the mass, which the sensor answers as an acceleration."""
+    """Coulomb's force against the velocity of the mass, which acts as an acceleration."""
 
     name: ClassVar[str] = "friction"
     code: ClassVar[WarningCode] = "nonlinear"
@@ -25,31 +25,37 @@ class Friction(Shape):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """Return the sign of the velocity, per m/s² of deceleration."""
+        """Yield the sign of the velocity, per m/s² of deceleration."""
         if scale.mass is not None:
             yield "", -np.sign(signal)
 
     def signal(self, group: WhitenedGroup, scale: Scale) -> FloatArray:
-        """Return the velocity of the mass."""
+        """Return the velocity of the mass, shape (R, L)."""
         return group.series(group.likely * self.gain(group, scale))
 
     def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
-        """Return the sensor's response to an acceleration."""
+        """Return the sensor's response to an acceleration, shape (K,)."""
         return 0.0 if scale.mass is None else scale.mass(group.hz)[1]
 
     def gain(self, group: WhitenedGroup, scale: Scale) -> ComplexArray | float:
-        """Return the velocity of the mass for a response of one."""
+        """Return the velocity of the mass for a response of one, shape (K,)."""
         if scale.mass is None:
             return 0.0
         velocity, response = scale.mass(group.hz)
         return np.divide(velocity, response, out=np.zeros_like(velocity), where=response != 0.0)
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """Say how much."""
+        """Return how large the friction is."""
         size = float(score.amounts[0])
         if size < 0.0:
-            return "the response departs by the sign of the velocity of the sensor's mass, against what friction does"
-        return f"the mass of the sensor is held by dry friction, {amount(size, 'm/s²', 2)}; a linear sensor has none"
+            return (
+                "the response departs by the sign of the velocity of the sensor's mass, "
+                "against what friction does"
+            )
+        return (
+            f"the mass of the sensor is held by dry friction, {amount(size, 'm/s²', 2)}; "
+            "a linear sensor has none"
+        )
 
 
 FRICTION = Friction()

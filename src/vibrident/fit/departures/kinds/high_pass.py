@@ -16,26 +16,29 @@ from vibrident.fit.response.response import ComplexArray
 
 
 class HighPass(Departure):
-    """To first order in its corner frequency a high-pass takes ω₀/(jω) of the response."""
+    """A high-pass, which to first order in its corner frequency takes ω₀/(jω) of the response."""
 
     name: ClassVar[str] = "high-pass"
     code: ClassVar[WarningCode] = "lack_of_fit"
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """The integral of the motion, per hertz of the corner frequency; a sine has one frequency."""
+        """Yield the motion's integral, per hertz of corner frequency; a sine has one frequency."""
         if group.pull is None:
             yield "", (2j * np.pi / group.rate_hz / group.radians * group.likely)[:, None]
 
     def at_points(self, points: PointsPart) -> list[Point]:
-        """What a high-pass does to first order."""
+        """Return what a high-pass does to first order."""
         return [Point("", np.asarray(1j / points.frequency_hz[None], dtype=complex))]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """The corner frequency, to first order."""
+        """Return the corner frequency, to first order."""
         corner = float(score.amounts[0])
         if corner < 0.0:
             return "the response rises towards low frequencies as no sensor of the model does"
-        return f"the response falls towards low frequencies as behind a high-pass of about {corner:.2g} Hz"
+        return (
+            "the response falls towards low frequencies "
+            f"as behind a high-pass of about {corner:.2g} Hz"
+        )
 
 
 HIGH_PASS = HighPass()

@@ -19,7 +19,7 @@ QUESTION = "Was it taken with another sensor, range or wiring?"
 
 
 class OtherRecord(Departure):
-    """Gain and time of one record among the others."""
+    """Gain and time of one record that differ from the others'."""
 
     name: ClassVar[str] = "other-record"
     code: ClassVar[WarningCode] = "regimes"
@@ -27,23 +27,27 @@ class OtherRecord(Departure):
     family: ClassVar[str] = "change"
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
-        """Motion and slope; a sine has an amplitude and phase of its own, which its points compare."""
+        """Yield motion and slope.
+
+        A sine has an amplitude and phase of its own, which its points compare.
+        """
         if group.pull is None and scale.records > 1:
-            yield "", group.moved
+            yield "", group.gain_and_time
 
     def at_points(self, points: PointsPart) -> list[Point]:
-        """A complex factor of each record's points."""
+        """Return a complex factor of each record's points."""
         names = dict.fromkeys(points.record)
         if len(names) < 2:
             return []
-        own = [np.array([record == name for record in points.record]) for name in names]
-        pairs = [np.stack([one + 0j, 1j * one]) for one in own]
+        members = [np.array([record == name for record in points.record]) for name in names]
+        pairs = [np.stack([member + 0j, 1j * member]) for member in members]
         return [Point("", pair, name) for name, pair in zip(names, pairs, strict=True)]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """By how much it differs."""
+        """Return by how much the record differs."""
         gain = 100.0 * score.known(0)
-        size = f": its response is {plain(abs(gain), 2)} % {'larger' if gain > 0.0 else 'smaller'} than they predict"
+        side = "larger" if gain > 0.0 else "smaller"
+        size = f": its response is {plain(abs(gain), 2)} % {side} than they predict"
         return f"the record does not belong to the others{size if gain else ''}. {QUESTION}"
 
 

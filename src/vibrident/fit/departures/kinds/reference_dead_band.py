@@ -15,7 +15,7 @@ from vibrident.fit.departures.score import Score
 
 
 class ReferenceDeadBand(OfReference):
-    """What the recorder leaves out around zero, the sensor answers."""
+    """What the recorder of the reference leaves out around zero, and the sensor answers."""
 
     name: ClassVar[str] = "reference-dead-band"
     code: ClassVar[WarningCode] = "nonlinear"
@@ -23,11 +23,11 @@ class ReferenceDeadBand(OfReference):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """Return the sign of the motion, per unit of the reference."""
+        """Yield the sign of the motion, per unit of the reference."""
         yield "", np.sign(signal)
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """Say how wide it is."""
+        """Return how wide the dead band is."""
         size = plain(abs(float(score.amounts[0])), 2)
         return (
             f"the reference has a dead band, or a step, around its zero, of {size} in its SI unit"

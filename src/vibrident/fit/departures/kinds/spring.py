@@ -18,7 +18,7 @@ from vibrident.fit.response.response import ComplexArray
 
 
 class Spring(Shape):
-    """Cubic stiffness, or one that is stiffer on one side of the rest point."""
+    """A cubic stiffness, or one that is stiffer on one side of the rest point."""
 
     name: ClassVar[str] = "spring"
     code: ClassVar[WarningCode] = "nonlinear"
@@ -26,7 +26,7 @@ class Spring(Shape):
     def shapes(
         self, signal: FloatArray, scale: Scale, largest: FloatArray
     ) -> Iterable[tuple[str, FloatArray]]:
-        """Square and cube of the motion."""
+        """Yield square and cube of the motion."""
         y = signal / scale.motion
         yield (
             "is bent as by a spring that is stiffer on one side of its rest point",
@@ -35,12 +35,15 @@ class Spring(Shape):
         yield "is bent as by a spring that is not linear", y * y * y * scale.motion
 
     def answer(self, group: WhitenedGroup, scale: Scale) -> ComplexArray:
-        """The sensor's, over its largest."""
+        """Return the sensor's transfer function over its largest size, shape (R, K)."""
         size = np.max(np.abs(group.transfer), axis=1, keepdims=True, initial=0.0)
         return group.transfer / np.where(size > 0.0, size, 1.0)
 
     def at_points(self, points: PointsPart) -> list[Point]:
-        """The describing function of a cubic stiffness: −¾ k₃ |V|² H/S₀ (Nayfeh & Mook 1979, sec. 2.3)."""
+        """Return the describing function of a cubic stiffness: −¾ k₃ |V|² H/S₀.
+
+        Source: Nayfeh & Mook 1979, sec. 2.3.
+        """
         if points.response is None:
             return []
         effect = np.abs(points.response) ** 2 * points.transfer
@@ -48,8 +51,9 @@ class Spring(Shape):
         return [Point(words, (effect / np.max(np.abs(effect)))[None])]
 
     def sentence(self, candidate: Candidate, score: Score) -> str:
-        """How much, at the largest motion."""
-        return f"the response {candidate.words}, {plain(abs(100.0 * float(score.amounts[0])), 2)} % at the largest"
+        """Return how much the response is bent, at the largest motion."""
+        size = abs(100.0 * float(score.amounts[0]))
+        return f"the response {candidate.words}, {plain(size, 2)} % at the largest"
 
 
 SPRING = Spring()

@@ -1,1 +1,4 @@
-"""One estimator a file; each holds an :class:`vibrident.fit.estimators.base.Estimator` in the file's name."""
+"""Estimators, one a file.
+
+Each module holds a :class:`vibrident.fit.estimators.base.Estimator` in the file's name.
+"""

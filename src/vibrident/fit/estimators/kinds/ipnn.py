@@ -1,9 +1,10 @@
-"""The estimator ``ipnn``: the network, trained on excitation and response, as in the paper, and beyond.
+"""The estimator ``ipnn``: the network, trained on excitation and response.
 
-Its weights are tied to the physics through the chosen discretisation; initial states and offset of
-every record are found exactly. The network of a linear sensor is trained at the bins of the band, in
-the noise of both channels (:mod:`vibrident.fit.descent.train`). A nonlinear sensor, and the paper's
-Adam, run it in time, each record weighted by its own noise.
+It does so as the paper does, and beyond. Its weights are tied to the physics through the chosen
+discretisation; initial states and offset of every record are found exactly. The network of a linear
+sensor is trained at the bins of the band, in the noise of both channels
+(:mod:`vibrident.fit.descent.train`). A nonlinear sensor, and the paper's Adam, run it in time, each
+record weighted by its own noise.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method, method
 
-#: Rounds of noise and training in time, and the decrease of the cost that ends one.
+#: Rounds of noise and training in time.
 MAX_ROUNDS = 6
-TOLERANCE = 1e-6
+#: Decrease of the cost that ends a training in time.
+MIN_DECREASE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Ipnn(Estimator):
 
     Attributes:
         discretisation: euler | zoh | foh | tustin | bandlimited.
-        optimiser: an object with settings of its own, or the name of one: ``lm`` (Levenberg–Marquardt), ``adam``.
+        optimiser: an object with settings of its own, or the name of one: ``lm``
+            (Levenberg–Marquardt), ``adam``.
         late_samples: by which the samples of the reference come after their stamps.
     """
 
@@ -64,11 +67,11 @@ class Ipnn(Estimator):
 
     @property
     def method(self) -> Method:
-        """The discretisation of the sensor's equation."""
+        """Return the discretisation of the sensor's equation."""
         return replace(method(self.discretisation), late_samples=self.late_samples)
 
     def suits(self, evidence: Evidence) -> str:
-        """Records that are no sines, or of a nonlinear model."""
+        """Return the reason to choose the network: motion that is no sine, or a nonlinear model."""
         if evidence.calibration.table is not None:
             return ""
         if not evidence.model.is_linear:
@@ -77,17 +80,21 @@ class Ipnn(Estimator):
         return f"excitation {', '.join(kinds)}: the network uses every sample of the motion"
 
     def configured(self, **settings: Any) -> Estimator:
-        """The network with these settings; ``residual`` true: with a learned residual beside the physics.
+        """Return the network with these settings.
+
+        ``residual`` true: with a learned residual beside the physics.
 
         Raises:
             InputError: a setting of the optimiser cannot be used.
         """
-        beside = settings.pop("residual", False)
-        own = {name: settings.pop(name) for name in ("steps", "learning_rate") if name in settings}
+        has_residual = settings.pop("residual", False)
+        optimiser_settings = {
+            name: settings.pop(name) for name in ("steps", "learning_rate") if name in settings
+        }
         if "optimiser" in settings:
-            settings["optimiser"] = _optimiser(settings["optimiser"], own)
+            settings["optimiser"] = _optimiser_named(settings["optimiser"], optimiser_settings)
         physics = replace(self, **settings)
-        if not beside:
+        if not has_residual:
             return physics
         from vibrident.fit.estimators.residual_network import ResidualIpnn
 
@@ -115,11 +122,11 @@ class Ipnn(Estimator):
 
     @property
     def trainer(self) -> Optimiser:
-        """The optimiser that the setting names or is."""
+        """Return the optimiser that the setting names or is."""
         return (
             self.optimiser
             if isinstance(self.optimiser, Optimiser)
-            else _optimiser(self.optimiser, {})
+            else _optimiser_named(self.optimiser, {})
         )
 
     def in_band(self, evidence: Evidence) -> bool:
@@ -170,12 +177,13 @@ def require_records(evidence: Evidence) -> None:
             expected="[[records]] with a reference channel",
             found="a table" if evidence.calibration.table is not None else "free decays only",
             where="estimator",
-            remedy="use the estimator 'auto' for a table; add a record with a reference to free decays",
+            remedy="use the estimator 'auto' for a table; "
+            "add a record with a reference to free decays",
         )
 
 
-def _optimiser(name: str, settings: dict[str, Any]) -> Optimiser:
-    """The optimiser of a name, with these settings; Adam is the paper's."""
+def _optimiser_named(name: str, settings: dict[str, Any]) -> Optimiser:
+    """Return the optimiser of a name, with these settings; Adam is the paper's."""
     return LevenbergMarquardt() if name == "lm" else bound("adam")(**settings)
 
 
@@ -200,18 +208,18 @@ def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Es
     settled = False
     for _ in range(MAX_ROUNDS):
         normal = problem.normal(z, coordinates, noise)
-        found = problem.record_noise(normal, noise)
-        if settled and np.allclose(found, noise, rtol=1e-3, atol=0.0):
+        noise_read = problem.record_noise(normal, noise)
+        if settled and np.allclose(noise_read, noise, rtol=1e-3, atol=0.0):
             break
         if trace is None and not evidence.model.is_linear:
             z = with_harmonic_start(problem, normal, evidence, z)
-        noise = found
-        at = coordinates, problem, noise
-        trace = network.trainer.train(z, at, TOLERANCE, progress)
+        noise = noise_read
+        args = coordinates, problem, noise
+        trace = network.trainer.train(z, args, MIN_DECREASE, progress)
         z = trace.last
-        moved = problem.at_delay_of(coordinates.values(z))
-        settled = moved is problem  # else another round, with the inputs at the delay found
-        problem = moved
+        delayed_problem = problem.at_delay_of(coordinates.values(z))
+        settled = delayed_problem is problem  # else another round, with inputs at the new delay
+        problem = delayed_problem
     assert trace is not None
     trained = TrainedNetwork(
         network.discretisation,

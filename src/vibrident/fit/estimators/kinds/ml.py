@@ -1,10 +1,10 @@
 """The estimator ``ml``: maximum likelihood on the complex responses, with noise on both channels.
 
-Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance of Y − H X is
-taken from the spectral lines beside the tone with H at each line's own frequency, so vibration noise
-(in both channels) cancels and noise of either channel counts (Pintelon & Schoukens 2012, ch. 9). Weights and the
-sensor's decaying start transient depend on the parameters and are refreshed between fits. Tables: weighted least
-squares in magnitude and phase.
+Records: every sine's amplitudes in both channels come from a multi-channel sine fit; the variance
+of Y − H X is taken from the spectral lines beside the tone with H at each line's own frequency, so
+vibration noise (in both channels) cancels and noise of either channel counts (Pintelon & Schoukens
+2012, ch. 9). Weights and the sensor's decaying start transient depend on the parameters and are
+refreshed between fits. Tables: weighted least squares in magnitude and phase.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ class MaximumLikelihood(Estimator):
     """Settings of the estimator ``ml``.
 
     Attributes:
-        model_error: where the deviations of sine records exceed what their noise and the stated systematic effects
-            explain, a relative error of the model, the same at all frequencies, joins the noise (Mandel & Paule 1970),
-            as large as the deviations demand. Points of very little noise then no longer rule, and the uncertainty
-            covers the misfit. It is reported, and never applied to the stated uncertainties of a table.
+        model_error: where the deviations of sine records exceed what their noise and the stated
+            systematic effects explain, a relative error of the model, the same at all frequencies,
+            joins the noise (Mandel & Paule 1970), as large as the deviations demand. Points of very
+            little noise then no longer rule, and the uncertainty covers the misfit. It is reported,
+            and never applied to the stated uncertainties of a table.
     """
 
     name: ClassVar[str] = "ml"
@@ -45,57 +46,69 @@ class MaximumLikelihood(Estimator):
     model_error: bool = True
 
     def suits(self, evidence: Evidence) -> str:
-        """Tables, and sine records of linear models."""
+        """Return the reason to choose this estimator: tables, and sine records of linear models."""
         if evidence.calibration.table is not None:
             return (
                 "a table of responses with their uncertainties: weighted fit in magnitude and phase"
             )
         if evidence.model.is_linear and evidence.only_sines:
-            return "sine records: each tone is estimated in both channels, so noise on the reference does no harm"
+            return (
+                "sine records: each tone is estimated in both channels, "
+                "so noise on the reference does no harm"
+            )
         return ""
 
     def for_noise_alone(self) -> MaximumLikelihood:
-        """Without a model error."""
+        """Return the estimator without a model error."""
         return replace(self, model_error=False)
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Fit the model to the complex responses.
 
         Raises:
-            ModelError: a record is not a sine, or the model is nonlinear; such motion needs the network.
+            ModelError: a record is not a sine, or the model is nonlinear; such motion needs the
+                network.
         """
-        first, model = responses(self.name, evidence), evidence.model
-        begin = find_start(first, model)
-        coordinates = Coordinates.at(model, begin.values, first.band_hz)
-        network, tones, z = None, evidence.tones, coordinates.first
+        first_look = responses(self.name, evidence)
+        model = evidence.model
+        start = find_start(first_look, model)
+        coordinates = Coordinates.at(model, start.values, first_look.band_hz)
+        network = None
+        tones = evidence.tones
+        z = coordinates.first
         if tones is None:
-            problem, trace = first, _descend(coordinates, z, first, progress)
+            problem = first_look
+            trace = _descend(coordinates, z, first_look, progress)
         else:
-            network = network_problem(evidence, begin.values)
-            rough = roughly_cleaned(evidence, network, coordinates, z)
-            z = z if rough is None else _descend(coordinates, z, rough, progress).last
-            # The change, in standard deviations, that needs no further round: that would change the coordinates by a
-            # hundredth of it; of two modes, which trade against each other, by a tenth.
-            settled = 0.3 if model.shares else 3.0
+            network = network_problem(evidence, start.values)
+            first_problem = roughly_cleaned(evidence, network, coordinates, z)
+            z = (
+                z
+                if first_problem is None
+                else _descend(coordinates, z, first_problem, progress).last
+            )
+            # The change, in standard deviations, that needs no further round: that would change the
+            # coordinates by a hundredth of it; of two modes, which trade against each other, by a
+            # tenth.
+            max_change = 0.3 if model.shares else 3.0
             for _ in range(4):
-                if (
-                    not model.has_network
-                ):  # its average acts as at the values that the network is made of
+                if not model.has_network:
+                    # Its average acts as at the values that the network is made of.
                     network = network_problem(evidence, coordinates.values(z))
                 tones = residual_tones(evidence, network, coordinates, z)
                 problem = weighted_problem(tones, coordinates, z, evidence)
                 trace = _descend(coordinates, z, problem, progress)
-                moved, z = np.abs(trace.last - z), trace.last
-                if np.all(
-                    moved
-                    < settled
-                    * np.sqrt(np.maximum(np.diag(_covariance(problem, coordinates, z)), 0.0))
-                ):
+                change = np.abs(trace.last - z)
+                z = trace.last
+                variance = np.diag(_covariance(problem, coordinates, z))
+                if np.all(change < max_change * np.sqrt(np.maximum(variance, 0.0))):
                     break
             problem = weighted_problem(tones, coordinates, z, evidence)
-        covariance, freedom = _covariance(problem, coordinates, trace.last), np.inf
+        covariance = _covariance(problem, coordinates, trace.last)
+        freedom = np.inf
         if tones is not None:
-            # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of variance.
+            # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of
+            # variance.
             covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
             freedom = float(np.sum(tones.degrees_of_freedom))
         return Estimate(
@@ -107,7 +120,7 @@ class MaximumLikelihood(Estimator):
             trace,
             tones=tones,
             problem=network,
-            begin=begin,
+            begin=start,
             equations=problem.equations,
             criterion="likelihood",
         )
@@ -115,7 +128,7 @@ class MaximumLikelihood(Estimator):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """With a model error beside the noise."""
+        """Return the estimate with a model error beside the noise, if the deviations demand one."""
         return with_random_effect(evidence, estimate, progress) if self.model_error else None
 
 
@@ -123,7 +136,7 @@ ML = MaximumLikelihood()
 
 
 def responses(name: str, evidence: Evidence) -> FrequencyProblem:
-    """The problem of the complex responses, as the estimator ``name`` needs it.
+    """Return the problem of the complex responses, as the estimator ``name`` needs it.
 
     Raises:
         ModelError: a record is not a sine, or the model is nonlinear.
@@ -136,47 +149,53 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
             where="estimator",
             remedy="use the estimator 'auto' with records, or a linear model",
         )
-    first = evidence.first_look
-    if first is None or any(r.excitation != "sine" for r in evidence.records):
+    problem = evidence.first_look
+    if problem is None or any(record.excitation != "sine" for record in evidence.records):
         raise ModelError(
             f"The estimator {name!r} needs complex responses: sine records, or a table.",
             expected="excitation = 'sine' in every record, or [table]",
-            found=", ".join(sorted({r.excitation for r in evidence.records})),
+            found=", ".join(sorted({record.excitation for record in evidence.records})),
             where="estimator",
             remedy="use the estimator 'auto'",
         )
-    return first
+    return problem
 
 
 def with_random_effect(
     evidence: Evidence, estimate: Estimate, progress: Progress
 ) -> Estimate | None:
-    """The estimate with a relative model error added to the noise; None if the deviations demand none."""
+    """Return the estimate with a relative model error added to the noise.
+
+    It is None if the deviations demand none.
+    """
     tones = estimate.tones
     if tones is None:
         return None
     problem = solved_problem(estimate, evidence)
     degrees = problem.equations - len(estimate.z)
-    rest = problem.residual(estimate.z, estimate.coordinates)
-    squares = np.sum(np.square(rest.reshape(2, -1)), axis=0)
+    residual = problem.residual(estimate.z, estimate.coordinates)
+    squares = np.sum(np.square(residual.reshape(2, -1)), axis=0)
     if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
         return None
 
-    def widened(error: float) -> tuple[FrequencyProblem, Trace]:
-        wider = problem.with_random_effect(error)
-        return wider, _descend(estimate.coordinates, estimate.z, wider, progress)
+    def fit_with_error(error: float) -> tuple[FrequencyProblem, Trace]:
+        widened_problem = problem.with_random_effect(error)
+        return widened_problem, _descend(
+            estimate.coordinates, estimate.z, widened_problem, progress
+        )
 
-    low, high = np.log(1e-9), np.log(1.0)
+    low = np.log(1e-9)
+    high = np.log(1.0)
     for _ in range(20):  # to a relative step of 2e-5
         middle = 0.5 * (low + high)
-        _, trace = widened(float(np.exp(middle)))
+        _, trace = fit_with_error(float(np.exp(middle)))
         low, high = (middle, high) if trace.costs[-1] > degrees else (low, middle)
     error = float(np.exp(0.5 * (low + high)))
-    wider, trace = widened(error)
+    widened_problem, trace = fit_with_error(error)
     return replace(
         estimate,
         z=trace.last,
-        covariance=_covariance(wider, estimate.coordinates, trace.last),
+        covariance=_covariance(widened_problem, estimate.coordinates, trace.last),
         degrees_of_freedom=float(degrees),
         trace=trace,
         findings=Findings(model_error=error),
@@ -186,14 +205,16 @@ def with_random_effect(
 def weighted_problem(
     tones: MeasuredResponse, coordinates: Coordinates, z: FloatArray, evidence: Evidence
 ) -> FrequencyProblem:
-    """The residual with deviations that hold at ``z``."""
-    model, values, quantity = evidence.model, coordinates.values(z), evidence.quantity
-    deviation = tones.error_deviation(lambda f: model.frequency_response(values, f, quantity))
+    """Return the residual of tones with deviations that hold at ``z``."""
+    model = evidence.model
+    values = coordinates.values(z)
+    quantity = evidence.quantity
+    deviation = tones.error_deviation(lambda hz: model.frequency_response(values, hz, quantity))
     return FrequencyProblem.of_measured(tones, deviation, model, quantity)
 
 
 def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
-    """The residual in frequency that an estimate made as small as it is."""
+    """Return the residual in frequency that an estimate minimised."""
     if estimate.tones is None:
         assert evidence.first_look is not None
         return evidence.first_look
@@ -205,8 +226,10 @@ def solved_problem(estimate: Estimate, evidence: Evidence) -> FrequencyProblem:
 def _descend(
     coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress
 ) -> Trace:
+    """Return the descent of a residual by Levenberg and Marquardt, from z."""
     return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
 
 
 def _covariance(problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray) -> FloatArray:
+    """Return the covariance of z by the residual's normal equations, shape (p, p)."""
     return inverse_normal(problem.normal(z, coordinates).matrix)

@@ -1,0 +1,69 @@
+"""Sentences on a model that does not explain the data, or that cannot be tested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vibrident.base.amounts import plain
+from vibrident.fit.uncertainty.adequacy import Adequacy, Points
+
+if TYPE_CHECKING:
+    from vibrident.fit.decay.beside import DecayDeviation
+
+
+def describe_misfit(
+    adequacy: Adequacy, points: list[Points], response: Any, decays: Sequence[DecayDeviation] = ()
+) -> str:
+    """Return the sentence on an inadequate model."""
+    if not points:
+        return (
+            "It cannot be tested whether the model explains the data: in no band does the response "
+            "exceed the residual. The records are too short for a test, or noise and misfit are "
+            "too large."
+        )
+    if adequacy.degrees_of_freedom <= 0:
+        equations = 2 * len(adequacy.frequency_hz)
+        return describe_no_freedom(equations, equations - adequacy.degrees_of_freedom, "data")
+    chi2 = adequacy.chi2_reduced or 0.0
+    worst = _describe_worst(points, response)
+    if decays:
+        worst_decay = max(decays, key=lambda decay: decay.parts.chi2)
+        if worst_decay.parts.chi2 > max(
+            float(np.max(points_of_record.squares)) for points_of_record in points
+        ):
+            worst = f"; most in a free decay: {worst_decay.words}"
+    return (
+        "The model does not explain the data: deviations at the excited frequencies are "
+        f"{plain(chi2**0.5, 3)} times what the noise explains "
+        f"(χ²/dof = {plain(chi2, 4)}, {adequacy.degrees_of_freedom} degrees of freedom){worst}."
+    )
+
+
+def describe_no_freedom(equations: int, parameters: int, what: str) -> str:
+    """Return the sentence on a model with as many parameters as there are equations, or more.
+
+    Such a model meets any data.
+    """
+    return (
+        f"It cannot be tested whether the model explains the {what}: {parameters} parameters meet "
+        f"{equations} measured values, and none is left to judge by. Measure at more frequencies, "
+        "or take a model with fewer parameters."
+    )
+
+
+def _describe_worst(points: list[Points], response: Any) -> str:
+    """Return the clause on the point with the largest deviation."""
+    frequency = np.concatenate([points_of_record.frequency_hz for points_of_record in points])
+    measured = np.concatenate([points_of_record.measured for points_of_record in points])
+    squares = np.concatenate([points_of_record.squares for points_of_record in points])
+    index = int(np.argmax(squares))
+    difference_percent = 100 * abs(
+        response(frequency[index : index + 1])[0] / measured[index] - 1.0
+    )
+    return (
+        f", most at {frequency[index]:.4g} Hz, where model and measurement differ by "
+        f"{difference_percent:.2g} %"
+    )
