@@ -14,7 +14,7 @@ from vibrident.fit.estimators import Ipnn
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
 from vibrident.fit.problem.network_problem import DELAY_SETTLED
 from vibrident.fit.problem.time_domain import TimeProblem
-from vibrident.fit.response.response import LEAST_DEVIATION
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.paper.estimators.lsm import inverse_residual
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
@@ -54,7 +54,7 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
 def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
     """The inputs' after a prediction, and all of an idle problem; its cost stays to the bit."""
     for module in ("bins.segments", "problem.bin_problem"):
-        monkeypatch.setattr(f"vibrident.fit.{module}.MOST_KEPT", 100)
+        monkeypatch.setattr(f"vibrident.fit.{module}.MAX_CACHED_SAMPLES", 100)
     problem = BinProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
     c, noise = Coordinates.at(MODEL, P, BAND), np.ones(1)
     before = Objective.plain(problem, c, noise)(c.first)
@@ -216,4 +216,4 @@ def test_a_delay_that_counts_as_that_of_the_inputs_leaves_no_error():
     (predicted,) = problem.predict(coordinates, coordinates.first)
     used = np.isfinite(predicted)
     off = np.asarray(made.records[0].response)[used] - predicted[used]
-    assert np.std(off) < LEAST_DEVIATION * np.std(np.asarray(made.records[0].response))
+    assert np.std(off) < MIN_RELATIVE_DEVIATION * np.std(np.asarray(made.records[0].response))

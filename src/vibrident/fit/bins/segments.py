@@ -23,7 +23,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rest import offset_of_reference
-from vibrident.fit.response.transform import MOST_KEPT
+from vibrident.fit.response.transform import MAX_CACHED_SAMPLES
 from vibrident.physics.discretisation.inputs import StepFilters, StepInputs, filtered
 from vibrident.physics.models import SensorModel
 
@@ -120,7 +120,7 @@ class Transforms:
 
     def forget_inputs(self) -> None:
         """Free those of a long run; they are made again when they are asked for."""
-        if self.span.stop - self.span.start > MOST_KEPT:
+        if self.span.stop - self.span.start > MAX_CACHED_SAMPLES:
             self.__dict__.pop("inputs", None)
 
 
@@ -168,7 +168,7 @@ class Segment:
 
 def shifted_lines(samples: int, part: slice = slice(None)) -> ComplexArray:
     """W = z − 1 at the lines of a run of N samples, or at some, shape (lines,); do not write to it."""
-    if samples <= MOST_KEPT:
+    if samples <= MAX_CACHED_SAMPLES:
         return _shifted_kept(samples)[part]
     angle = 2.0 * np.pi / samples * np.arange(*part.indices(samples // 2 + 1))
     return -2.0 * np.sin(0.5 * angle) ** 2 + 1j * np.sin(angle)
@@ -279,7 +279,7 @@ def input_lines(reference: FloatArray, span: slice, step: StepFilters) -> Comple
     reach = max(taps - 1, 1)
     jump = _part(reference, behind, reach) - _part(reference, ahead, reach)
     edges = _edges(step.filters, before, jump)
-    if samples <= MOST_KEPT:
+    if samples <= MAX_CACHED_SAMPLES:
         found = _polynomial(edges, -before, samples)
         found += own * _kept(step.filters.shape, step.filters.tobytes(), -before, samples)
         return found

@@ -19,7 +19,7 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.sums import Errors, Exact, Own, Sums
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
 from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
@@ -296,7 +296,7 @@ class WhitenedGroup:
         """Power of the errors of converters and of interpolation, whitened, shape (R,)."""
         moved = self.freed(self.flat(self.moved[:, :1]))
         squares = [np.einsum("rmi,rmi->r", rows, rows) for rows in (self.errors.rounding, moved)]
-        return squares[0] + LEAST_DEVIATION**2 * squares[1]
+        return squares[0] + MIN_RELATIVE_DEVIATION**2 * squares[1]
 
     @functools.cached_property
     def _jacobian_in_time(self) -> FloatArray:

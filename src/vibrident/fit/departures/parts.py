@@ -24,7 +24,7 @@ from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import free_exponents
 from vibrident.fit.response.transform import (
-    SHORTEST,
+    MIN_SPECTRUM_SAMPLES,
     waves,
 )
 from vibrident.fit.uncertainty.adequacy import Points
@@ -136,7 +136,7 @@ def _of_bins(
                 if place.group.used is None
                 else place.group.used[row]
             )
-            if used.sum() < SHORTEST:
+            if used.sum() < MIN_SPECTRUM_SAMPLES:
                 continue
             rest, jacobian = place.rows.residual[row], place.rows.jacobian[row]
             jacobian = jacobian * estimate.coordinates.slopes(estimate.z)[:, None]
@@ -242,19 +242,19 @@ def tones_of(evidence: Evidence) -> dict[int, float]:
 def _spans(record: Record, series: FloatArray) -> list[slice]:
     """Pieces of what is predicted of a record; none where that is too short."""
     used = record.mask & np.isfinite(series)
-    if used.sum() < SHORTEST:
+    if used.sum() < MIN_SPECTRUM_SAMPLES:
         return []
     first, last = int(np.argmax(used)), used.size - int(np.argmax(used[::-1]))
     pieces = _pieces(fast_below(last - first, MAX_LOST))
     spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
-    return [span for span in spans if used[span].sum() >= SHORTEST]
+    return [span for span in spans if used[span].sum() >= MIN_SPECTRUM_SAMPLES]
 
 
 def _pieces(samples: int) -> list[slice]:
     """A record, or pieces of a long one: evenly spread where it has many, as each costs memory."""
     if samples <= LONGEST:
         return [slice(0, samples)]
-    every = np.arange(0, samples - SHORTEST, LONGEST)
+    every = np.arange(0, samples - MIN_SPECTRUM_SAMPLES, LONGEST)
     kept = every[
         np.unique(np.linspace(0, every.size - 1, min(every.size, MOST_PIECES)).astype(int))
     ]

@@ -35,7 +35,7 @@ from vibrident.fit.noise.projection import BLOCK_BINS, RIDGE, without_common
 from vibrident.fit.noise.surroundings import MIN_FREEDOM, level_of_noise
 from vibrident.fit.noise.tones import tones_of
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.transform import SHORTEST, power_of
+from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, power_of
 
 #: A bin holds motion where the measured response's power is so many times the noise.
 HEARD_RATIO = 10.0
@@ -174,7 +174,11 @@ def read_noise(rows: Residuals, last: int, colour: FloatArray | float = 1.0) -> 
     """
     records, bins = rows.residual.shape
     last = max(min(last, bins - 1), 1)
-    read = _read_one_level if last <= BLOCK_BINS or np.max(rows.count) < SHORTEST else _read
+    read = (
+        _read_one_level
+        if last <= BLOCK_BINS or np.max(rows.count) < MIN_SPECTRUM_SAMPLES
+        else _read
+    )
     parts = [read(rows.some(part), last, colour) for part in in_parts(records, bins)]
     if len(parts) == 1:
         return parts[0]

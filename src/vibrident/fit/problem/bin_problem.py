@@ -22,7 +22,7 @@ from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.group.network import Step, predict
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import Frame, NetworkProblem
-from vibrident.fit.response.transform import MOST_KEPT
+from vibrident.fit.response.transform import MAX_CACHED_SAMPLES
 from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
@@ -66,7 +66,7 @@ class BinProblem(NetworkProblem):
 
     def idle(self) -> BinProblem:
         """The same without the transforms of long runs, which are made again when they are asked for."""
-        if all(segment.samples <= MOST_KEPT for segment in self.segments):
+        if all(segment.samples <= MAX_CACHED_SAMPLES for segment in self.segments):
             return self
         return replace(self, segments=tuple(segment.idle() for segment in self.segments))
 

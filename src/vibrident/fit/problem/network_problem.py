@@ -13,7 +13,7 @@ import numpy as np
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.response.response import LEAST_DEVIATION
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.fit.response.rounding import converter_step
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.models import SensorModel
@@ -165,7 +165,9 @@ class NetworkProblem(ABC):
 def noise_floor_of(record: Record) -> float:
     """Return the lower limit of the standard deviation of a record's residual, response unit."""
     least = (
-        LEAST_DEVIATION * float(np.std(record.response[record.mask])) if record.mask.any() else 0.0
+        MIN_RELATIVE_DEVIATION * float(np.std(record.response[record.mask]))
+        if record.mask.any()
+        else 0.0
     )
     step = converter_step(record.response, record.mask) / np.sqrt(12.0)
     return max(least, step, float(np.finfo(float).tiny))

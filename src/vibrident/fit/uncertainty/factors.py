@@ -25,9 +25,9 @@ from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.noise.averages import NEAREST_BINS, averaged_bins
 from vibrident.fit.noise.profile import slow_profile
-from vibrident.fit.response.bands import LEAST_POWER, band_edges
-from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import SHORTEST, hann, power_of
+from vibrident.fit.response.bands import MIN_RELATIVE_POWER, band_edges
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
+from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, hann, power_of
 
 #: A factor whose real part has a larger standard deviation than this says nothing.
 MAX_DEVIATION = 0.5
@@ -84,7 +84,9 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     # Of two real columns: the information less what the nuisances imitate.
     first, second, both = gain - spent[0], gain - spent[1], -spent[2]
     determinant, trace = first * second - both**2, first + second
-    kept = (power > LEAST_POWER * strongest) & (determinant > MIN_EIGENVALUE * trace**2 / 4.0)
+    kept = (power > MIN_RELATIVE_POWER * strongest) & (
+        determinant > MIN_EIGENVALUE * trace**2 / 4.0
+    )
     kept &= trace * MAX_DEVIATION**2 > 2.0
     if not kept.any():
         return None
@@ -97,7 +99,7 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     uneven, even = _while_moving(bins, rest * np.sqrt(weight), motion * np.sqrt(weight), edges)
     own = np.minimum(1.0, variance * flat / bins.samples)
     lowest = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
-    lowest = np.maximum(lowest, LEAST_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
+    lowest = np.maximum(lowest, MIN_RELATIVE_DEVIATION**2 * strongest) / np.maximum(power, 1e-300)
     floor = np.maximum(variance * uneven, lowest)
     squares *= variance / floor
     place, freedom = (
@@ -110,7 +112,7 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
 
 def noise_freedom(bins: Weighed) -> float:
     """Degrees of freedom of the level of the noise at a bin."""
-    if bins.count < SHORTEST:
+    if bins.count < MIN_SPECTRUM_SAMPLES:
         return max(bins.count - 2.0 - len(bins.nuisances), 2.0)
     return 4.0 * (averaged_bins(bins.residual.size) - NEAREST_BINS) * FREE_SHARE
 
