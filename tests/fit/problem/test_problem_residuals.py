@@ -12,7 +12,7 @@ from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Ipnn
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.network_problem import DELAY_SETTLED
+from vibrident.fit.problem.network_problem import MAX_DELAY_CHANGE_SAMPLES
 from vibrident.fit.problem.time_domain import TimeProblem
 from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.paper.estimators.lsm import inverse_residual
@@ -209,7 +209,7 @@ def test_a_delay_that_counts_as_that_of_the_inputs_leaves_no_error():
     made = simulate(
         (model.name, values), "sine", frequencies_hz=[19.8], sampling_rate_hz=100.0, samples=1000, start="steady"
     )
-    beside = values | {"delay": values["delay"] + 0.9 * DELAY_SETTLED / 100.0}
+    beside = values | {"delay": values["delay"] + 0.9 * MAX_DELAY_CHANGE_SAMPLES / 100.0}
     problem = BinProblem.build(made.records, model, method("bandlimited"), "acceleration", beside)
     assert problem.at_delay_of(values) is problem
     coordinates = Coordinates.at(model, values, (1.0, 20.0))
