@@ -84,7 +84,7 @@ def fit(
             decays.METHOD,
         )
         found = Fitted.of(evidence, chosen, progress)
-        found = replace(found, told=(Told(warnings=tuple(decays.said(found.estimate))),))
+        found = replace(found, told=(Told(warnings=tuple(decays.decay_warnings(found.estimate))),))
     else:
 
         def fit_anew(other: SensorModel) -> Fitted:

@@ -37,7 +37,7 @@ from vibrident.physics.discretisation.weights import weight_table
 from vibrident.result import Signal
 
 if TYPE_CHECKING:
-    from vibrident.fit.decay.beside import DecayDeviation
+    from vibrident.fit.decay.deviations import DecayDeviation
 
 _EXCERPT_SAMPLES = 5_000  # of all records together; a picture is a few hundred wide
 
