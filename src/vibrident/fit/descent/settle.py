@@ -21,8 +21,8 @@ from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_normal, sandwich_covariance
 from vibrident.fit.noise.averages import NEAREST_BINS, mean_around
-from vibrident.fit.noise.found import SpectralNoise, doubtful
 from vibrident.fit.noise.reading import DOUBT_DEVIATIONS
+from vibrident.fit.noise.spectral_noise import SpectralNoise, doubtful
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.bin_problem import BinProblem

@@ -121,7 +121,7 @@ def read_weighting(
                 heard=None if heard is None else _heard_in(group, heard),
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
-        for number, spectrum in zip(group.segments, NoiseSpectrum.each(noise), strict=True):
+        for number, spectrum in zip(group.segments, NoiseSpectrum.by_record(noise), strict=True):
             passed[number] = squares
             samples[number] = group.grid.samples
             tones = with_tones(group.grid.tones, spectrum.tones)
