@@ -370,7 +370,7 @@ def _with(
     )
     problem, in_noise = plain.problem.of_frame(left, plain.problem.frame), plain.in_noise
     if in_noise is not None and isinstance(problem, BinProblem):
-        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).again(
+        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).at_noise_of(
             z, plain.coordinates
         )
     return replace(

@@ -1,1 +1,1 @@
-"""The noise of a fit: the incoherent component of a residual, and the noise of the reference in it."""
+"""The noise of a fit: the incoherent component of a residual, and what the reference adds."""

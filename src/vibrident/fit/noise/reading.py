@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.group.group import in_parts
+from vibrident.fit.group.group import in_batches
 from vibrident.fit.noise.averages import (
     averaged_bins,
     level_around,
@@ -177,7 +177,7 @@ def read_noise(rows: Residuals, last: int, colour: FloatArray | float = 1.0) -> 
     last = max(min(last, bins - 1), 1)
     few_bins = last <= BLOCK_BINS or np.max(rows.count) < MIN_SPECTRUM_SAMPLES
     read = _read_one_level if few_bins else _read
-    batches = [read(rows.records(batch), last, colour) for batch in in_parts(records, bins)]
+    batches = [read(rows.records(batch), last, colour) for batch in in_batches(records, bins)]
     if len(batches) == 1:
         return batches[0]
     names = "psd", "input_noise", "input_noise_at", "doubts", "excited", "free"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.group.group import Grid, Group, in_parts
+from vibrident.fit.group.group import Grid, Group, in_batches
 from vibrident.fit.group.network import Step
 from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import MAX_EXPONENT
@@ -35,7 +35,7 @@ class Band:
         edges: whether the slopes of the initial states over the record are nuisances, too.
         unseen: sampling rates below twice the frequency of the free motion. It was not recorded
             there, and the initial states hold noise: edges are nuisances.
-        whole: whether every bin counts that counts in time, and no drift is a nuisance.
+        full_band: whether every bin counts that counts in time, and no drift is a nuisance.
     """
 
     problem: BinProblem
@@ -43,7 +43,7 @@ class Band:
     tones: tuple[tuple[float, ...], ...] = ()
     edges: bool = False
     unseen: frozenset[float] = frozenset()
-    whole: bool = False
+    full_band: bool = False
 
     @property
     def model(self) -> SensorModel:
@@ -58,7 +58,7 @@ class Band:
             alike.setdefault(self._grid_of(number), []).append(number)
         groups = []
         for grid, numbers in alike.items():
-            for rows in in_parts(len(numbers), grid.bins):
+            for rows in in_batches(len(numbers), grid.bins):
                 group_numbers = numbers[rows]
                 segments = [self.problem.segments[number] for number in group_numbers]
                 groups.append(Group.from_segments(grid, group_numbers, segments))
@@ -66,7 +66,7 @@ class Band:
 
     def _grid_of(self, number: int) -> Grid:
         """Return the bins of a segment that count, and its nuisances."""
-        if self.whole:
+        if self.full_band:
             return self.problem.grid_of(number)
         segment = self.problem.segments[number]
         record = self.problem.records[segment.record]
@@ -105,7 +105,7 @@ class Band:
         """Return the band up to another frequency of the motion, Hz."""
         return replace(self, top_hz=top_hz)
 
-    def beside(self, tones: Sequence[tuple[float, ...]], *, edges: bool) -> Band:
+    def with_nuisances(self, tones: Sequence[tuple[float, ...]], *, edges: bool) -> Band:
         """Return the band with tones of each segment, in bins; itself where nothing changes."""
         if tuple(tones) == self.tones and edges == self.edges:
             return self
@@ -121,7 +121,7 @@ class Band:
         moved = self.problem.at_factors_of(values)
         return self if moved is self.problem else replace(self, problem=moved)
 
-    def beside_ringing(self, values: Mapping[str, float]) -> Band:
+    def at_ringing_of(self, values: Mapping[str, float]) -> Band:
         """Return the band with the sampling rates that miss the free motion at ``values``.
 
         Itself where these are unchanged.

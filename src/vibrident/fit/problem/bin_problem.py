@@ -104,9 +104,9 @@ class BinProblem(NetworkProblem):
             bins,
             bins,
             segment.hum,
-            in_pieces=segment.used is not None,
+            has_gaps=segment.used is not None,
             driven=record.reference is not None,
-            whole=True,
+            full_band=True,
         )
 
     def weights(self, values: Mapping[str, float]) -> Weights:

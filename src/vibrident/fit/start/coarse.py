@@ -68,7 +68,7 @@ class CoarseRows:
         inputs = (w[:, :, None] * self.bins.inputs[:, None]).reshape(segments, -1, bins)
         forced = combined(networks.numerator.reshape(places * trials, inputs.shape[1]), inputs)
         states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * inverse
-        nuisances = [states, self.bins.unmoved[:, None]]
+        nuisances = [states, self.bins.fixed_nuisances[:, None]]
         if self.bins.edges:
             nuisances.append(states * inverse)
         scale = inverse if factors is None else inverse * factors[:, :, None]
@@ -154,13 +154,13 @@ def _informative_bins(information: FloatArray, width: int) -> NDArray[np.int_]:
 def _joined(rows: Sequence[_Row]) -> CoarseRows:
     """Return rows of one sampling rate joined; shorter ones end with bins of weight zero."""
     width = max(len(row.bins) for row in rows)
-    columns = max(row.group.unmoved.shape[1] for row in rows)
+    columns = max(row.group.fixed_nuisances.shape[1] for row in rows)
     first = rows[0].group
     count = len(rows)
     inputs = np.zeros((count, first.inputs.shape[1], width), complex)
     response = np.zeros((count, width), complex)
     shifted = np.ones((count, width), complex)
-    unmoved = np.zeros((count, columns, width), complex)
+    fixed_nuisances = np.zeros((count, columns, width), complex)
     weight = np.zeros((count, width))
     frequency_hz = np.ones((count, width))
     for place, row in enumerate(rows):
@@ -169,8 +169,10 @@ def _joined(rows: Sequence[_Row]) -> CoarseRows:
         inputs[place, :, :size] = at_bins.inputs[0]
         response[place, :size] = row.response[row.bins]
         shifted[place, :size] = at_bins.shifted[0]
-        unmoved[place, : at_bins.unmoved.shape[1], :size] = at_bins.unmoved[0]
+        fixed_nuisances[place, : at_bins.fixed_nuisances.shape[1], :size] = at_bins.fixed_nuisances[
+            0
+        ]
         weight[place, :size] = row.weight[row.bins]
         frequency_hz[place, :size] = row.group.grid.frequency_hz[row.bins]
-    joined = Bins(first.step, inputs, response, shifted, unmoved, first.edges)
+    joined = Bins(first.step, inputs, response, shifted, fixed_nuisances, first.edges)
     return CoarseRows(joined, weight, frequency_hz)

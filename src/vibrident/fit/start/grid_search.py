@@ -14,7 +14,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.bins.transfer import DiscreteTransfer
-from vibrident.fit.group.group import in_parts
+from vibrident.fit.group.group import in_batches
 from vibrident.fit.group.network import products
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
@@ -96,7 +96,7 @@ class GridSearch:
         networks = [self._networks(trials, rows.bins.step) for rows in self.rows]
         bins = sum(rows.weight.size for rows in self.rows)
         batches: list[_Scores] = []
-        for batch in in_parts(len(trials), bins):
+        for batch in in_batches(len(trials), bins):
             batch_networks = [
                 DiscreteTransfer(*(array[batch] for array in network)) for network in networks
             ]
@@ -262,7 +262,7 @@ class GridSearch:
             cross = np.swapaxes(cross, 0, 1).reshape(len(sums), -1)
             nonzero = np.flatnonzero(np.any(power_of(cross) > 0.0, axis=0))
             hz = rows.frequency_hz.reshape(-1)[nonzero]
-            for block in in_parts(delays_s.size, hz.size):
+            for block in in_batches(delays_s.size, hz.size):
                 turns = np.exp(2j * np.pi * np.outer(delays_s[block], hz))
                 sums[:, block] += (cross[:, nonzero] @ turns.T).real
         agreement = np.abs(sums)
