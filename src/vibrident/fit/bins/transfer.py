@@ -116,7 +116,7 @@ class Trained:
         inputs.
         """
         rational = transfer_of(self.weights(values, interval_s, fraction, delay_s))
-        changes = [np.asarray(values[name] - at) for name, at in self.factor_values.items()]
+        changes = [np.asarray(values[name] - v) for name, v in self.factor_values.items()]
         if not changes:
             return rational
         slopes = [change[..., None, None] * rational.numerator for change in changes]

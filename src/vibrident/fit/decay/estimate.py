@@ -80,11 +80,11 @@ def decays_at(estimate: Estimate) -> tuple[Decays, DecayFit]:
 
 def predicted(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, ...]:
     """Return the response of each record, shape (samples,); NaN before it moves freely."""
-    _, at = decays_at(estimate)
+    _, fit = decays_at(estimate)
     responses = []
-    for index, (record, stretch) in enumerate(zip(evidence.records, at.stretches, strict=True)):
+    for index, (record, stretch) in enumerate(zip(evidence.records, fit.stretches, strict=True)):
         series = np.full(record.samples, np.nan)
-        series[stretch.first : stretch.first + stretch.response.size] = at.predicted(index)
+        series[stretch.first : stretch.first + stretch.response.size] = fit.predicted(index)
         responses.append(series)
     return tuple(responses)
 
@@ -96,24 +96,24 @@ def lack_of_fit(estimate: Estimate) -> tuple[tuple[float | None, int, bool], str
         χ² for each degree of freedom, the degrees, and whether the fit is adequate; and the
             message.
     """
-    found, at = decays_at(estimate)
-    chi2, degrees, adequate = verdict(misfits_of(at))
+    decays, fit = decays_at(estimate)
+    chi2, degrees, adequate = verdict(misfits_of(fit))
     ratio = chi2 / max(degrees, 1)
     text = (
         "One linear oscillator does not explain the free decays: the motion in stretches of time "
         f"is {np.sqrt(ratio):.3g} times as far off as the noise explains (χ²/dof = {ratio:.4g}, "
         f"{degrees} degrees of freedom)."
     )
-    return (ratio if degrees > 0 else None, degrees, adequate and not found.changes), text
+    return (ratio if degrees > 0 else None, degrees, adequate and not decays.changes), text
 
 
 def decay_warnings(estimate: Estimate) -> list[ResultWarning]:
     """Return warnings of drift, and of changes with the amplitude."""
-    found, at = decays_at(estimate)
-    drifting = [s for index, s in enumerate(at.stretches) if s.drift and drifts(at, index)]
+    decays, fit = decays_at(estimate)
+    drifting = [s for index, s in enumerate(fit.stretches) if s.drift and drifts(fit, index)]
     text = "the response drifts; a straight line was fitted along with the decay."
     warnings = [ResultWarning("drift", f"{s.name}: {text}") for s in drifting]
-    return warnings + [ResultWarning("nonlinear", change.words) for change in found.changes]
+    return warnings + [ResultWarning("nonlinear", change.words) for change in decays.changes]
 
 
 def require_plain(estimator: object, *, sampled: bool = False) -> None:

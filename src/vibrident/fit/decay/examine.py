@@ -83,7 +83,9 @@ class Change:
     @property
     def words(self) -> str:
         """Return what changes with the amplitude, for a message."""
-        (f0, f1), (d0, d1), (a0, a1) = self.frequency_hz, self.damping, self.amplitude
+        f0, f1 = self.frequency_hz
+        d0, d1 = self.damping
+        a0, a1 = self.amplitude
         return (
             f"{self.record}: the oscillation changes as it dies away: natural frequency "
             f"{f0:.6g} Hz at the beginning (rms {a0:.3g}) and {f1:.6g} Hz at the end "
@@ -107,7 +109,9 @@ class Decays:
     @property
     def freedom(self) -> float:
         """Return the degrees of freedom of the noise."""
-        return float(len(self.fit.residual) - sum(at.spanned.shape[1] for at in self.fit.parts) - 2)
+        return float(
+            len(self.fit.residual) - sum(stretch.spanned.shape[1] for stretch in self.fit.parts) - 2
+        )
 
     def as_settings(self) -> dict[str, Any]:
         """Return an entry for each record, for a result."""
@@ -169,25 +173,25 @@ def weighed(decay: DecayFit) -> DecayFit:
     return without_first(decay)
 
 
-def _with_noise(found: DecayFit) -> Stretch:
+def _with_noise(decay: DecayFit) -> Stretch:
     """Return the stretch of a fit with the noise of its flexible residual."""
-    stretch = found.stretches[0]
-    frequency = found.values[0]
-    residual = _flexible_residual(found)
-    live_s = _live_s(found)
-    known = stretch.noise.tones_hz
+    stretch = decay.stretches[0]
+    frequency = decay.values[0]
+    residual = _flexible_residual(decay)
+    live_s = _live_s(decay)
+    known_hz = stretch.noise.tones_hz
     end = int(live_s * stretch.rate_hz)
     ends_early = end < MAX_MOTION_FRACTION * residual.size
     if ends_early:  # where the motion has ended, any line is a tone
-        tones = tones_of(residual[end:], stretch.rate_hz, (0.0, 0.0), known)
+        tones = tones_of(residual[end:], stretch.rate_hz, (0.0, 0.0), known_hz)
     else:
         motion_hz = (max(0.0, frequency - 3.0 / live_s), frequency + 3.0 / live_s)
-        tones = tones_of(residual, stretch.rate_hz, motion_hz, known)
+        tones = tones_of(residual, stretch.rate_hz, motion_hz, known_hz)
     residual = _without_tones(residual, replace(stretch, noise=replace(WHITE, tones_hz=tones)))
     quiet = residual[end:] if ends_early else residual
     coarse = resolution(stretch.response[stretch.valid]) / np.sqrt(12.0)
     if np.std(quiet) < 1.5 * coarse:  # at rest a coarse recorder shows a constant, not its noise
-        moving = _while_larger(found, MIN_STEPS * np.sqrt(12.0) * coarse)
+        moving = _while_larger(decay, MIN_STEPS * np.sqrt(12.0) * coarse)
         with_tones = replace(moving, noise=replace(WHITE, tones_hz=tones))
         spread = float(np.sqrt(np.mean(residual[: moving.response.size][moving.valid] ** 2)))
         return replace(with_tones, scale=max(coarse, spread))
@@ -195,16 +199,16 @@ def _with_noise(found: DecayFit) -> Stretch:
     with_noise = replace(stretch, noise=noise, scale=1.0)
     counted = with_noise.rows[residual.size - quiet.size :]
     whitened = noise.applied(residual[:, None])[residual.size - quiet.size :][counted][:, 0]
-    fitted = 1 if quiet.size < residual.size else 2 * len(_edges(found)) + 1
+    fitted = 1 if quiet.size < residual.size else 2 * len(_edges(decay)) + 1
     scale = float(np.sqrt(np.sum(whitened**2) / max(whitened.size - fitted, 1)))
     rounding = np.finfo(float).eps * float(np.max(np.abs(stretch.response)))
     return replace(with_noise, scale=max(scale, rounding, np.finfo(float).tiny))
 
 
-def _while_larger(found: DecayFit, level: float) -> Stretch:
+def _while_larger(decay: DecayFit, level: float) -> Stretch:
     """Return the stretch as long as its motion swings beyond a level."""
-    stretch = found.stretches[0]
-    larger = np.flatnonzero(np.abs(found.free()) > level)
+    stretch = decay.stretches[0]
+    larger = np.flatnonzero(np.abs(decay.free()) > level)
     last = int(larger[-1]) + 1 if larger.size else stretch.response.size
     return shortened(stretch, 0, last) if last > 4 * MIN_SAMPLES else stretch
 
@@ -215,59 +219,59 @@ def _without_tones(residual: FloatArray, stretch: Stretch) -> FloatArray:
     return residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
 
 
-def _drifting(found: DecayFit) -> DecayFit | None:
+def _drifting(decay: DecayFit) -> DecayFit | None:
     """Return the fit with a straight line among the unknowns, or None if it is not significant."""
-    stretch = found.stretches[0]
+    stretch = decay.stretches[0]
     if stretch.drift:
         return None
-    trial = found.refitted(replace(stretch, drift=True))
-    return trial if found.cost - trial.cost > MIN_RISE_DEVIATIONS**2 else None
+    trial = decay.refitted(replace(stretch, drift=True))
+    return trial if decay.cost - trial.cost > MIN_RISE_DEVIATIONS**2 else None
 
 
-def _live_s(found: DecayFit, index: int = 0) -> float:
+def _live_s(decay: DecayFit, index: int = 0) -> float:
     """Return the time from the beginning of a stretch for which its motion exceeds the noise.
 
     That is, three tenths of its standard deviation.
     """
-    stretch = found.stretches[index]
-    residual = found.parts[index].residual
-    motion = np.abs(found.free(index))
+    stretch = decay.stretches[index]
+    residual = decay.parts[index].residual
+    motion = np.abs(decay.free(index))
     level = float(np.sqrt(np.mean(residual**2))) * stretch.scale * 0.3
     exceeds = np.flatnonzero(motion > max(level, 1e-6 * float(np.max(motion))))
     last = int(exceeds[-1]) if exceeds.size else stretch.response.size - 1
     return (last + 1) / stretch.rate_hz
 
 
-def _edges(found: DecayFit, index: int = 0) -> list[tuple[int, int]]:
+def _edges(decay: DecayFit, index: int = 0) -> list[tuple[int, int]]:
     """Return the first sample of each piece of the motion, and the one after its last."""
-    stretch = found.stretches[index]
-    live_s = _live_s(found, index)
-    count = int(np.clip(2.0 * live_s * found.values[0], 2, MAX_PIECES))
+    stretch = decay.stretches[index]
+    live_s = _live_s(decay, index)
+    count = int(np.clip(2.0 * live_s * decay.values[0], 2, MAX_PIECES))
     samples = min(stretch.response.size, int(np.ceil(live_s * stretch.rate_hz)))
     count = max(1, min(count, samples // MIN_SAMPLES))
     ends = np.linspace(0, samples, count + 1).astype(int)
     return [(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
-def _pieces(found: DecayFit, index: int = 0) -> FloatArray:
+def _pieces(decay: DecayFit, index: int = 0) -> FloatArray:
     """Return the motion within each piece, zero elsewhere, shape (samples, at most 2 pieces)."""
-    motion = free_motion(*found.values, found.stretches[index].time_s)
-    edges = _edges(found, index)
+    motion = free_motion(*decay.values, decay.stretches[index].time_s)
+    edges = _edges(decay, index)
     spans = [((first, len(motion) - last), basis_of(motion[first:last])) for first, last in edges]
     return np.hstack([np.pad(piece, (rows, (0, 0))) for rows, piece in spans])
 
 
-def _flexible_residual(found: DecayFit) -> FloatArray:
+def _flexible_residual(decay: DecayFit) -> FloatArray:
     """Return the residual with separate amplitude and phase for every piece, shape (samples,).
 
     It holds almost no misfit of the oscillator, so it shows the noise.
     """
-    stretch = found.stretches[0]
+    stretch = decay.stretches[0]
     flexible = replace(
         stretch, noise=replace(WHITE, tones_hz=stretch.noise.tones_hz), scale=1.0, drift=True
     )
-    problem = replace(found.problem, stretches=(flexible,))
-    pieces = _pieces(replace(found, problem=problem))
+    problem = replace(decay.problem, stretches=(flexible,))
+    pieces = _pieces(replace(decay, problem=problem))
     columns = np.concatenate([pieces, flexible.nuisance_columns()], axis=1)
     valid = flexible.valid
     linear = np.linalg.lstsq(columns[valid], flexible.response[valid], rcond=None)[0]
@@ -291,14 +295,14 @@ def _score(residual: FloatArray, columns: FloatArray, spanned: FloatArray) -> tu
     return float(components @ components), int(independent.sum())
 
 
-def misfits_of(found: DecayFit) -> tuple[MotionMisfit, ...]:
+def misfits_of(decay: DecayFit) -> tuple[MotionMisfit, ...]:
     """Return the misfit of each stretch along its motion, piece by piece.
 
     Nuisance parameters are at their best, nothing else is fitted.
     """
     misfits = []
-    for index, (stretch, projected) in enumerate(zip(found.stretches, found.parts, strict=True)):
-        pieces = basis_of(stretch.whitened(_pieces(found, index)))
+    for index, (stretch, projected) in enumerate(zip(decay.stretches, decay.parts, strict=True)):
+        pieces = basis_of(stretch.whitened(_pieces(decay, index)))
         freedom = max(len(projected.residual) - pieces.shape[1] - projected.spanned.shape[1], 1)
         misfits.append(
             MotionMisfit(*_score(projected.residual, pieces, projected.spanned), float(freedom))
@@ -306,84 +310,87 @@ def misfits_of(found: DecayFit) -> tuple[MotionMisfit, ...]:
     return tuple(misfits)
 
 
-def change_of(found: DecayFit, together: float = 1.0) -> Change | None:
+def change_of(decay: DecayFit, together: float = 1.0) -> Change | None:
     """Return the change of the oscillator from the beginning of a decay to its end, if significant.
 
     Score tests of a step of natural frequency and damping ratio, against one of all nuisance
     parameters, and of the components that depend on the amplitude.
 
     Args:
-        found: fit of one decay by itself.
+        decay: fit of one decay by itself.
         together: probability of as much change with the amplitude in several decays, of which this
             is one.
     """
-    stretch = found.stretches[0]
-    projected = found.parts[0]
-    live_samples = int(_live_s(found) * stretch.rate_hz)
+    stretch = decay.stretches[0]
+    projected = decay.parts[0]
+    live_samples = int(_live_s(decay) * stretch.rate_hz)
     columns = np.concatenate(
-        [free_motion(*found.values, stretch.time_s), stretch.nuisance_columns()], axis=1
+        [free_motion(*decay.values, stretch.time_s), stretch.nuisance_columns()], axis=1
     )
-    slopes = (motion_slopes(*found.values, stretch.time_s) @ projected.linear[:2]).T
+    slopes = (motion_slopes(*decay.values, stretch.time_s) @ projected.linear[:2]).T
     tested = []
     for middle in (int(split * live_samples) for split in SPLITS):
-        if middle * found.values[0] / stretch.rate_hz < 0.75 or middle < 3 * MIN_SAMPLES:
+        if middle * decay.values[0] / stretch.rate_hz < 0.75 or middle < 3 * MIN_SAMPLES:
             continue
-        late = (np.arange(stretch.response.size) >= middle)[:, None]
+        after_split = (np.arange(stretch.response.size) >= middle)[:, None]
         spanned = basis_of(
             np.concatenate(
-                [projected.spanned, projected.jacobian, stretch.whitened(columns * late)], axis=1
+                [projected.spanned, projected.jacobian, stretch.whitened(columns * after_split)],
+                axis=1,
             )
         )
-        chi2, degrees = _score(projected.residual, unit(stretch.whitened(slopes * late)), spanned)
+        chi2, degrees = _score(
+            projected.residual, unit(stretch.whitened(slopes * after_split)), spanned
+        )
         if degrees:
             tested.append((min(1.0, len(SPLITS) * chi2_tail(degrees, chi2)), middle))
     if not tested:
         return None
     chance, middle = min(tested)
-    chance = min(chance, _chance_of_bend(found), together)
+    chance = min(chance, _chance_of_bend(decay), together)
     if chance >= CHANGE_PROBABILITY:
         return None
     halves = [
-        found.refitted(half) for half in (shortened(stretch, 0, middle), shortened(stretch, middle))
+        decay.refitted(half) for half in (shortened(stretch, 0, middle), shortened(stretch, middle))
     ]
     frequencies, dampings = zip(*(half.values for half in halves), strict=True)
     sizes = [float(np.sqrt(np.mean(half.free() ** 2))) for half in halves]
     return Change(stretch.name, frequencies, dampings, (sizes[0], sizes[1]))
 
 
-def _chance_of_bend(found: DecayFit) -> float:
+def _chance_of_bend(decay: DecayFit) -> float:
     """Return the probability of as much dependence on the amplitude in decays of a linear sensor.
 
     To first order a damping or a spring that depends on the square of the amplitude adds the
     motion, or the motion a quarter of a period later, times the square of its envelope.
     """
-    natural, damping = found.values
+    natural, damping = decay.values
     decrement = 2.0 * np.pi * natural * damping
-    largest = max(float(np.hypot(*at.linear[:2])) for at in found.parts)
+    largest = max(float(np.hypot(*projected.linear[:2])) for projected in decay.parts)
     columns = []
     spanned = []
-    for stretch, at in zip(found.stretches, found.parts, strict=True):
-        a, b = at.linear[:2] / largest
+    for stretch, projected in zip(decay.stretches, decay.parts, strict=True):
+        a, b = projected.linear[:2] / largest
         squares = (a**2 + b**2) * np.exp(-2.0 * decrement * stretch.time_s)
         bend = stretch.whitened(
             free_motion(natural, damping, stretch.time_s) @ [[a, b], [b, -a]] * squares[:, None]
         )
         columns.append(bend)
-        spanned.append(at.spanned @ (at.spanned.T @ bend))
+        spanned.append(projected.spanned @ (projected.spanned.T @ bend))
     size = np.linalg.norm(np.concatenate(columns), axis=0)
     tested = (np.concatenate(columns) - np.concatenate(spanned)) / size
-    slopes = basis_of(np.concatenate([at.jacobian for at in found.parts]))
-    chi2, degrees = _score(found.residual, tested, slopes)
+    slopes = basis_of(np.concatenate([projected.jacobian for projected in decay.parts]))
+    chi2, degrees = _score(decay.residual, tested, slopes)
     return chi2_tail(degrees, chi2) if degrees == 2 else 1.0  # imitated by others: no evidence
 
 
-def drifts(found: DecayFit, index: int) -> bool:
+def drifts(decay: DecayFit, index: int) -> bool:
     """Return whether a stretch rises by more than its slow noise allows.
 
     A line is a nuisance parameter even if it may be 1/f noise, which an autoregression of few terms
     does not whiten.
     """
-    stretch = found.stretches[index]
-    residual = (stretch.response - found.free(index))[stretch.valid]
+    stretch = decay.stretches[index]
+    residual = (stretch.response - decay.free(index))[stretch.valid]
     size = float(np.std(stretch.response[stretch.valid]))
     return significant_rise(residual, stretch.time_s[stretch.valid], size) != 0.0

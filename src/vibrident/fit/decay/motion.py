@@ -285,7 +285,7 @@ class DecayFit:
     @property
     def residual(self) -> FloatArray:
         """Return the whitened residual of all stretches, shape (rows,)."""
-        return np.concatenate([part.residual for part in self.parts])
+        return np.concatenate([stretch.residual for stretch in self.parts])
 
     @property
     def cost(self) -> float:

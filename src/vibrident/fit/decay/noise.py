@@ -45,11 +45,11 @@ class Noise:
     def rows(self, valid: BoolArray) -> BoolArray:
         """Return the samples whose whole past is valid, shape (samples,)."""
         order = len(self.whitening) - 1
-        known = valid.copy()
-        known[:order] = False
+        past_valid = valid.copy()
+        past_valid[:order] = False
         for shift in range(1, order + 1):
-            known[shift:] &= valid[:-shift]
-        return known
+            past_valid[shift:] &= valid[:-shift]
+        return past_valid
 
 
 WHITE = Noise(np.ones(1))

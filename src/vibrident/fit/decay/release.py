@@ -44,18 +44,18 @@ def free_stretch(record: Record) -> DecayFit:
     valid = record.mask
     index = np.arange(record.samples)
     response = np.interp(index, index[valid], record.response[valid])
-    whole = Stretch(record.name, 0, response, np.array(valid), record.sampling_rate_hz)
+    complete = Stretch(record.name, 0, response, np.array(valid), record.sampling_rate_hz)
     tail = float(np.median(response[-max(8, response.size // 10) :]))
     deviation = np.abs(response - tail)
     safe = int(np.flatnonzero(deviation >= FREE_FRACTION * np.max(deviation))[-1])
     safe = min(safe, response.size - min(response.size, 4 * MIN_SAMPLES))
-    decay = started(shortened(whole, safe))
-    whole = replace(whole, scale=decay.stretches[0].scale)
-    extended = decay.refitted(shortened(whole, _extended(whole, decay, safe)))
+    decay = started(shortened(complete, safe))
+    complete = replace(complete, scale=decay.stretches[0].scale)
+    extended = decay.refitted(shortened(complete, _extended(complete, decay, safe)))
     first = extended.stretches[0].first
     for earlier in sorted({0, _onset(response)}):
         if earlier < first and _as_good(
-            trial := started(shortened(whole, earlier), whole.scale), extended
+            trial := started(shortened(complete, earlier), complete.scale), extended
         ):
             return trial
     return extended
@@ -147,13 +147,13 @@ def _frequencies(stretch: Stretch) -> FloatArray:
     return np.concatenate([tops * stretch.rate_hz / size, np.geomspace(low, high, 40)])
 
 
-def _extended(whole: Stretch, found: DecayFit, safe: int) -> int:
+def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
     """Return the first sample of the motion, searched backwards from one that surely is."""
-    length = _window(found)
-    offset = float(found.parts[0].linear[2])
-    motion = free_motion(*found.values, np.arange(length) / whole.rate_hz)
+    length = _window(decay)
+    offset = float(decay.parts[0].linear[2])
+    motion = free_motion(*decay.values, np.arange(length) / complete.rate_hz)
     basis = np.linalg.qr(motion / np.maximum(np.linalg.norm(motion, axis=0), 1e-300))[0]
-    values = whole.response - offset
+    values = complete.response - offset
 
     def misfit(first: int) -> float:
         window = values[first : first + length]
@@ -175,51 +175,51 @@ def _extended(whole: Stretch, found: DecayFit, safe: int) -> int:
     return 0
 
 
-def trimmed(found: DecayFit) -> DecayFit:
+def trimmed(decay: DecayFit) -> DecayFit:
     """Return the fit without the samples at the beginning that do not belong to the motion.
 
     Nested fits, with and without the first samples, differ in cost by a χ² of as many degrees of
     freedom as samples were left out, if those belong to the motion. The noise must be known.
     """
-    limit = _window(found) // 2 + 2
+    limit = _window(decay) // 2 + 2
     removed = 0
-    while removed < limit and found.stretches[0].response.size - limit >= 4 * MIN_SAMPLES:
-        shorter = _without_foreign(found, limit)
+    while removed < limit and decay.stretches[0].response.size - limit >= 4 * MIN_SAMPLES:
+        shorter = _without_foreign(decay, limit)
         if shorter is None:
             break
-        removed += shorter.stretches[0].first - found.stretches[0].first
-        found = shorter
-    return found
+        removed += shorter.stretches[0].first - decay.stretches[0].first
+        decay = shorter
+    return decay
 
 
-def without_first(found: DecayFit) -> DecayFit:
+def without_first(decay: DecayFit) -> DecayFit:
     """Return the fit without the first sample, within which the release may lie."""
-    if found.stretches[0].response.size < 4 * MIN_SAMPLES:
-        return found
-    return found.refitted(shortened(found.stretches[0], 1))
+    if decay.stretches[0].response.size < 4 * MIN_SAMPLES:
+        return decay
+    return decay.refitted(shortened(decay.stretches[0], 1))
 
 
-def _without_foreign(found: DecayFit, limit: int) -> DecayFit | None:
+def _without_foreign(decay: DecayFit, limit: int) -> DecayFit | None:
     """Return the fit without the fewest first samples that do not belong to it.
 
     None where all belong.
     """
     for count in np.unique(np.geomspace(1, limit, 8).astype(int)):
-        trial = found.refitted(shortened(found.stretches[0], int(count)))
-        rows = len(found.residual) - len(trial.residual)
+        trial = decay.refitted(shortened(decay.stretches[0], int(count)))
+        rows = len(decay.residual) - len(trial.residual)
         probability = FOREIGN_PROBABILITY if count <= 2 else FOREIGN_PROBABILITY_OF_MORE
-        if rows > 0 and chi2_tail(rows, max(found.cost - trial.cost, 0.0)) < probability:
+        if rows > 0 and chi2_tail(rows, max(decay.cost - trial.cost, 0.0)) < probability:
             return trial
     return None
 
 
-def _window(found: DecayFit) -> int:
+def _window(decay: DecayFit) -> int:
     """Return the number of samples over which the motion changes.
 
     A period, or the slow time constant of a heavily damped sensor.
     """
-    stretch = found.stretches[0]
-    natural, damping = found.values
+    stretch = decay.stretches[0]
+    natural, damping = decay.values
     length = stretch.rate_hz / natural * max(1.0, 1.5 * damping)
     return int(np.clip(round(length), MIN_SAMPLES, max(MIN_SAMPLES, stretch.response.size // 3)))
 

@@ -121,7 +121,7 @@ def _of_bins(
 ) -> Iterator[Part]:
     """Of the segments that the fit is of, at all bins that count."""
     tones, segments = tones_of(evidence), in_noise.band.problem.segments
-    for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
+    for place in in_noise.places(estimate.z, estimate.coordinates, all_bins=True):
         grid = place.group.grid
         if not grid.driven:
             continue

@@ -13,8 +13,9 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.group import WhitenedGroup, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors
 from vibrident.fit.descent.weighed import freed
+from vibrident.fit.noise.incoherent import HEARD_RATIO
 from vibrident.fit.noise.leakage import beside_leakage
-from vibrident.fit.noise.reading import DOUBT_DEVIATIONS, HEARD_RATIO
+from vibrident.fit.noise.shapes import DOUBT_DEVIATIONS
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rounding import TRIALS

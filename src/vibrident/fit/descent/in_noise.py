@@ -147,9 +147,10 @@ def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:
 
     Those are the amounts of the nuisances of a segment, and its share of the parameters.
     """
-    total = max(sum(float(np.sum(at.numbers)) for at in places), 1.0)
+    total = max(sum(float(np.sum(place.numbers)) for place in places), 1.0)
     return [
-        at.rows.nuisances.columns.shape[1] + len(at.turns) / total * at.numbers for at in places
+        place.rows.nuisances.columns.shape[1] + len(place.turns) / total * place.numbers
+        for place in places
     ]
 
 
@@ -213,14 +214,14 @@ def iterate(
         gradient = np.zeros(count)
         matrix = np.zeros((count, count))
         noise_information = np.zeros((count, count))
-        for at in places:
-            root = np.sqrt(at.weight)
-            whitened = (at.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
-            residual = (at.rows.residual * root).reshape(1, -1)
+        for place in places:
+            root = np.sqrt(place.weight)
+            whitened = (place.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
+            residual = (place.rows.residual * root).reshape(1, -1)
             cost += float(products(residual, residual)[0, 0])
             gradient += products(whitened, residual)[:, 0]
             matrix += products(whitened, whitened)
-            noise_information += at.noise_information
+            noise_information += place.noise_information
     if not (np.isfinite(cost) and np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))):
         return not_finite
     return Iterate(cost, gradient, matrix, noise_information, places)

@@ -21,7 +21,7 @@ from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_normal, sandwich_covariance
 from vibrident.fit.noise.averages import NEAREST_BINS, mean_around
-from vibrident.fit.noise.reading import DOUBT_DEVIATIONS
+from vibrident.fit.noise.shapes import DOUBT_DEVIATIONS
 from vibrident.fit.noise.spectral_noise import SpectralNoise, doubtful
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.band import Band
@@ -80,7 +80,7 @@ class Settled:
     @property
     def numbers(self) -> float:
         """Return the weighted count of real numbers that V is a sum over."""
-        return sum(float(np.sum(at.numbers)) for at in self.places)
+        return sum(float(np.sum(place.numbers)) for place in self.places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,19 +102,19 @@ class InNoise:
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
     def places(
-        self, z: FloatArray, coordinates: Coordinates, *, whole: bool = False
+        self, z: FloatArray, coordinates: Coordinates, *, all_bins: bool = False
     ) -> Iterator[GroupAt]:
         """Yield each group at z in the noise of the fit.
 
         Args:
             z: shape (P,).
             coordinates: of the parameters.
-            whole: at all bins of the network, whether or not motion shows there, with hum in the
+            all_bins: at all bins of the network, whether or not motion shows there, with hum in the
                 residual.
         """
-        band = replace(self.band, top_hz=np.inf, tones=()) if whole else self.band
+        band = replace(self.band, top_hz=np.inf, tones=()) if all_bins else self.band
         weights = self.weighting.of_groups(band)
-        if whole:
+        if all_bins:
             weights = [replace(noise, excited=np.ones_like(noise.excited)) for noise in weights]
         return places_in(band, coordinates, weights, z)
 
@@ -126,8 +126,8 @@ class InNoise:
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Return V, its gradient and information at z."""
         band = self.band.at_delay_of(coordinates.values(z))
-        at = iterate(band, coordinates, self.weighting.of_groups(band), z)
-        return Local(information(at), at.gradient, at.cost)
+        point = iterate(band, coordinates, self.weighting.of_groups(band), z)
+        return Local(information(point), point.gradient, point.cost)
 
 
 @dataclass
@@ -167,9 +167,9 @@ class Objective:
     def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
         """Return V, its gradient and information at z."""
         band = self.band.at_factors_of(self.coordinates.values(z))
-        at = iterate(band, self.coordinates, self.weights, z)
-        self.last = z, at
-        return _Quadratic(at.cost, at.gradient, information(at))
+        point = iterate(band, self.coordinates, self.weights, z)
+        self.last = z, point
+        return _Quadratic(point.cost, point.gradient, information(point))
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
@@ -188,17 +188,18 @@ class _Quadratic:
     matrix: FloatArray
 
 
-def information(at: Iterate) -> FloatArray:
+def information(point: Iterate) -> FloatArray:
     """Return the information less that of the noise of the reference, at least a fifth of all."""
-    if not np.any(at.noise_information):
-        return at.matrix
-    scale = np.sqrt(np.maximum(np.diag(at.matrix), np.finfo(float).tiny))
+    if not np.any(point.noise_information):
+        return point.matrix
+    scale = np.sqrt(np.maximum(np.diag(point.matrix), np.finfo(float).tiny))
     scales = np.outer(scale, scale)
     count = len(scale)
-    scaled = at.matrix / scales + 1e-12 * np.eye(count)
+    scaled = point.matrix / scales + 1e-12 * np.eye(count)
     root = np.linalg.cholesky(scaled)
     inner = np.linalg.solve(
-        root, np.linalg.solve(root, (at.matrix - at.noise_information) / scales).T
+        root,
+        np.linalg.solve(root, (point.matrix - point.noise_information) / scales).T,
     )
     values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
     half = root @ vectors * np.sqrt(np.maximum(values, MIN_INFORMATION))
@@ -249,12 +250,12 @@ def descend(
         objective = Objective(band, coordinates, weighting.of_groups(band))
         trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
         z = trace.last
-        at = objective.at(z)
+        end = objective.at(z)
         moved = band.at_delay_of(coordinates.values(z))
         if moved is band or move == MAX_MOVES - 1:
             break
         band = moved
-    return Descended(band, coordinates, trace, at)
+    return Descended(band, coordinates, trace, end)
 
 
 def settle(
@@ -291,16 +292,16 @@ def settle(
         band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
         descended = descend(band, coordinates, z, weighting, FINAL_TOLERANCE, progress)
         band = descended.band
-        at = descended.at
+        end = descended.at
         trace = trace.then(descended.trace)
-        deviation = np.sqrt(np.diag(inverse_normal(information(at))))
+        deviation = np.sqrt(np.diag(inverse_normal(information(end))))
         shift = float(np.max(np.abs(descended.z - z) / deviation))
         z = descended.z
-        places = at.groups
+        places = end.groups
         settled = round_number > 0 and shift < MAX_SHIFT
         if settled:
             break
-        rounds.append((_minus_log_likelihood(at), descended))
+        rounds.append((_minus_log_likelihood(end), descended))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, likeliest = min(rounds, key=lambda scored: scored[0])
         band = likeliest.band
@@ -316,14 +317,14 @@ def settle(
     # Where little determines a parameter, the noise of the last round is that of another z.
     weighting = read_weighting(band, places, look.heard)
     band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
-    at = iterate(band, coordinates, weighting.of_groups(band), z)
-    return _stated(band, coordinates, z, at, trace, weighting)
+    end = iterate(band, coordinates, weighting.of_groups(band), z)
+    return _stated(band, coordinates, z, end, trace, weighting)
 
 
-def _minus_log_likelihood(at: Iterate) -> float:
+def _minus_log_likelihood(point: Iterate) -> float:
     """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
     total = 0.0
-    for place in at.groups:
+    for place in point.groups:
         counts = place.group.grid.counts * place.group.grid.samples
         residual, _ = place.fitted_in_all_bins
         power = power_of(residual) / place.group.count[:, None]
@@ -335,7 +336,7 @@ def _stated(
     band: Band,
     coordinates: Coordinates,
     z: FloatArray,
-    at: Iterate,
+    end: Iterate,
     trace: Trace,
     weighting: Weighting,
 ) -> Settled:
@@ -346,11 +347,11 @@ def _stated(
     floors = band.problem.noise_floor**2
     pulls = []
     doubtful_pulls = []
-    inverse = inverse_normal(information(at))
+    inverse = inverse_normal(information(end))
     deviation = np.sqrt(floors)  # of a record without a segment
     reference = np.zeros(len(floors))
     tones: list[tuple[float, ...]] = [()] * len(floors)
-    for place, fitted in zip(at.groups, fitted_numbers(at.groups), strict=True):
+    for place, fitted in zip(end.groups, fitted_numbers(end.groups), strict=True):
         grid = place.group.grid
         averaged = averaging_width(grid.samples, 1 / 128)
         excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
@@ -380,14 +381,14 @@ def _stated(
             tones[owner] = tuple(tone * unit for tone in spectrum.tones)
     values, vectors = np.linalg.eigh(inverse)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    covariance = sandwich_covariance(root, middle, at.matrix)
+    covariance = sandwich_covariance(root, middle, end.matrix)
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
     doubtful_rows = np.array(doubtful_pulls).reshape(-1, count)
     noise = SpectralNoise(
         reference, doubtful(doubtful_rows, covariance), tuple(tones), doubtful_rows
     )
     return Settled(
-        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups
+        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, end.groups
     )
 
 

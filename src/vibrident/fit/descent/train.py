@@ -226,13 +226,15 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
     samples = dict(weighting.samples)
     powers: dict[int, FloatArray] = {}
     residuals: dict[int, FloatArray] = {}
-    for at in end.at.groups:
-        response = power_of(at.group.response) / at.group.count[:, None]
-        residual_power = power_of(at.rows.residual) / at.group.count[:, None]
+    for place in end.at.groups:
+        response = power_of(place.group.response) / place.group.count[:, None]
+        residual_power = power_of(place.rows.residual) / place.group.count[:, None]
         smooth = mean_around(response, averaged_bins(response.shape[1]), 0)
-        for row, number in enumerate(at.group.segments):
+        for row, number in enumerate(place.group.segments):
             powers[number] = smooth[row]
-            residuals[number] = residual_power[row] * at.group.grid.counts * at.group.grid.samples
+            residuals[number] = (
+                residual_power[row] * place.group.grid.counts * place.group.grid.samples
+            )
 
     def total(error: float) -> float:
         return sum(
@@ -247,13 +249,13 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
         )
 
     spectra = dict(weighting.spectra)
-    for at in end.at.groups:
-        for number in at.group.segments:
+    for place in end.at.groups:
+        for number in place.group.segments:
             spectrum = spectra[number]
-            psd = resampled_bins(spectrum.psd, weighting.samples[number], at.group.grid)
-            excited = resampled_bins(spectrum.excited, weighting.samples[number], at.group.grid)
+            psd = resampled_bins(spectrum.psd, weighting.samples[number], place.group.grid)
+            excited = resampled_bins(spectrum.excited, weighting.samples[number], place.group.grid)
             spectra[number] = replace(spectrum, psd=psd, excited=excited)
-            samples[number] = at.group.grid.samples
+            samples[number] = place.group.grid.samples
     low = np.log(1e-30)
     high = 0.0
     for _ in range(60):
@@ -352,7 +354,7 @@ def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
     """
     chosen: list[Descended] = []
     for end in sorted(ends, key=lambda descended: descended.at.cost):
-        if not any(_apart(end, other) <= 4.0 * START_TOLERANCE for other in chosen):
+        if not any(_apart(end, better) <= 4.0 * START_TOLERANCE for better in chosen):
             chosen.append(end)
     return [end.values for end in chosen]
 

@@ -10,7 +10,8 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
-from vibrident.fit.noise.reading import Residuals, read_noise
+from vibrident.fit.noise.reading import read_noise
+from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem.band import Band
@@ -104,11 +105,11 @@ def read_weighting(
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
     samples: dict[int, int] = {}
-    for at, fitted in zip(places, fitted_numbers(places), strict=True):
-        group = at.group
-        squares = power_of(at.through)
+    for place, fitted in zip(places, fitted_numbers(places), strict=True):
+        group = place.group
+        squares = power_of(place.through)
         colour = _colour(band, group)
-        residual, predicted = at.fitted_in_all_bins
+        residual, predicted = place.fitted_in_all_bins
         residual = residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
         rows = Residuals(
@@ -120,7 +121,7 @@ def read_weighting(
                 rows,
                 through=(squares * colour)[None],
                 reference=reference,
-                passed=at.through * reference,
+                passed=place.through * reference,
                 heard=None if heard is None else _heard_in(group, heard),
             )
         noise = read_noise(rows, group.grid.last - 1, colour)

@@ -94,10 +94,10 @@ def real_rows(rows: ComplexArray) -> FloatArray:
     return np.ascontiguousarray(rows).view(float)
 
 
-def products(rows: ComplexArray, others: ComplexArray) -> FloatArray:
-    """Return Re Σ rows* others over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
+def products(rows: ComplexArray, columns: ComplexArray) -> FloatArray:
+    """Return Re Σ rows* columns over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
     first = real_rows(rows)
-    second = first if others is rows else real_rows(others)
+    second = first if columns is rows else real_rows(columns)
     return first @ np.swapaxes(second, -1, -2)
 
 

@@ -160,9 +160,9 @@ class SmoothColumns:
         return levels, bins
 
 
-def _inner(rows: ComplexArray, others: ComplexArray) -> float:
+def _inner(first: ComplexArray, second: ComplexArray) -> float:
     """Return the sum of products of two signals over their samples, up to a factor."""
-    product = rows.real * others.real + rows.imag * others.imag
+    product = first.real * second.real + first.imag * second.imag
     return float(np.sum(product) - 0.5 * np.sum(product[:, 0]))
 
 

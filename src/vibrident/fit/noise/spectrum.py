@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.reading import GroupNoise, Residuals, read_noise
+from vibrident.fit.noise.reading import GroupNoise, read_noise
+from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.response.response import ComplexArray
 
 

@@ -167,9 +167,9 @@ class Coordinates:
         values = self.values(z)
         low, high = self.edges
         slopes = []
-        for spec, at, unit in zip(self.model.parameters, z, self._units, strict=True):
+        for spec, coordinate, unit in zip(self.model.parameters, z, self._units, strict=True):
             value = values[spec.name]
             if spec.kind == "positive":
-                value = float(np.copysign(np.hypot(1.0, value), at))  # cosh z
+                value = float(np.copysign(np.hypot(1.0, value), coordinate))  # cosh z
             slopes.append(value if unit is None else unit)
         return np.where((low < z) & (z < high), np.array(slopes), 0.0)

@@ -113,13 +113,13 @@ class Evidence:
             InputError: a record declared as a sine is not a sine, or nothing lies in the bands.
         """
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
-        others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
+        broadband = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
         tones = None
         bands = None
-        if others:
-            bands = measure_bands([records[i] for i in others], calibration.quantity)
+        if broadband:
+            bands = measure_bands([records[i] for i in broadband], calibration.quantity)
         if bands is not None:
-            bands = replace(bands, record=np.array(others)[bands.record])
+            bands = replace(bands, record=np.array(broadband)[bands.record])
         if sines:
             sine_records = [records[i] for i in sines]
             tones = find_tones(sine_records)

@@ -191,8 +191,10 @@ def require_rational(model: SensorModel) -> None:
     """
     if model.has_network:
         return
-    parts = (model.core, *model.add_ons)
-    factors = " or ".join(repr(part.name) for part in parts if part.factor is not None)
+    components = (model.core, *model.add_ons)
+    factors = " or ".join(
+        repr(component.name) for component in components if component.factor is not None
+    )
     raise ModelError(
         "The network cannot be trained in time: the model is not a rational function.",
         expected=f"a model without {factors}",

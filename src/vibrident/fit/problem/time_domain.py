@@ -105,7 +105,8 @@ class TimeProblem(NetworkProblem):
         lanes, pieces = cut(records, steps, rate, frame.fewest, CHUNK)
         if not pieces:
             raise frame.too_short(records)
-        nodes, rounds = 0, (0, 0)
+        nodes = 0
+        rounds = (0, 0)
         if not model.is_linear:
             nodes, rounds = accuracy(frame.fastest * float(np.max(intervals)))
         segments = bucket(len(pieces) + 1)

@@ -67,14 +67,16 @@ def measure_bands(
     ]
     rates = {record.sampling_rate_hz for _, record in level}
     indexed = [
-        part
+        pair
         for rate in rates
-        for part in _at_one_delay([pair for pair in level if pair[1].sampling_rate_hz == rate])
+        for pair in _at_one_delay(
+            [record for record in level if record[1].sampling_rate_hz == rate]
+        )
     ]
-    parts = [
-        part for _, part in sorted(indexed, key=lambda pair: (pair[0], pair[1].frequency_hz[0]))
+    responses = [
+        bands for _, bands in sorted(indexed, key=lambda pair: (pair[0], pair[1].frequency_hz[0]))
     ]
-    return MeasuredResponse.join(parts) if parts else None
+    return MeasuredResponse.join(responses) if responses else None
 
 
 def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, MeasuredResponse]]:
@@ -204,7 +206,8 @@ def band_edges(samples: int, rate: float) -> FloatArray:
 
     Bands are log-spaced, and at least LINES_IN_BAND lines wide.
     """
-    edges, last = [1], int(0.45 * samples)
+    edges = [1]
+    last = int(0.45 * samples)
     while edges[-1] < last:
         edges.append(max(edges[-1] + LINES_IN_BAND, int(edges[-1] * 2 ** (1 / BANDS_PER_OCTAVE))))
     edges[-1] = max(last, edges[-2] + 1) if len(edges) > 1 else last

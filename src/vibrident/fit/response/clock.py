@@ -52,7 +52,8 @@ def _common_ratio(records: Sequence[Record]) -> float | None:
 
     None if it is one or not shared.
     """
-    ratios, uncertainties = [], []
+    ratios = []
+    uncertainties = []
     for record in records:
         assert record.frequency_hz is not None
         tone_hz = _tone(record, record.frequency_hz)

@@ -240,7 +240,8 @@ def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
 
     0 where the poles of a sensor explain that.
     """
-    n, x = motion.samples, motion.reference
+    n = motion.samples
+    x = motion.reference
     ratio = np.zeros(n // 2 + 1, dtype=complex)
     power = power_of(x)
     ratio[motion.bins] = response[motion.bins] * np.conj(x) / (power + POWER_FLOOR * np.max(power))

@@ -178,7 +178,8 @@ def _two_levels(
     Fisher scoring with an identity link: least squares with weights 1/mean², refreshed.
     """
     fitted = np.repeat(mean[:, None], power.shape[1], axis=1)
-    a, b = mean, np.zeros_like(mean)
+    a = mean
+    b = np.zeros_like(mean)
     tiny = 1e-12 * np.maximum(mean, 1e-288)[:, None]
     for _ in range(ROUNDS):
         w = weight / np.maximum(fitted, tiny) ** 2

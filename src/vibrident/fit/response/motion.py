@@ -127,9 +127,9 @@ def _lobe(power: FloatArray) -> float:
 def _is_tone(power: FloatArray) -> bool:
     """Return whether one tone holds nearly all the power."""
     peak = int(np.argmax(power))
-    others = power.copy()
-    others[max(peak - 2 * LOBE_LINES, 0) : peak + 2 * LOBE_LINES + 1] = 0.0
-    return _lobe(power) > MIN_TONE_RATIO * _lobe(others)
+    without_peak = power.copy()
+    without_peak[max(peak - 2 * LOBE_LINES, 0) : peak + 2 * LOBE_LINES + 1] = 0.0
+    return _lobe(power) > MIN_TONE_RATIO * _lobe(without_peak)
 
 
 def _is_sweep(series: FloatArray) -> bool:

@@ -106,25 +106,25 @@ class MeasuredResponse:
         return np.sqrt(np.maximum(variance, floor))
 
     @staticmethod
-    def join(parts: Sequence[MeasuredResponse]) -> MeasuredResponse:
+    def join(responses: Sequence[MeasuredResponse]) -> MeasuredResponse:
         """Return all points of several measurements, in order."""
-        width = max(p.line_hz.shape[1] for p in parts)
+        width = max(p.line_hz.shape[1] for p in responses)
 
         def padded(array: NDArray, fill: float) -> NDArray:
             return np.pad(array, ((0, 0), (0, width - array.shape[1])), constant_values=fill)
 
         return MeasuredResponse(
-            np.concatenate([p.frequency_hz for p in parts]),
-            np.concatenate([p.reference for p in parts]),
-            np.concatenate([p.response for p in parts]),
-            np.concatenate([padded(p.line_hz, 1.0) for p in parts]),
-            np.concatenate([padded(p.line_reference, 0.0) for p in parts]),
-            np.concatenate([padded(p.line_response, 0.0) for p in parts]),
-            np.concatenate([padded(p.line_weight, 0.0) for p in parts]),
-            np.concatenate([p.degrees_of_freedom for p in parts]),
-            np.concatenate([p.record for p in parts]),
-            np.concatenate([p.distortion for p in parts]),
+            np.concatenate([p.frequency_hz for p in responses]),
+            np.concatenate([p.reference for p in responses]),
+            np.concatenate([p.response for p in responses]),
+            np.concatenate([padded(p.line_hz, 1.0) for p in responses]),
+            np.concatenate([padded(p.line_reference, 0.0) for p in responses]),
+            np.concatenate([padded(p.line_response, 0.0) for p in responses]),
+            np.concatenate([padded(p.line_weight, 0.0) for p in responses]),
+            np.concatenate([p.degrees_of_freedom for p in responses]),
+            np.concatenate([p.record for p in responses]),
+            np.concatenate([p.distortion for p in responses]),
             np.concatenate(
-                [np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in parts]
+                [np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in responses]
             ),
         )

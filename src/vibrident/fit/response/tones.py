@@ -63,8 +63,9 @@ def measure_tones(
         [tone_frequency(record) for record in records] if frequencies_hz is None else frequencies_hz
     )
     tones = enumerate(zip(records, frequencies_hz, measured or records, strict=True))
-    parts = [_fit(index, record, f, poles, raw) for index, (record, f, raw) in tones]
-    return MeasuredResponse.join(parts)
+    return MeasuredResponse.join(
+        [_fit(index, record, f, poles, raw) for index, (record, f, raw) in tones]
+    )
 
 
 def find_tones(records: Sequence[Record]) -> MeasuredResponse:
@@ -72,12 +73,12 @@ def find_tones(records: Sequence[Record]) -> MeasuredResponse:
 
     Good for start values; :func:`measure_tones` is the careful measurement.
     """
-    parts = []
+    tones = []
     for index, record in enumerate(records):
         frequency, amplitude, variance = sine_fit(record)
         # Two noise lines, one of each channel, of twice the variance: their mean is the variance.
         lines = np.diag(np.sqrt(2.0 * variance)).astype(complex)
-        parts.append(
+        tones.append(
             MeasuredResponse(
                 np.array([frequency]),
                 amplitude[:1],
@@ -91,7 +92,7 @@ def find_tones(records: Sequence[Record]) -> MeasuredResponse:
                 np.zeros((1, 2)),
             )
         )
-    return MeasuredResponse.join(parts)
+    return MeasuredResponse.join(tones)
 
 
 def _fit(

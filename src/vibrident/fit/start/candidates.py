@@ -57,10 +57,12 @@ def likely(
     """
     if len(combined) <= MAX_COMBINATIONS:
         return combined
-    few = sought.few(MAX_SCORED_POINTS)
-    target = np.log(np.abs(few.response))
-    weight = 1.0 / np.maximum(few.deviation, MIN_DEVIATION) ** 2
-    difference = target - np.log(np.abs(chart.at(few).response(combined, np.ones(len(combined)))))
+    scored = sought.few(MAX_SCORED_POINTS)
+    target = np.log(np.abs(scored.response))
+    weight = 1.0 / np.maximum(scored.deviation, MIN_DEVIATION) ** 2
+    difference = target - np.log(
+        np.abs(chart.at(scored).response(combined, np.ones(len(combined))))
+    )
     mean = difference @ weight / np.sum(weight)
     score = (difference - mean[:, None]) ** 2 @ weight
     gain = [spec.kind for spec in chart.model.parameters].index("gain")
@@ -77,12 +79,14 @@ def likely(
 def _cores(sought: TargetFRF, chart: LogCoordinates, band_hz: tuple[float, float]) -> FloatArray:
     """Return the best and most different values of the core's grid, with add-ons at zero."""
     model = chart.model
-    few = sought.few(MAX_SCORED_POINTS)
+    scored = sought.few(MAX_SCORED_POINTS)
     naturals = _naturals(sought.frequency_hz, band_hz)
-    specs, axes, grid, log_unit = _grid(model.core, naturals.tobytes(), few.frequency_hz.tobytes())
-    weight = 1.0 / np.maximum(few.deviation, MIN_DEVIATION) ** 2
-    log_quantity = DERIVATIVES[chart.quantity] * np.log(2.0 * np.pi * few.frequency_hz)
-    difference = np.log(np.abs(few.response)) - log_quantity - log_unit
+    specs, axes, grid, log_unit = _grid(
+        model.core, naturals.tobytes(), scored.frequency_hz.tobytes()
+    )
+    weight = 1.0 / np.maximum(scored.deviation, MIN_DEVIATION) ** 2
+    log_quantity = DERIVATIVES[chart.quantity] * np.log(2.0 * np.pi * scored.frequency_hz)
+    difference = np.log(np.abs(scored.response)) - log_quantity - log_unit
     mean = difference @ weight / np.sum(weight)
     score = (difference - mean[..., None]) ** 2 @ weight
     # Natural frequencies that differ by a fifth, and others by a factor of e, are apart.

@@ -145,8 +145,10 @@ def _informative_bins(information: FloatArray, width: int) -> NDArray[np.int_]:
     ]
     bins = np.concatenate(chosen)
     if bins.size < width:  # narrow intervals have fewer bins than they may
-        others = np.setdiff1d(np.arange(1, last), bins)
-        additional = others[np.argsort(-information[others], kind="stable")[: width - bins.size]]
+        not_chosen = np.setdiff1d(np.arange(1, last), bins)
+        additional = not_chosen[
+            np.argsort(-information[not_chosen], kind="stable")[: width - bins.size]
+        ]
         bins = np.concatenate([bins, additional])
     return np.sort(bins)
 

@@ -33,8 +33,8 @@ def peak_shift(values: FloatArray, place: int) -> float:
     """
     if not 0 < place < len(values) - 1:
         return 0.0
-    before, here, after = values[place - 1 : place + 2]
-    bend = 2.0 * here - before - after
+    before, top, after = values[place - 1 : place + 2]
+    bend = 2.0 * top - before - after
     return float(np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) if bend > 0.0 else 0.0
 
 

@@ -178,13 +178,16 @@ class GridSearch:
         )
 
     def _differ(
-        self, values: Mapping[str, float], others: Mapping[str, float], names: Mapping[str, float]
+        self,
+        values: Mapping[str, float],
+        reference_values: Mapping[str, float],
+        names: Mapping[str, float],
     ) -> bool:
         """Return whether two places differ enough in a parameter to be different starts."""
         specs = {spec.name: spec for spec in self.band.model.parameters}
         for name in names:
             factor = MIN_FREQUENCY_RATIO if specs[name].kind == "log" else MIN_RATIO
-            ratio = (values[name] + 1e-300) / (others[name] + 1e-300)
+            ratio = (values[name] + 1e-300) / (reference_values[name] + 1e-300)
             if not 1.0 / factor < ratio < factor:
                 return True
         return False

@@ -88,22 +88,22 @@ def fitted_poles(
     return np.asarray(np.roots(denominator[::-1]) * unit, dtype=complex)
 
 
-def _series(model: SensorModel, known: dict[str, float], frequency_hz: FloatArray) -> ComplexArray:
+def _series(model: SensorModel, values: dict[str, float], frequency_hz: FloatArray) -> ComplexArray:
     """Return the factors in series with the rational part: delay and average."""
     s = 2j * np.pi * frequency_hz
     factor = (
-        np.exp(-s * float(model.delay_s(known)))
+        np.exp(-s * float(model.delay_s(values)))
         if model.has_delay
         else np.ones(s.shape, dtype=complex)
     )
     for addon in model.add_ons:
         if addon.factor is not None:
-            factor = factor * addon.factor(known, s)
+            factor = factor * addon.factor(values, s)
     return factor
 
 
 def _assignments(
-    poles: ComplexArray, model: SensorModel, known: dict[str, float]
+    poles: ComplexArray, model: SensorModel, fixed: dict[str, float]
 ) -> Iterator[dict[str, float]]:
     """Yield natural frequencies, damping ratios and the corner of a high-pass from the poles.
 
@@ -128,7 +128,7 @@ def _assignments(
         if len(modes) != 2:
             continue
         for first, second in (modes, modes[::-1]):
-            values = dict(known)
+            values = dict(fixed)
             values[natural] = first[0] / (2.0 * np.pi)
             values[damping] = first[1]
             values[natural_2] = second[0] / (2.0 * np.pi)

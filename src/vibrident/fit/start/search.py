@@ -181,10 +181,10 @@ class LogCoordinates:
         return response, logarithmic
 
 
-def magnitudes(sought: TargetFRF, least: float) -> Residual:
-    """Return the residual of log magnitudes; relative deviations are at least ``least``."""
+def magnitudes(sought: TargetFRF, min_deviation: float) -> Residual:
+    """Return the residual of log magnitudes; relative deviations are at least ``min_deviation``."""
     target = np.log(np.abs(sought.response))
-    weight = 1.0 / np.maximum(sought.deviation, least)
+    weight = 1.0 / np.maximum(sought.deviation, min_deviation)
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:
         return (np.log(np.abs(h)) - target) * weight, slopes.real * weight
@@ -192,13 +192,13 @@ def magnitudes(sought: TargetFRF, least: float) -> Residual:
     return residual
 
 
-def logarithms(sought: TargetFRF, least: float) -> Residual:
+def logarithms(sought: TargetFRF, min_deviation: float) -> Residual:
     """Return the residual of complex logarithms, with phases within half a turn.
 
-    Deviations are at least ``least``.
+    Deviations are at least ``min_deviation``.
     """
     magnitude_weight, phase_weight = (
-        1.0 / np.maximum(d, least) for d in (sought.deviation, sought.phase_deviation)
+        1.0 / np.maximum(d, min_deviation) for d in (sought.deviation, sought.phase_deviation)
     )
 
     def residual(h: ComplexArray, slopes: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -96,10 +96,10 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
     scale = problem.points / max(final.frequency_hz.size, 1)
     if problem.start is not None:
         u, sign = chart.place(dict(problem.start))
-        known = descend(chart, u[None], np.array([sign]), differences(final), 0)
+        stated = descend(chart, u[None], np.array([sign]), differences(final), 0)
         return Start(
             dict(problem.start),
-            (scale * float(known.cost[0]),),
+            (scale * float(stated.cost[0]),),
             problem.equations,
             (dict(problem.start),),
         )
@@ -178,7 +178,8 @@ def _likeliest_first(
     a line of the noise, and fits better than the right one that shows by its tail alone. Of all
     places, widths and sizes that it could have, only one does so.
     """
-    u, sign = front.u[rows], front.sign[rows]
+    u = front.u[rows]
+    sign = front.sign[rows]
     information = information_at(chart, u, sign, differences(final))
     occam = np.linalg.slogdet(np.eye(u.shape[1]) + information)[1]
     score = front.cost[rows] + np.where(np.isfinite(occam), occam, 0.0)
@@ -217,18 +218,18 @@ def _optima(
         final: points by which the end is judged.
         most: cost for each point, as of :func:`_aligned`.
     """
-    few = sought.few(MAX_POINTS)
-    near = chart.at(few)
-    u = candidates(few, near, problem.band_hz)
+    points = sought.few(MAX_POINTS)
+    near = chart.at(points)
+    u = candidates(points, near, problem.band_hz)
     sign = np.ones(len(u))
-    coarse = descend(near, u, sign, magnitudes(few, MIN_DEVIATION), FIRST_STEPS)
+    coarse = descend(near, u, sign, magnitudes(points, MIN_DEVIATION), FIRST_STEPS)
     rows = coarse.best(SECOND_CANDIDATES, MIN_DISTANCE)
-    fine = descend(near, coarse.u[rows], sign[rows], magnitudes(few, MIN_DEVIATION), STEPS)
-    _require_use(fine, most * few.frequency_hz.size)
+    fine = descend(near, coarse.u[rows], sign[rows], magnitudes(points, MIN_DEVIATION), STEPS)
+    _require_use(fine, most * points.frequency_hz.size)
     # Where magnitudes carry little information, or a zero may lie on either side, they mislead: the
     # first candidates go on, too.
     selected = np.concatenate([fine.u[fine.best(LAST_CANDIDATES, MIN_DISTANCE)], u[:32]])
-    return _aligned(selected, chart, few, final, problem.longest_delay_s, most)
+    return _aligned(selected, chart, points, final, problem.longest_delay_s, most)
 
 
 def _require_use(front: Population, most: float) -> None:
@@ -260,8 +261,8 @@ def extended(
         NotConverged: no candidate leads to a finite fit, or to one of use.
     """
     sought = sought_response(problem)
-    few = sought.few(MAX_POINTS)
-    chart = _chart(problem, model, few)
+    points = sought.few(MAX_POINTS)
+    chart = _chart(problem, model, points)
     known = {name: values.get(name, 0.0) for name in model.parameter_names}
     # A logarithm does not return from zero: a parameter that ended there begins at each place of
     # its grid.
@@ -276,12 +277,12 @@ def extended(
     cores = np.array([chart.place(known | restart)[0] for restart in ended or [{}]])
     missing = [name for name in model.parameter_names if name not in values]
     combined = with_guesses(cores, model, problem.band_hz, missing)
-    selected = likely(combined, len(cores), few, chart)
+    selected = likely(combined, len(cores), points, chart)
     front = _aligned(
-        selected, chart, few, few, problem.longest_delay_s, most / problem.points, last=1
+        selected, chart, points, points, problem.longest_delay_s, most / problem.points, last=1
     )
     row = int(_finite(front, 1)[0])
-    scale = problem.points / max(few.frequency_hz.size, 1)
+    scale = problem.points / max(points.frequency_hz.size, 1)
     best = chart.named(front.u, front.sign, row)
     return Start(best, (scale * float(front.cost[row]),), problem.equations, (best,))
 
@@ -289,7 +290,7 @@ def extended(
 def _aligned(
     selected: FloatArray,
     chart: LogCoordinates,
-    few: TargetFRF,
+    points: TargetFRF,
     final: TargetFRF,
     longest_delay_s: float,
     most: float,
@@ -300,26 +301,26 @@ def _aligned(
     Args:
         selected: coordinates of the candidates, shape (C, P).
         chart: coordinates at the points ``final``.
-        few: points of the search.
+        points: of the search.
         final: points by which the end is judged.
         longest_delay_s: that the data could show.
         most: cost for each point above which a fit is of no use.
         last: number of candidates of the last descent.
     """
-    if not few.has_phase:
+    if not points.has_phase:
         return descend(chart, selected, np.ones(len(selected)), differences(final), LAST_STEPS)
-    near = chart.at(few)
-    turned, sign = _with_sign_and_delay(selected, near, few, longest_delay_s)
-    begun = descend(near, turned, sign, logarithms(few, MIN_DEVIATION), FIRST_STEPS)
+    near = chart.at(points)
+    turned, sign = _with_sign_and_delay(selected, near, points, longest_delay_s)
+    begun = descend(near, turned, sign, logarithms(points, MIN_DEVIATION), FIRST_STEPS)
     rows = begun.best(SECOND_CANDIDATES, MIN_DISTANCE)
-    turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, few)
-    aligned = descend(near, turned, sign, logarithms(few, MIN_DEVIATION), STEPS)
-    _require_use(aligned, most * few.frequency_hz.size)
+    turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, points)
+    aligned = descend(near, turned, sign, logarithms(points, MIN_DEVIATION), STEPS)
+    _require_use(aligned, most * points.frequency_hz.size)
     rows = aligned.best(LAST_CANDIDATES, MIN_DISTANCE)
     closer = descend(
-        near, aligned.u[rows], aligned.sign[rows], logarithms(few, MIN_DEVIATION / 100.0), STEPS
+        near, aligned.u[rows], aligned.sign[rows], logarithms(points, MIN_DEVIATION / 100.0), STEPS
     )
-    _require_use(closer, most * few.frequency_hz.size)
+    _require_use(closer, most * points.frequency_hz.size)
     rows = np.argsort(closer.cost, kind="stable")[:last]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
 
