@@ -101,7 +101,7 @@ def noise_of_shapes(
 
 
 def _chosen(
-    common: CommonNoise, variance: FloatArray, spread: FloatArray, most: FloatArray
+    common: CommonNoise, variance: FloatArray, spread: FloatArray, limit: FloatArray
 ) -> InputNoise:
     """Return the better of two estimates of noise of the reference, each of shape (R,).
 
@@ -109,7 +109,7 @@ def _chosen(
         common: from the correlation of residual and prediction.
         variance: from the shape of the noise alone.
         spread: standard deviation of that.
-        most: upper limit, all of the noise.
+        limit: all of the noise at most.
     """
     by_correlation = common.significant
     # Coloured noise of the response may look like that of the reference, but is not correlated with
@@ -119,8 +119,8 @@ def _chosen(
     certain = (variance > SIGNIFICANT_DEVIATIONS * spread) & ~refuted
     amounts = np.where(by_correlation[:, None], common.amounts, 0.0)
     amounts[:, 0] = np.where(certain & ~by_correlation, variance, amounts[:, 0])
-    doubts = np.zeros((len(most), 5))
-    doubts[:, 0] = np.minimum(most, np.where(certain, 0.0, variance) + DOUBT_DEVIATIONS * spread)
+    doubts = np.zeros((len(limit), 5))
+    doubts[:, 0] = np.minimum(limit, np.where(certain, 0.0, variance) + DOUBT_DEVIATIONS * spread)
     # 1/f noise may be present even if it is not significant.
     remaining = np.where(by_correlation[:, None], 0.0, common.amounts)
     variances = np.diagonal(common.covariance, axis1=1, axis2=2)
