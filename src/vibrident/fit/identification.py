@@ -84,7 +84,8 @@ def fit(
         reason = decays.METHOD
         fitted = Fitted.from_evidence(evidence, chosen, progress)
         fitted = replace(
-            fitted, reports=(DepartureReport(warnings=tuple(decays.said(fitted.estimate))),)
+            fitted,
+            reports=(DepartureReport(warnings=tuple(decays.decay_warnings(fitted.estimate))),),
         )
     else:
 

@@ -28,7 +28,8 @@ from vibrident.base.errors import InputError
 from vibrident.base.tails import student_quantile
 from vibrident.data.io.axes_file import AxesCalibration, read_axes
 from vibrident.data.records import Calibration, FloatArray, Record
-from vibrident.fit.response.tones import measure_tones, tone_frequency
+from vibrident.fit.response.sine_fit import tone_frequency
+from vibrident.fit.response.tones import measure_tones
 from vibrident.fit.uncertainty.budget import effects_of, pattern
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.document import plain

@@ -200,8 +200,8 @@ def test_a_long_record_is_worked_on_in_blocks_and_gives_the_same(monkeypatch):
     )
     noisy = with_noise(made, response_noise=0.02, reference_noise=0.01, seed=6)
     whole = vibrident.identify(noisy, estimator="ipnn")
-    monkeypatch.setattr("vibrident.fit.bins.segments.MOST_KEPT", 0)
-    monkeypatch.setattr("vibrident.fit.response.transform.AT_ONCE", 256)
+    monkeypatch.setattr("vibrident.fit.bins.segments.MAX_CACHED_SAMPLES", 0)
+    monkeypatch.setattr("vibrident.fit.response.transform.BLOCK_LINES", 256)
     parts = vibrident.identify(noisy, estimator="ipnn")
     assert parts.settings["noise_weights"] == "spectrum"
     for name, value in whole.parameters.items():

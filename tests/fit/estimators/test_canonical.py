@@ -6,7 +6,7 @@ import pytest
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.canonical import canonically_labelled
 from vibrident.fit.estimators.findings import Findings
-from vibrident.fit.noise.found import SpectralNoise, doubtful
+from vibrident.fit.noise.spectral_noise import SpectralNoise, doubtful
 from vibrident.fit.optimise import Trace
 from vibrident.fit.problem import Coordinates
 from vibrident.physics.models import parse

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibrident.fit.noise.reading import GroupNoise, Residuals, read_noise
+from vibrident.fit.noise.reading import GroupNoise, read_noise
+from vibrident.fit.noise.residuals import Residuals
 
 Rows = NDArray[np.complex128]
 Curve = NDArray[np.float64]

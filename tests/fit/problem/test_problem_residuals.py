@@ -12,9 +12,9 @@ from vibrident.data.records import Calibration, Record, ResponseTable
 from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Ipnn
 from vibrident.fit.problem import BinProblem, Coordinates, Evidence, FrequencyProblem
-from vibrident.fit.problem.network_problem import DELAY_SETTLED
+from vibrident.fit.problem.network_problem import MAX_DELAY_CHANGE_SAMPLES
 from vibrident.fit.problem.time_domain import TimeProblem
-from vibrident.fit.response.response import LEAST_DEVIATION
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.paper.estimators.lsm import inverse_residual
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
@@ -54,7 +54,7 @@ def test_records_in_time_keep_their_samples_and_count_their_freedom():
 def test_transforms_of_long_runs_are_let_go_of_and_made_again(monkeypatch):
     """The inputs' after a prediction, and all of an idle problem; its cost stays to the bit."""
     for module in ("bins.segments", "problem.bin_problem"):
-        monkeypatch.setattr(f"vibrident.fit.{module}.MOST_KEPT", 100)
+        monkeypatch.setattr(f"vibrident.fit.{module}.MAX_CACHED_SAMPLES", 100)
     problem = BinProblem.build(simulated().records, MODEL, method("bandlimited"), "acceleration", P)
     c, noise = Coordinates.at(MODEL, P, BAND), np.ones(1)
     before = Objective.plain(problem, c, noise)(c.first)
@@ -209,11 +209,11 @@ def test_a_delay_that_counts_as_that_of_the_inputs_leaves_no_error():
     made = simulate(
         (model.name, values), "sine", frequencies_hz=[19.8], sampling_rate_hz=100.0, samples=1000, start="steady"
     )
-    beside = values | {"delay": values["delay"] + 0.9 * DELAY_SETTLED / 100.0}
+    beside = values | {"delay": values["delay"] + 0.9 * MAX_DELAY_CHANGE_SAMPLES / 100.0}
     problem = BinProblem.build(made.records, model, method("bandlimited"), "acceleration", beside)
     assert problem.at_delay_of(values) is problem
     coordinates = Coordinates.at(model, values, (1.0, 20.0))
     (predicted,) = problem.predict(coordinates, coordinates.first)
     used = np.isfinite(predicted)
     off = np.asarray(made.records[0].response)[used] - predicted[used]
-    assert np.std(off) < LEAST_DEVIATION * np.std(np.asarray(made.records[0].response))
+    assert np.std(off) < MIN_RELATIVE_DEVIATION * np.std(np.asarray(made.records[0].response))

@@ -8,7 +8,7 @@ import pytest
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.response import measure_bands
-from vibrident.fit.response.bands import FALSE_BANDS, band_edges, uncorrelated_records
+from vibrident.fit.response.bands import MAX_FALSE_FRACTION, band_edges, uncorrelated_records
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import HalfSineShock, simulate
 
@@ -141,4 +141,4 @@ def test_bands_that_hold_only_the_noise_of_both_channels_are_left_out():
         kept += frequency.size
         noise += np.count_nonzero(frequency > 1100.0)
     assert kept > 25 * 8 * 15
-    assert noise <= FALSE_BANDS * kept
+    assert noise <= MAX_FALSE_FRACTION * kept

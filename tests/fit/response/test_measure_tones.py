@@ -7,7 +7,7 @@ from bench.adversary.cases import BY_NAME
 from vibrident import identify
 from vibrident.data.records import Record
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_tones
-from vibrident.fit.response.tones import tone_frequency
+from vibrident.fit.response.sine_fit import tone_frequency
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import ChannelNoise, simulate, with_noise
 

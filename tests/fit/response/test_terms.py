@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vibrident.fit.response.terms import Exponentials, WrittenOut, fitted
+from vibrident.fit.response.terms import Exponentials, TermTable, fitted
 
 TURNS = 0.0123
 
@@ -16,7 +16,7 @@ def test_terms_by_tables_are_those_written_out(pole):
     waves = np.exp(np.multiply.outer(exponents, place))
     rows = np.concatenate([waves.real, waves.imag, np.ones((1, n)), trend[None]])
     order = np.array([0, 4, 1, 5, 2, 6, 8, 9, 3, 7] if pole.imag else [0, 4, 1, 5, 2, 6, 8, 9, 3])
-    tabled, written = Exponentials.of(exponents, first, trend, order), WrittenOut.of(rows[order])
+    tabled, written = Exponentials.of(exponents, first, trend, order), TermTable.of(rows[order])
     size = np.sqrt(np.diag(written.gram))
     assert np.max(np.abs(tabled.gram - written.gram) / np.outer(size, size)) < 1e-11
     values = np.random.default_rng(1).standard_normal(n) + rows[0]

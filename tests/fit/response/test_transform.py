@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
-from vibrident.fit.bins.segments import OFF_LINES, tone_bins
+from vibrident.fit.bins.segments import MIN_LINE_DISTANCE, tone_bins
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.noise.projection import without_common
 from vibrident.fit.response.rounding import converter_step
@@ -56,7 +56,7 @@ def test_a_grid_is_seen_by_all_values(rng):
 
 
 @pytest.mark.parametrize("samples", [256, 7999, 8000])
-@pytest.mark.parametrize("place", [0.5, 7.01, 82.56, 100.0 + OFF_LINES])
+@pytest.mark.parametrize("place", [0.5, 7.01, 82.56, 100.0 + MIN_LINE_DISTANCE])
 def test_bins_of_a_tone_span_the_transforms_of_its_waves(place, samples):
     made, told = tone_bins([place], samples).view(float).T, np.fft.rfft(waves([place], samples), axis=1).view(float).T
     made, told = (columns / np.linalg.norm(columns, axis=0) for columns in (made, told))

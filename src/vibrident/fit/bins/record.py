@@ -1,4 +1,4 @@
-"""A record's residual and slopes at its bins, for a covariance by its own spectrum."""
+"""Residual and slopes of a record at its bins, for a covariance from the record's spectrum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vibrident.fit.response.response import ComplexArray
 
 @dataclass(frozen=True, eq=False)
 class RecordBins:
-    """One record, N samples long, in units of the noise that it was weighted by.
+    """Bins of one record of N samples, in units of the noise that weighted it.
 
     Attributes:
         residual: measured less network, shape (K,).
@@ -28,10 +28,10 @@ class RecordBins:
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return int(self.used.shape[0])
 
     @property
     def count(self) -> float:
-        """Number of samples that are used."""
+        """Return the number of samples that are used."""
         return float(self.used.sum())

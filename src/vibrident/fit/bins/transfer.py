@@ -1,11 +1,12 @@
-"""Weights of one step → its transfer function in z, and its slopes with the sensor's parameters.
+"""Transfer function in z of a step of the network, and its slopes with the sensor's parameters.
 
 With w = z − 1 and Ψ = Φ − I,
 
     C (zI − Φ)⁻¹ Γ + D = Σ_k b_k w^k / a(w),    a(w) = det(wI − Ψ),
 
-where the b_k follow from the adjugate by Faddeev's and LeVerrier's recursion (Gantmacher 1959, ch. IV, § 5). Powers of
-z − 1, not of z: where the sensor is slow against the sampling rate, all its poles are near z = 1.
+where the b_k follow from the adjugate by Faddeev's and LeVerrier's recursion (Gantmacher 1959, ch.
+IV, § 5). Powers of z − 1, not of z: where the sensor is slow against the sampling rate, all its
+poles are near z = 1.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import array_library
 from vibrident.physics.models.state_space import realise
 
-#: Imaginary step of the derivatives: its square is nothing beside one, so that they are exact to rounding.
+#: Imaginary step of the derivatives: its square vanishes against one, so that they are exact to
+#: rounding.
 STEP = 1e-100
 
 
 class DiscreteTransfer(NamedTuple):
-    """Transfer function of one step, a ratio of polynomials in w = z − 1 with ascending coefficients.
+    """Transfer function of one step, a ratio of ascending polynomials in w = z − 1.
 
     Attributes:
         denominator: a, shape (n + 1,), the last one 1.
@@ -40,17 +42,18 @@ class DiscreteTransfer(NamedTuple):
 
 
 def transfer_of(weights: Weights) -> DiscreteTransfer:
-    """Transfer function of a step with these weights, of NumPy's or JAX's arrays; complex where they are.
+    """Return the transfer function of a step with these weights.
 
-    Weights of many steps, with an axis of these first, give a transfer function with that axis first.
+    The arrays are NumPy's or JAX's, and complex where the weights are. Weights of many steps, with
+    an axis of these first, give a transfer function with that axis first.
     """
-    xp, order = array_library(weights.output), weights.output.shape[-1]
+    xp = array_library(weights.output)
+    order = weights.output.shape[-1]
     unit = xp.eye(order)
     shifted = weights.transition - unit
     coefficients = [xp.ones(shifted.shape[:-2], dtype=shifted.dtype)]
-    adjugate = [
-        xp.broadcast_to(unit.astype(shifted.dtype), shifted.shape)
-    ]  # the matrices of w^{n−1}, w^{n−2}, …
+    # The matrices of w^{n−1}, w^{n−2}, …
+    adjugate = [xp.broadcast_to(unit.astype(shifted.dtype), shifted.shape)]
     for k in range(1, order + 1):
         product = shifted @ adjugate[-1]
         coefficients.append(-xp.trace(product, axis1=-2, axis2=-1) / k)
@@ -65,12 +68,12 @@ def transfer_of(weights: Weights) -> DiscreteTransfer:
 
 @dataclass(frozen=True)
 class Trained:
-    """A sensor model as a network of a certain step: what turns parameters into a transfer function.
+    """Network of a linear sensor model for steps of a discretisation.
 
     Attributes:
         model: the sensor model, linear.
         method: the discretisation.
-        quantity: what the reference is.
+        quantity: of the reference.
         terms: inputs a step, q.
         factor_values: parameters of the factors that are not rational, by name, at which the
             reference was taken. The inputs' derivatives with each are inputs, too.
@@ -84,17 +87,17 @@ class Trained:
 
     @property
     def order(self) -> int:
-        """Number of states n."""
+        """Return the number of states n."""
         ones = dict.fromkeys(self.model.parameter_names, 1.0)
         return len(self.model.rational(ones, self.quantity).denominator) - 1
 
     def weights(
         self, values: dict[str, Any], interval_s: float, fraction: float, delay_s: float
     ) -> Weights:
-        """Weights of a step; see :class:`vibrident.physics.discretisation.Weights`.
+        """Return the weights of a step; see :class:`vibrident.physics.discretisation.Weights`.
 
         Args:
-            values: name → value of the parameters; a complex value makes the weights complex.
+            values: values of the parameters by name; a complex value makes the weights complex.
             interval_s: sampling interval, s.
             fraction: where in the step the output is read at the delay ``delay_s``.
             delay_s: delay for which the inputs were made, s.
@@ -109,13 +112,14 @@ class Trained:
     ) -> DiscreteTransfer:
         """Return the transfer function of a step; arguments as of :meth:`weights`.
 
-        The response is linear in how far the factors' parameters are from those of the inputs.
+        The response is linear in the differences of the factors' parameters from those of the
+        inputs.
         """
         rational = transfer_of(self.weights(values, interval_s, fraction, delay_s))
-        moves = [np.asarray(values[name] - at) for name, at in self.factor_values.items()]
-        if not moves:
+        changes = [np.asarray(values[name] - v) for name, v in self.factor_values.items()]
+        if not changes:
             return rational
-        slopes = [move[..., None, None] * rational.numerator for move in moves]
+        slopes = [change[..., None, None] * rational.numerator for change in changes]
         return rational._replace(numerator=np.concatenate([rational.numerator, *slopes], axis=-1))
 
     def with_slopes(
@@ -125,24 +129,29 @@ class Trained:
 
         The derivatives have a leading axis of P.
         """
-        places = np.array(list(values.values()), dtype=float)
-        steps = STEP * np.maximum(np.abs(places), 1e-30)
-        moved = np.repeat(places[:, None].astype(complex), len(places), axis=1)
-        each = np.arange(len(places))
-        moved[each, each] += 1j * steps
+        parameters = np.array(list(values.values()), dtype=float)
+        steps = STEP * np.maximum(np.abs(parameters), 1e-30)
+        complex_values = np.repeat(parameters[:, None].astype(complex), len(parameters), axis=1)
+        diagonal = np.arange(len(parameters))
+        complex_values[diagonal, diagonal] += 1j * steps
         if not self.method.takes_many:
-            columns = [dict(zip(values, column.tolist(), strict=True)) for column in moved.T]
-            ahead = [self.transfer(column, interval_s, fraction, delay_s) for column in columns]
-            many = DiscreteTransfer(*(np.stack(parts) for parts in zip(*ahead, strict=True)))
-        else:
-            many = self.transfer(
-                dict(zip(values, moved, strict=True)), interval_s, fraction, delay_s
+            columns = [
+                dict(zip(values, column.tolist(), strict=True)) for column in complex_values.T
+            ]
+            transfers = [self.transfer(column, interval_s, fraction, delay_s) for column in columns]
+            shifted = DiscreteTransfer(
+                *(np.stack(arrays) for arrays in zip(*transfers, strict=True))
             )
-        per = 1.0 / steps
+        else:
+            shifted = self.transfer(
+                dict(zip(values, complex_values, strict=True)), interval_s, fraction, delay_s
+            )
+        inverse_step = 1.0 / steps
         slopes = DiscreteTransfer(
-            np.imag(many.denominator) * per[:, None], np.imag(many.numerator) * per[:, None, None]
+            np.imag(shifted.denominator) * inverse_step[:, None],
+            np.imag(shifted.numerator) * inverse_step[:, None, None],
         )
-        return DiscreteTransfer(many.denominator[0].real, many.numerator[0].real), slopes
+        return DiscreteTransfer(shifted.denominator[0].real, shifted.numerator[0].real), slopes
 
 
 def horner(coefficients: FloatArray, w: ComplexArray) -> ComplexArray:

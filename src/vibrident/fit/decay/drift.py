@@ -1,6 +1,7 @@
-"""A straight drift of a free decay's zero, told from slow noise.
+"""Straight drift of the zero of a free decay, separated from slow noise.
 
-Of records with a reference drift is a departure from the fit (:mod:`vibrident.fit.departures.kinds.drift`).
+Of records with a reference drift is a departure from the fit
+(:mod:`vibrident.fit.departures.kinds.drift`).
 """
 
 from __future__ import annotations
@@ -13,16 +14,16 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import hann
 
-#: Slow lines that tell how far noise alone may wander.
+#: Number of slow lines that bound how far noise alone may wander.
 LINES = 8
 #: A drift counts beyond this many standard deviations of the noise of those lines …
-SIGNIFICANT = 8.0
-#: … and above this part of the response's standard deviation.
-LEAST = 0.02
+MIN_RISE_DEVIATIONS = 8.0
+#: … and above this fraction of the standard deviation of the response.
+MIN_RELATIVE_RISE = 0.02
 
 
 def significant_rise(residual: FloatArray, times_s: FloatArray, size: float) -> float:
-    """Slope of a residual, 1/s, beyond what its slow noise allows; zero where it is not.
+    """Return the slope of a residual, 1/s, or zero where its slow noise may explain it.
 
     Args:
         residual: shape (used,); overwritten.
@@ -32,18 +33,16 @@ def significant_rise(residual: FloatArray, times_s: FloatArray, size: float) -> 
     duration = float(np.ptp(times_s))
     times_s -= float(np.mean(times_s))
     rise, deviation = _trend(residual, times_s)
-    return (
-        rise
-        if abs(rise) * duration > max(SIGNIFICANT * deviation * duration, LEAST * size)
-        else 0.0
-    )
+    limit = max(MIN_RISE_DEVIATIONS * deviation * duration, MIN_RELATIVE_RISE * size)
+    return rise if abs(rise) * duration > limit else 0.0
 
 
 def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
-    """Slope by weighted least squares, 1/s, and its standard deviation for noise as strong as the slowest lines.
+    """Return the slope by weighted least squares, 1/s, and its standard deviation.
 
-    The weights fade towards both ends: without them a slope draws noise of all frequencies, and noise of a displacement
-    channel grows with their cube.
+    The deviation is that in noise as strong as the slowest lines. The weights fade towards both
+    ends: without them a slope would draw on noise of all frequencies, and the noise of a
+    displacement channel grows with their cube.
 
     Args:
         residual: shape (used,); overwritten, as a long record has no memory to spare.
@@ -66,10 +65,11 @@ def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
 
 
 def _slow_lines(series: FloatArray) -> ComplexArray:
-    """Lines 2 to LINES + 1 of the discrete Fourier transform, shape (LINES,).
+    """Return lines 2 to LINES + 1 of the discrete Fourier transform, shape (LINES,).
 
-    With sample j = a w + b, e^{−2πi k j/n} is a product of one factor of a and one of b: a product with a matrix does
-    it, for any number of samples, where a fast transform of an unlucky one needs many times the record's memory.
+    With sample j = a w + b, e^{−2πi k j/n} is a product of one factor of a and one of b: a product
+    with a matrix suffices, for any number of samples, where a fast transform of an unfavourable one
+    needs many times the memory of the record.
     """
     n = series.shape[0]
     width = math.isqrt(n)
@@ -77,8 +77,10 @@ def _slow_lines(series: FloatArray) -> ComplexArray:
     turn = -2j * np.pi / n * np.arange(2, 2 + LINES)
     inner = np.exp(np.arange(width)[:, None] * turn)
     outer = np.exp(width * np.arange(rows)[:, None] * turn)
-    body, rest = series[: rows * width].reshape(rows, width), series[rows * width :]
+    body = series[: rows * width].reshape(rows, width)
+    remainder = series[rows * width :]
     sums = body @ inner.real + 1j * (body @ inner.imag)
     return np.asarray(
-        np.sum(outer * sums, axis=0) + rest @ np.exp(np.arange(rows * width, n)[:, None] * turn)
+        np.sum(outer * sums, axis=0)
+        + remainder @ np.exp(np.arange(rows * width, n)[:, None] * turn)
     )

@@ -1,7 +1,7 @@
-"""Free decays alone: the estimator, and what it says of them. Nothing measures what moved the mass.
+"""Estimator of free decays alone, and the messages about them.
 
-So sensitivity (or generator constant), delay and response over frequency stay unknown, and the result does not have
-them.
+Nothing measures the motion that moved the mass. So sensitivity (or generator constant), delay and
+response over frequency stay unknown, and the result does not have them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import Calibration, FloatArray
-from vibrident.fit.decay.examine import Decays, drifts, examine, parts_of, verdict
+from vibrident.fit.decay.examine import Decays, drifts, examine, misfits_of, verdict
 from vibrident.fit.decay.motion import DecayFit, oscillator_of
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings
@@ -24,100 +24,117 @@ from vibrident.physics.models.base import OSCILLATOR as NAMES
 from vibrident.result import ResultWarning
 
 METHOD = (
-    "free decays: maximum likelihood of the free motion, each record with its own initial state, offset and noise; "
-    "nothing measures the excitation, so there is no gain"
+    "free decays: maximum likelihood of the free motion, each record with its own initial state, "
+    "offset and noise; nothing measures the excitation, so there is no gain"
 )
 
 
 @dataclass(frozen=True)
 class FreeDecays(Estimator):
-    """Maximum likelihood of the free motion."""
+    """Maximum-likelihood estimator of the free motion."""
 
     name: ClassVar[str] = "ml"
     title: ClassVar[str] = "maximum likelihood of free decays"
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
-        """Natural frequency and damping ratio."""
-        found = examine(evidence.records, progress)
-        fit = found.fit
+        """Return the estimate of natural frequency and damping ratio."""
+        decays = examine(evidence.records, progress)
+        fit = decays.fit
         assert fit.trace is not None
         return Estimate(
             self.name,
             replace(fit.problem.coordinates, model=evidence.model),
             fit.z,
             fit.covariance,
-            found.freedom,
+            decays.freedom,
             fit.trace,
             equations=float(len(fit.residual)),
-            findings=Findings(decays=found),
+            findings=Findings(decays=decays),
         )
 
 
 def gathered(calibration: Calibration, model: SensorModel) -> Evidence:
-    """Decays made ready. Of the stated systematic effects only the clock's reaches them: all frequencies scale with it.
+    """Return the evidence of a calibration of free decays alone.
+
+    Of the stated systematic effects only that of the clock applies: all frequencies scale with it.
 
     Raises:
-        InputError: no record can be used, or the model has further parameters, which a decay does not determine.
+        InputError: no record can be used, or the model has further parameters, which a decay does
+            not determine.
     """
     _require_one_oscillator(model)
     effects = tuple(effect for effect in calibration.effects if effect.kind == "clock")
-    felt = replace(
+    adapted = replace(
         calibration,
         effects=effects,
         reference_standard_uncertainty=0.0,
         reference_known_response=None,
     )
-    return Evidence.gather(felt, oscillator_of(model))
+    return Evidence.gather(adapted, oscillator_of(model))
 
 
 def decays_at(estimate: Estimate) -> tuple[Decays, DecayFit]:
-    """The decays as they were fitted, and at the values of an estimate, each with the best initial state there."""
-    found = estimate.findings.decays
-    assert isinstance(found, Decays)
-    return found, replace(found.fit, z=estimate.z)
+    """Return the decays as they were fitted, and their fit at the values of an estimate.
+
+    There each has its best initial state.
+    """
+    decays = estimate.findings.decays
+    assert isinstance(decays, Decays)
+    return decays, replace(decays.fit, z=estimate.z)
 
 
 def predicted(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, ...]:
-    """Response of each record, shape (samples,); NaN before it moves freely."""
-    _, at = decays_at(estimate)
-    every = []
-    for index, (record, stretch) in enumerate(zip(evidence.records, at.stretches, strict=True)):
+    """Return the response of each record, shape (samples,); NaN before it moves freely."""
+    _, fit = decays_at(estimate)
+    responses = []
+    for index, (record, stretch) in enumerate(zip(evidence.records, fit.stretches, strict=True)):
         series = np.full(record.samples, np.nan)
-        series[stretch.first : stretch.first + stretch.response.size] = at.predicted(index)
-        every.append(series)
-    return tuple(every)
+        series[stretch.first : stretch.first + stretch.response.size] = fit.predicted(index)
+        responses.append(series)
+    return tuple(responses)
 
 
 def lack_of_fit(estimate: Estimate) -> tuple[tuple[float | None, int, bool], str]:
-    """χ² for each degree of freedom, these, and the verdict; and the message, should it be needed."""
-    found, at = decays_at(estimate)
-    chi2, degrees, adequate = verdict(parts_of(at))
+    """Return the judgement of an estimate and a message of its lack of fit.
+
+    Returns:
+        χ² for each degree of freedom, the degrees, and whether the fit is adequate; and the
+            message.
+    """
+    decays, fit = decays_at(estimate)
+    chi2, degrees, adequate = verdict(misfits_of(fit))
     ratio = chi2 / max(degrees, 1)
     text = (
-        "One linear oscillator does not explain the free decays: the motion in stretches of time is "
-        f"{np.sqrt(ratio):.3g} times as far off as the noise explains (χ²/dof = {ratio:.4g}, {degrees} degrees of "
-        "freedom)."
+        "One linear oscillator does not explain the free decays: the motion in stretches of time "
+        f"is {np.sqrt(ratio):.3g} times as far off as the noise explains (χ²/dof = {ratio:.4g}, "
+        f"{degrees} degrees of freedom)."
     )
-    return (ratio if degrees > 0 else None, degrees, adequate and not found.changes), text
+    return (ratio if degrees > 0 else None, degrees, adequate and not decays.changes), text
 
 
-def said(estimate: Estimate) -> list[ResultWarning]:
-    """Drift, and what changes with the amplitude."""
-    found, at = decays_at(estimate)
-    drifting = [s for index, s in enumerate(at.stretches) if s.drift and drifts(at, index)]
+def decay_warnings(estimate: Estimate) -> list[ResultWarning]:
+    """Return warnings of drift, and of changes with the amplitude."""
+    decays, fit = decays_at(estimate)
+    drifting = [s for index, s in enumerate(fit.stretches) if s.drift and drifts(fit, index)]
     text = "the response drifts; a straight line was fitted along with the decay."
     warnings = [ResultWarning("drift", f"{s.name}: {text}") for s in drifting]
-    return warnings + [ResultWarning("nonlinear", change.words) for change in found.changes]
+    return warnings + [ResultWarning("nonlinear", change.words) for change in decays.changes]
 
 
 def require_plain(estimator: object, *, sampled: bool = False) -> None:
-    """Refuse what is not made for decays alone.
+    """Refuse requests that free decays alone cannot serve.
 
-    ``estimator``: as requested; ``sampled``: whether the posterior was requested.
+    Args:
+        estimator: as requested.
+        sampled: whether the posterior was requested.
+
+    Raises:
+        ModelError: an estimator of networks, or a posterior, is requested.
     """
     if sampled or estimator not in ("auto", FreeDecays.name):
         raise ModelError(
-            "The networks are trained on records with a reference; free decays alone have an estimate of their own.",
+            "The networks are trained on records with a reference; free decays alone have an "
+            "estimate of their own.",
             expected="the estimator 'auto' (or 'ml'), without posterior",
             found=f"free decays only, {'a posterior' if sampled else f'estimator {estimator!r}'}",
             where="estimator",
@@ -126,17 +143,23 @@ def require_plain(estimator: object, *, sampled: bool = False) -> None:
 
 
 def _require_one_oscillator(model: SensorModel) -> None:
-    """Refuse a model with parameters that decays alone do not determine."""
-    parts = [
+    """Refuse a model with parameters that decays alone do not determine.
+
+    Raises:
+        InputError: it has such parameters.
+    """
+    add_ons = [
         addon for addon in model.add_ons if addon.rational is not None or addon.force is not None
     ]
-    more = [spec.name for addon in parts for spec in addon.parameters]
-    if more or model.core.oscillator != NAMES:
-        fitting = [core.name for core in CORES.values() if core.oscillator == NAMES]
+    undetermined = [spec.name for addon in add_ons for spec in addon.parameters]
+    if undetermined or model.core.oscillator != NAMES:
+        suitable = [core.name for core in CORES.values() if core.oscillator == NAMES]
         raise InputError(
             "Free decays alone tell one natural frequency and one damping ratio.",
-            expected=f"the model {' or '.join(fitting)}",
-            found=f"{model.name!r} with {', '.join(more)}" if more else repr(model.name),
+            expected=f"the model {' or '.join(suitable)}",
+            found=f"{model.name!r} with {', '.join(undetermined)}"
+            if undetermined
+            else repr(model.name),
             where="model",
             remedy=f"identify with {model.core.name!r}, or add records with a reference",
         )

@@ -1,17 +1,17 @@
-"""One natural frequency and damping ratio from free decays: the least-squares problem without a reference.
+"""Least-squares problem of one natural frequency and damping ratio from free decays.
 
-Initial state, offset, a straight drift and tones of the mains are nuisance parameters of each record; the best ones are
-solved for at every (fn, δ), and the Jacobian is projected onto what they leave (variable projection; Kaufman 1975,
-Golub & Pereyra 2003). Samples are whitened by the record's own noise, so the estimate is maximum likelihood and its
-covariance the Cramér-Rao bound.
+Initial state, offset, a straight drift and tones of the mains are nuisance parameters of each
+record; the best ones are solved for at every (fn, δ), and the Jacobian is projected onto their
+complement (variable projection; Kaufman 1975, Golub & Pereyra 2003). Samples are whitened by the
+noise of the record, so the estimate is maximum likelihood and its covariance the Cramér-Rao bound.
 
 The free motion of a damped oscillator, at any damping, is
 
     y(t) = e^{-δ ωn t} (a cosh μt + b ωn sinh(μt)/μ),   μ² = ωn² (δ² − 1)
 
-Every output of a linear second-order sensor moves like this when nothing drives it: displacement or velocity pickup,
-delayed or averaged. Both functions depend on μ² alone, so they pass smoothly from oscillation (μ imaginary) to two real
-poles. The gain only scales a and b.
+Every output of a linear second-order sensor moves like this when nothing drives it: displacement or
+velocity pickup, delayed or averaged. Both functions depend on μ² alone, so they pass smoothly from
+oscillation (μ imaginary) to two real poles. The gain only scales a and b.
 """
 
 from __future__ import annotations
@@ -33,22 +33,27 @@ from vibrident.physics.models.base import OSCILLATOR as NAMES
 from vibrident.physics.models.base import Derived
 from vibrident.physics.models.cores.accelerometer import ACCELEROMETER
 
-RANK = 1e-10  # singular values below this part of the largest belong to directions that the samples do not show
+#: Singular values below this fraction of the largest belong to directions without information.
+MIN_SINGULAR_VALUE = 1e-10
 
 
 def oscillator_of(model: SensorModel) -> SensorModel:
-    """What of a model free motion tells: natural frequency, damping ratio, and what follows from these alone."""
+    """Return the part of a model that free motion determines.
+
+    It has natural frequency, damping ratio, and what follows from these alone.
+    """
     core = model.core
-    known = tuple(spec for spec in core.parameters if spec.name in NAMES)
-    others = {spec.name: 1.0 for spec in core.parameters if spec.name not in NAMES}
+    parameters = tuple(spec for spec in core.parameters if spec.name in NAMES)
+    fixed = {spec.name: 1.0 for spec in core.parameters if spec.name not in NAMES}
     derived = tuple(filter(_without_gain, core.derived))
-    response = functools.partial(core.response, **others)
+    response = functools.partial(core.response, **fixed)
     return SensorModel(
-        model.name, replace(core, parameters=known, response=response, derived=derived)
+        model.name, replace(core, parameters=parameters, response=response, derived=derived)
     )
 
 
 def _without_gain(derived: Derived) -> bool:
+    """Return whether a derived quantity needs natural frequency and damping ratio alone."""
     try:
         derived.value(dict.fromkeys(NAMES, 0.1))
     except KeyError:
@@ -62,17 +67,18 @@ OSCILLATOR = oscillator_of(SensorModel("oscillator", ACCELEROMETER))
 def free_motion(
     natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray
 ) -> FloatArray:
-    """The two functions that span the free motion, shape (samples, 2).
+    """Return the two functions that span the free motion, shape (samples, 2).
 
-    ``natural_frequency_hz``: of the undamped oscillator; ``damping_ratio``: any; ``time_s``: from the beginning of the
-    motion, shape (samples,).
+    Args:
+        natural_frequency_hz: of the undamped oscillator.
+        damping_ratio: any.
+        time_s: from the beginning of the motion, shape (samples,).
     """
     angle = 2.0 * np.pi * natural_frequency_hz * np.asarray(time_s, dtype=float)
     square = damping_ratio**2 - 1.0
     if square < 0.0:
-        envelope = np.exp(
-            np.minimum(-damping_ratio * angle, 300.0)
-        )  # a difference about no damping may grow
+        # Differences about no damping may grow.
+        envelope = np.exp(np.minimum(-damping_ratio * angle, 300.0))
         turned = np.sqrt(-square) * angle
         return np.stack(
             [envelope * np.cos(turned), envelope * angle * np.sinc(turned / np.pi)], axis=1
@@ -86,7 +92,10 @@ def free_motion(
 def motion_slopes(
     natural_frequency_hz: float, damping_ratio: float, time_s: FloatArray
 ) -> FloatArray:
-    """Derivatives of :func:`free_motion` by (ln fn, δ), shape (2, samples, 2), by central differences."""
+    """Return the derivatives of :func:`free_motion` by (ln fn, δ), shape (2, samples, 2).
+
+    By central differences.
+    """
 
     def at(log_frequency: float, damping: float) -> FloatArray:
         return free_motion(
@@ -99,176 +108,210 @@ def motion_slopes(
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """The part of a record in which the sensor moves freely."""
+    """Stretch of a record in which the sensor moves freely.
 
-    name: str  # of the record
-    first: int  # index of the stretch's first sample in the record
-    response: FloatArray  # shape (samples,), filled where not valid
-    valid: BoolArray  # shape (samples,)
-    rate_hz: float  # samples per second
-    noise: Noise = WHITE  # what whitens it
-    scale: float = 1.0  # standard deviation of the whitened noise
-    drift: bool = False  # whether a straight line is among the unknowns
-    more: FloatArray | None = (
-        None  # further unknowns' columns, shape (samples, n); None for no further unknowns
-    )
+    Attributes:
+        name: of the record.
+        first: index of the first sample in the record.
+        response: shape (samples,), interpolated where not valid.
+        valid: shape (samples,).
+        rate_hz: sampling rate.
+        noise: that whitens it.
+        scale: standard deviation of the whitened noise.
+        drift: whether a straight line is among the unknowns.
+        further_columns: of further unknowns, shape (samples, n); None without any.
+    """
+
+    name: str
+    first: int
+    response: FloatArray
+    valid: BoolArray
+    rate_hz: float
+    noise: Noise = WHITE
+    scale: float = 1.0
+    drift: bool = False
+    further_columns: FloatArray | None = None
 
     @property
     def time_s(self) -> FloatArray:
-        """From the stretch's first sample."""
+        """Return the times from the first sample of the stretch."""
         return np.arange(self.response.size) / self.rate_hz
 
     @property
     def rows(self) -> BoolArray:
-        """Samples that count once whitened."""
+        """Return which samples count once whitened."""
         return self.noise.rows(self.valid)
 
     def whitened(self, columns: FloatArray) -> FloatArray:
-        """Columns, shape (samples, n), in units of the noise: the rows that count."""
+        """Return the rows that count of columns, shape (samples, n), in units of the noise."""
         return self.noise.applied(columns)[self.rows] / self.scale
 
-    def beside(self) -> FloatArray:
-        """Offset, drift, tones and further linear unknowns, shape (samples, n)."""
+    def nuisance_columns(self) -> FloatArray:
+        """Return offset, drift, tones and further linear unknowns, shape (samples, n)."""
         time = self.time_s
-        parts = [np.ones((time.size, 1))]
+        columns = [np.ones((time.size, 1))]
         if self.drift:
-            parts.append((time / time[-1] - 0.5)[:, None])
-        if self.more is not None:
-            parts.append(self.more)
+            columns.append((time / time[-1] - 0.5)[:, None])
+        if self.further_columns is not None:
+            columns.append(self.further_columns)
         if self.noise.tones_hz:
-            parts.append(tone_columns(self.noise.tones_hz, time))
-        return np.concatenate(parts, axis=1)
+            columns.append(tone_columns(self.noise.tones_hz, time))
+        return np.concatenate(columns, axis=1)
 
 
 def basis_of(columns: FloatArray) -> FloatArray:
-    """Orthonormal basis of columns, shape (rows, rank)."""
-    left, size, _ = np.linalg.svd(unit(columns), full_matrices=False)
-    return left[:, size > RANK * size[0]]
+    """Return an orthonormal basis of columns, shape (rows, rank)."""
+    left_vectors, singular_values, _ = np.linalg.svd(unit(columns), full_matrices=False)
+    return left_vectors[:, singular_values > MIN_SINGULAR_VALUE * singular_values[0]]
 
 
 def unit(columns: FloatArray) -> FloatArray:
-    """Columns of unit length; those of zeros stay."""
+    """Return columns scaled to unit length; those of zeros stay."""
     return columns / _sizes(columns)
 
 
 def _sizes(columns: FloatArray) -> FloatArray:
+    """Return the length of each column, one for a column of zeros."""
     sizes = np.linalg.norm(columns, axis=0)
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """A stretch at one (fn, δ), with the nuisance parameters at their best."""
+    """Stretch at one (fn, δ), with the nuisance parameters at their best.
 
-    residual: FloatArray  # whitened, shape (rows,)
-    jacobian: FloatArray  # of it by (ln fn, δ), projected, shape (rows, 2)
-    spanned: FloatArray  # orthonormal basis of the nuisance columns, shape (rows, n)
-    linear: FloatArray  # the nuisance parameters: the two of the motion first
+    Attributes:
+        residual: whitened, shape (rows,).
+        jacobian: of the residual by (ln fn, δ), projected, shape (rows, 2).
+        spanned: orthonormal basis of the nuisance columns, shape (rows, n).
+        linear: the nuisance parameters, the two of the motion first.
+    """
+
+    residual: FloatArray
+    jacobian: FloatArray
+    spanned: FloatArray
+    linear: FloatArray
 
 
 def projected(stretch: Stretch, natural_frequency_hz: float, damping_ratio: float) -> Projected:
-    """Solve for everything linear at given (fn, δ)."""
+    """Return a stretch at (fn, δ), solved for everything linear."""
     time = stretch.time_s
     motion = free_motion(natural_frequency_hz, damping_ratio, time)
-    columns = np.concatenate([motion, stretch.beside()], axis=1)
-    seen = stretch.whitened(columns)
-    sizes = _sizes(seen)
-    u, s, vt = np.linalg.svd(seen / sizes, full_matrices=False)
-    kept = s > RANK * s[0]
-    spanned = u[:, kept]
+    columns = np.concatenate([motion, stretch.nuisance_columns()], axis=1)
+    whitened = stretch.whitened(columns)
+    sizes = _sizes(whitened)
+    u, s, vt = np.linalg.svd(whitened / sizes, full_matrices=False)
+    independent = s > MIN_SINGULAR_VALUE * s[0]
+    spanned = u[:, independent]
     target = stretch.whitened(stretch.response[:, None])[:, 0]
-    linear = (vt[kept].T @ ((spanned.T @ target) / s[kept])) / sizes
+    linear = (vt[independent].T @ ((spanned.T @ target) / s[independent])) / sizes
     slopes = motion_slopes(natural_frequency_hz, damping_ratio, time) @ linear[:2]
-    turned = stretch.whitened(slopes.T)
-    turned = turned - spanned @ (spanned.T @ turned)
-    return Projected(target - spanned @ (spanned.T @ target), -turned, spanned, linear)
+    jacobian = stretch.whitened(slopes.T)
+    jacobian = jacobian - spanned @ (spanned.T @ jacobian)
+    return Projected(target - spanned @ (spanned.T @ target), -jacobian, spanned, linear)
 
 
 @dataclass(frozen=True, eq=False)
 class DecayProblem:
-    """Stretches of free motion of one oscillator, each with its own nuisance parameters and noise."""
+    """Stretches of free motion of one oscillator, each with its own nuisance parameters and noise.
+
+    Attributes:
+        stretches: the stretches.
+        coordinates: of natural frequency and damping ratio.
+    """
 
     stretches: tuple[Stretch, ...]
-    coordinates: Coordinates  # of natural frequency and damping ratio
+    coordinates: Coordinates
 
     @classmethod
     def about(
         cls, stretches: Sequence[Stretch], natural_frequency_hz: float, damping_ratio: float
     ) -> DecayProblem:
-        """With coordinates that begin at these values."""
+        """Return the problem with coordinates that begin at these values."""
         lowest = 1.0 / max(s.response.size / s.rate_hz for s in stretches)
         band = lowest, 0.5 * max(s.rate_hz for s in stretches)
         start = dict[str, float](zip(NAMES, (natural_frequency_hz, damping_ratio), strict=True))
         return cls(tuple(stretches), Coordinates.at(OSCILLATOR, start, band))
 
     def at(self, z: FloatArray) -> tuple[Projected, ...]:
-        """Every stretch at coordinates ``z``, shape (2,)."""
+        """Return every stretch at coordinates ``z``, shape (2,)."""
         values = self.coordinates.values(z)
         return tuple(
             projected(stretch, *(values[name] for name in NAMES)) for stretch in self.stretches
         )
 
     def normal(self, z: FloatArray, _: Any = None) -> Local:
-        """Cost, gradient and normal matrix at ``z``, shape (2,)."""
-        found, slopes = self.at(z), self.coordinates.slopes(z)
-        turn = slopes / [self.coordinates.values(z)[NAMES[0]], 1.0]
+        """Return cost, gradient and normal matrix at ``z``, shape (2,)."""
+        stretches = self.at(z)
+        slopes = self.coordinates.slopes(z)
+        scale = slopes / [self.coordinates.values(z)[NAMES[0]], 1.0]
         residual, jacobian = (
-            np.concatenate([getattr(one, x) for one in found]) for x in ("residual", "jacobian")
+            np.concatenate([getattr(stretch, name) for stretch in stretches])
+            for name in ("residual", "jacobian")
         )
-        return Local.of(residual, jacobian * turn)
+        return Local.of(residual, jacobian * scale)
 
 
 @dataclass(frozen=True, eq=False)
 class DecayFit:
-    """A decay problem at its optimum, or where it is looked at."""
+    """Decay problem at its optimum or another point.
+
+    Attributes:
+        problem: the problem.
+        z: coordinates, shape (2,).
+        trace: of the descent, if any.
+    """
 
     problem: DecayProblem
-    z: FloatArray  # shape (2,)
-    trace: Trace | None = None  # of the descent
+    z: FloatArray
+    trace: Trace | None = None
 
     @functools.cached_property
     def values(self) -> tuple[float, float]:
-        """Natural frequency, Hz, and damping ratio."""
-        found = self.problem.coordinates.values(self.z)
-        return found[NAMES[0]], found[NAMES[1]]
+        """Return natural frequency, Hz, and damping ratio."""
+        values = self.problem.coordinates.values(self.z)
+        return values[NAMES[0]], values[NAMES[1]]
 
     @property
     def stretches(self) -> tuple[Stretch, ...]:
-        """With their noise."""
+        """Return the stretches with their noise."""
         return self.problem.stretches
 
     @functools.cached_property
     def parts(self) -> tuple[Projected, ...]:
-        """The stretches there."""
+        """Return the stretches at the point of the fit."""
         return self.problem.at(self.z)
 
     @property
     def residual(self) -> FloatArray:
-        """Whitened, of all stretches, shape (rows,)."""
-        return np.concatenate([part.residual for part in self.parts])
+        """Return the whitened residual of all stretches, shape (rows,)."""
+        return np.concatenate([stretch.residual for stretch in self.parts])
 
     @property
     def cost(self) -> float:
-        """Sum of squares of the whitened residual."""
+        """Return the sum of squares of the whitened residual."""
         return float(self.residual @ self.residual)
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the coordinates, for whitened noise of variance one, shape (2, 2)."""
+        """Return the covariance of the coordinates in unit noise, shape (2, 2)."""
         return inverse_normal(np.asarray(self.problem.normal(self.z).matrix))
 
     def free(self, index: int = 0) -> FloatArray:
-        """The motion of a stretch, without offset, drift and tones, shape (samples,)."""
+        """Return the motion of a stretch, without offset, drift and tones, shape (samples,)."""
         return (
             free_motion(*self.values, self.stretches[index].time_s) @ self.parts[index].linear[:2]
         )
 
     def predicted(self, index: int) -> FloatArray:
-        """All of a stretch that is no noise, shape (samples,)."""
-        return self.free(index) + self.stretches[index].beside() @ self.parts[index].linear[2:]
+        """Return everything in a stretch that is no noise, shape (samples,)."""
+        return (
+            self.free(index)
+            + self.stretches[index].nuisance_columns() @ self.parts[index].linear[2:]
+        )
 
-    def again(self, *stretches: Stretch) -> DecayFit:
-        """Other stretches, fitted from here."""
+    def refitted(self, *stretches: Stretch) -> DecayFit:
+        """Return the fit of other stretches, started from this one."""
         return fit(stretches, *self.values)
 
 
@@ -278,13 +321,20 @@ def fit(
     damping_ratio: float,
     progress: Progress = silent,
 ) -> DecayFit:
-    """The optimum from a start, beside the reflection at no damping."""
+    """Return the optimum from a start value.
+
+    A start of no or negative damping is moved off zero, where the coordinate is reflected.
+    """
     problem = DecayProblem.about(stretches, natural_frequency_hz, max(damping_ratio, 1e-6))
     trace = levenberg_marquardt(problem.normal, problem.coordinates.first, None, progress=progress)
     return DecayFit(problem, trace.last, trace)
 
 
 def shortened(stretch: Stretch, first: int, last: int | None = None) -> Stretch:
-    """The samples of a stretch from ``first`` to ``last``, as a stretch."""
-    response, valid = stretch.response[first:last], stretch.valid[first:last]
-    return replace(stretch, first=stretch.first + first, response=response, valid=valid)
+    """Return the samples of a stretch from ``first`` to ``last`` as a stretch."""
+    return replace(
+        stretch,
+        first=stretch.first + first,
+        response=stretch.response[first:last],
+        valid=stretch.valid[first:last],
+    )

@@ -1,7 +1,8 @@
-"""The noise beside a decay: whitened by an autoregression, with the significant tones as unknowns.
+"""Noise of a decay: whitened by an autoregression, with the significant tones as unknowns.
 
-An autoregressive filter whitens samples from their own past alone. It needs no window and no record that closes on
-itself, so a decay that is far from periodic is weighed exactly (Kay, Modern Spectral Estimation, 1988, ch. 6).
+An autoregressive filter whitens samples from their own past alone. It needs no window and no
+periodic record, so a decay that is far from periodic is weighted exactly (Kay, Modern Spectral
+Estimation, 1988, ch. 6).
 """
 
 from __future__ import annotations
@@ -15,34 +16,40 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.autoregression import yule_walker
 
-TONE_POWER = (
-    20.0  # a tone is above this multiple of the levels around it; false alarms: e^-20 a line
-)
-MOST_TONES = 8  # most tones of a record
+#: A tone is above this multiple of the levels around it; false alarms: e^-20 a line.
+MIN_TONE_POWER = 20.0
+#: Most tones of a record.
+MAX_TONES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What whitens a record."""
+    """Noise of a record.
 
-    whitening: FloatArray  # coefficients of the prediction-error filter, the first of them one; shape (order + 1,)
-    tones_hz: tuple[float, ...] = ()  # tones in the record beside the motion
+    Attributes:
+        whitening: coefficients of the prediction-error filter, the first of them one, shape (order
+            + 1,).
+        tones_hz: tones in the record beside the motion.
+    """
+
+    whitening: FloatArray
+    tones_hz: tuple[float, ...] = ()
 
     def applied(self, columns: FloatArray) -> FloatArray:
-        """Columns, shape (samples, n), whitened; the first samples lack their past."""
-        found = np.zeros_like(columns)
+        """Return columns, shape (samples, n), whitened; the first samples lack their past."""
+        whitened = np.zeros_like(columns)
         for shift, coefficient in enumerate(self.whitening[: len(columns)]):
-            found[shift:] += coefficient * columns[: len(columns) - shift]
-        return found
+            whitened[shift:] += coefficient * columns[: len(columns) - shift]
+        return whitened
 
     def rows(self, valid: BoolArray) -> BoolArray:
-        """Samples whose whole past is valid, shape (samples,)."""
+        """Return the samples whose whole past is valid, shape (samples,)."""
         order = len(self.whitening) - 1
-        known = valid.copy()
-        known[:order] = False
+        past_valid = valid.copy()
+        past_valid[:order] = False
         for shift in range(1, order + 1):
-            known[shift:] &= valid[:-shift]
-        return known
+            past_valid[shift:] &= valid[:-shift]
+        return past_valid
 
 
 WHITE = Noise(np.ones(1))
@@ -54,31 +61,36 @@ def tones_of(
     skip_hz: tuple[float, float],
     known_hz: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
-    """Significant tones of a residual, after the known ones.
+    """Return the significant tones of a residual, after the known ones.
 
-    ``residual``: shape (samples,); zero where it is not known; ``skip_hz``: band in which a line is motion and no tone;
-    ``known_hz``: tones that were taken out already.
+    Args:
+        residual: shape (samples,); zero where it is not known.
+        rate_hz: sampling rate.
+        skip_hz: band in which a line is motion and no tone.
+        known_hz: tones that were subtracted already.
     """
-    rest, tones = np.array(residual), []
-    for _ in range(MOST_TONES - len(known_hz)):
-        tone = _tone(rest, rate_hz, skip_hz)
+    remainder = np.array(residual)
+    tones = []
+    for _ in range(MAX_TONES - len(known_hz)):
+        tone = _tone(remainder, rate_hz, skip_hz)
         if tone is None:
             break
-        tones.append(_refined(rest, tone, rate_hz))
-        basis = tone_columns(tuple(tones), np.arange(rest.size) / rate_hz)
-        rest = residual - basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+        tones.append(_refined(remainder, tone, rate_hz))
+        basis = tone_columns(tuple(tones), np.arange(remainder.size) / rate_hz)
+        remainder = residual - basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
     return (*known_hz, *tones)
 
 
 def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:
-    """Cosine and sine of each tone, shape (samples, 2 tones)."""
+    """Return cosine and sine of each tone, shape (samples, 2 tones)."""
     angle = 2.0 * np.pi * np.outer(time_s, np.array(tones_hz))
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) -> float | None:
-    """Frequency of a significant line, refined between the lines; None if no line is significant."""
-    size, width = fast_length(2 * residual.size), 64
+    """Return the frequency of a significant line, interpolated; None if no line is significant."""
+    size = fast_length(2 * residual.size)
+    width = 64
     power = np.abs(np.asarray(fft.rfft(residual * np.hanning(residual.size), size))) ** 2
     step = rate_hz / size
     if power.size < 4 * width:
@@ -91,21 +103,22 @@ def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) ->
     ratio[(frequency >= skip_hz[0] - 8 * step) & (frequency <= skip_hz[1] + 8 * step)] = 0.0
     ratio[:16] = 0.0
     ratio[-4:] = 0.0
-    at = int(np.argmax(ratio))
-    if ratio[at] < TONE_POWER:
+    peak = int(np.argmax(ratio))
+    if ratio[peak] < MIN_TONE_POWER:
         return None
-    left, centre, right = np.sqrt(power[at - 1 : at + 2])
+    before, centre, after = np.sqrt(power[peak - 1 : peak + 2])
     return float(
-        (at + 0.5 * (right - left) / max(2.0 * centre - left - right, 1e-12 * centre)) * step
+        (peak + 0.5 * (after - before) / max(2.0 * centre - before - after, 1e-12 * centre)) * step
     )
 
 
 def _refined(residual: FloatArray, tone_hz: float, rate_hz: float) -> float:
-    """Frequency of a tone by least squares, Gauss-Newton from its line."""
+    """Return the frequency of a tone by least squares, Gauss-Newton from its line."""
     time = np.arange(residual.size) / rate_hz
     for _ in range(3):
         angle = 2.0 * np.pi * tone_hz * time
-        cosine, sine = np.cos(angle), np.sin(angle)
+        cosine = np.cos(angle)
+        sine = np.sin(angle)
         basis = np.stack([cosine, sine], axis=1)
         a, b = np.linalg.lstsq(basis, residual, rcond=None)[0]
         slope = 2.0 * np.pi * time * (b * cosine - a * sine)
@@ -119,14 +132,16 @@ def _refined(residual: FloatArray, tone_hz: float, rate_hz: float) -> float:
 
 
 def autoregression(residual: FloatArray) -> FloatArray:
-    """Prediction-error filter by the Yule-Walker equations, with the order of least BIC."""
+    """Return the prediction-error filter of least BIC by the Yule-Walker equations."""
     count = residual.size
-    most = min(64, count // 20)  # twenty samples for each order
+    max_order = min(64, count // 20)  # twenty samples for each order
     size = fast_length(2 * count)
     lags = (
-        np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[: most + 1]
+        np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[
+            : max_order + 1
+        ]
         / count
     )
-    if lags[0] <= 0.0 or most < 1:
+    if lags[0] <= 0.0 or max_order < 1:
         return np.ones(1)
     return yule_walker(lags, count)[0]

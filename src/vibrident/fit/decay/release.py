@@ -1,7 +1,8 @@
-"""Where in a record the free motion begins, and about which one it is.
+"""The release: where in a record the free motion begins, and a first fit of it.
 
-A record may begin inside the motion, or long before it: at rest, held aside, or under the knock that starts it. What
-lies before the release is not free motion, so a window that includes it cannot be fitted by one.
+A record may begin inside the motion, or long before it: at rest, held aside, or under the knock
+that starts it. Samples before the release are not free motion, so a window that includes them
+cannot be fitted by one.
 """
 
 from __future__ import annotations
@@ -16,68 +17,84 @@ from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.decay.motion import DecayFit, Stretch, fit, free_motion, shortened
 
-SURELY_FREE = (
-    0.7  # the last sample of at least this part of the largest deviation lies after the release
-)
-#: Damping ratios tried at every frequency.
+#: The last sample of at least this fraction of the largest deviation lies after the release.
+FREE_FRACTION = 0.7
+#: Damping ratios that are tried at every frequency.
 DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.5, 4.0, 8.0)
-MOST_POINTS = 3000  # most samples of a trial
-LARGER = 3.0  # a window is no free motion where its residual exceeds that of the windows after the release by so much
-FEWEST = 16  # fewest samples of a window
-ABRUPT = 0.08  # a release is abrupt: a residual below this part of the motion may be the sensor's own bend
-ALIEN = 0.01  # one or two first samples are not of the motion below this probability: leaving them out costs little
-ALIEN_LATER = 5e-4  # the probability where more are left out
+#: Most samples of a trial.
+MAX_POINTS = 3000
+#: A window is no free motion where its residual exceeds that after the release by this factor.
+MAX_MISFIT_RATIO = 3.0
+#: Fewest samples of a window.
+MIN_SAMPLES = 16
+#: A release is abrupt: a residual below this fraction of the motion may be a nonlinearity.
+MIN_RELEASE_MISFIT = 0.08
+#: One or two first samples are not of the motion below this probability, as they cost little …
+FOREIGN_PROBABILITY = 0.01
+#: … and more of them below this one.
+FOREIGN_PROBABILITY_OF_MORE = 5e-4
 
 
 def free_stretch(record: Record) -> DecayFit:
-    """The free part of a record, fitted with equal weights.
+    """Return the fit, with equal weights, of the free part of a record.
 
-    ``record``: screened, with a response that changes.
+    Args:
+        record: screened, with a response that changes.
     """
     valid = record.mask
     index = np.arange(record.samples)
     response = np.interp(index, index[valid], record.response[valid])
-    whole = Stretch(record.name, 0, response, np.array(valid), record.sampling_rate_hz)
+    complete = Stretch(record.name, 0, response, np.array(valid), record.sampling_rate_hz)
     tail = float(np.median(response[-max(8, response.size // 10) :]))
-    away = np.abs(response - tail)
-    safe = int(np.flatnonzero(away >= SURELY_FREE * np.max(away))[-1])
-    safe = min(safe, response.size - min(response.size, 4 * FEWEST))
-    found = started(shortened(whole, safe))
-    whole = replace(whole, scale=found.stretches[0].scale)
-    extended = found.again(shortened(whole, _extended(whole, found, safe)))
+    deviation = np.abs(response - tail)
+    safe = int(np.flatnonzero(deviation >= FREE_FRACTION * np.max(deviation))[-1])
+    safe = min(safe, response.size - min(response.size, 4 * MIN_SAMPLES))
+    decay = started(shortened(complete, safe))
+    complete = replace(complete, scale=decay.stretches[0].scale)
+    extended = decay.refitted(shortened(complete, _extended(complete, decay, safe)))
     first = extended.stretches[0].first
-    for sooner in sorted({0, _onset(response)}):
-        if sooner < first and _as_good(
-            trial := started(shortened(whole, sooner), whole.scale), extended
+    for earlier in sorted({0, _onset(response)}):
+        if earlier < first and _as_good(
+            trial := started(shortened(complete, earlier), complete.scale), extended
         ):
             return trial
     return extended
 
 
 def _onset(response: FloatArray) -> int:
-    """First sample that differs significantly from the initial level of the record."""
+    """Return the first sample that differs significantly from the initial level of the record."""
     block = max(8, response.size // 50)
     level = float(np.median(response[:block]))
     spread = float(np.ptp(response[:block]))
     return int(np.argmax(np.abs(response - level) > 1.5 * spread))
 
 
-def _as_good(sooner: DecayFit, later: DecayFit) -> bool:
-    """Whether the motion before a later beginning is explained as well as the remainder: it may hold a fast pole."""
-    ahead = later.stretches[0].first - sooner.stretches[0].first
-    residual, level = sooner.residual, _swing(later.residual)
-    if _swing(residual[ahead:]) > 1.1 * level:
+def _as_good(earlier: DecayFit, later: DecayFit) -> bool:
+    """Return whether the motion before a later beginning is explained as well as the remainder.
+
+    It may hold a fast pole.
+    """
+    ahead = later.stretches[0].first - earlier.stretches[0].first
+    residual = earlier.residual
+    level = _rms(later.residual)
+    if _rms(residual[ahead:]) > 1.1 * level:
         return False
-    width = max(FEWEST, ahead // 8)
+    width = max(MIN_SAMPLES, ahead // 8)
     pieces = (residual[k : k + width] for k in range(0, max(ahead, 1), width))
-    return max(map(_swing, pieces)) < 2.0 * level
+    return max(map(_rms, pieces)) < 2.0 * level
 
 
 def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
-    """The best fit from a grid of starts; ``scale``: of equal weights, None for what the best start leaves."""
+    """Return the best fit from a grid of starts.
+
+    Args:
+        stretch: of free motion.
+        scale: of equal weights; None for the residual of the best start.
+    """
     costs = []
     points = _points(stretch.response.size)
-    time, values = points / stretch.rate_hz, stretch.response[points]
+    time = points / stretch.rate_hz
+    values = stretch.response[points]
     total = float(np.sum((values - values.mean()) ** 2)) or 1.0
     for frequency in _frequencies(stretch):
         for damping in DAMPING_GRID:
@@ -100,41 +117,43 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
             best.append(candidate)
         if len(best) == 3:
             break
-    left = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
-    weighed = replace(stretch, scale=scale or float(left))
+    residual_rms = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
+    weighted = replace(stretch, scale=scale or float(residual_rms))
     return min(
-        (fit([weighed], natural, damping) for _, natural, damping in best), key=lambda one: one.cost
+        (fit([weighted], natural, damping) for _, natural, damping in best),
+        key=lambda decay: decay.cost,
     )
 
 
 def _points(samples: int) -> np.ndarray:
-    """Samples for the grid: every one at the beginning, where the motion is, fewer later."""
-    if samples <= MOST_POINTS:
+    """Return samples for the grid: all at the beginning, where the motion is, fewer later."""
+    if samples <= MAX_POINTS:
         return np.arange(samples)
-    near = np.arange(MOST_POINTS // 3)
+    near = np.arange(MAX_POINTS // 3)
     return np.unique(
-        np.concatenate([near, np.linspace(0, samples - 1, 2 * MOST_POINTS // 3).astype(int)])
+        np.concatenate([near, np.linspace(0, samples - 1, 2 * MAX_POINTS // 3).astype(int)])
     )
 
 
 def _frequencies(stretch: Stretch) -> FloatArray:
-    """The highest peaks of the spectrum, and a grid over all frequencies."""
+    """Return the highest peaks of the spectrum, and a grid over all frequencies."""
     values = stretch.response - stretch.response[-max(8, stretch.response.size // 10) :].mean()
     size = fast_length(4 * values.size)
     power = np.abs(np.asarray(fft.rfft(values, size)))
     tops = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     tops = tops[np.argsort(power[tops])[::-1][:5]]
-    low, high = 0.2 * stretch.rate_hz / values.size, 0.48 * stretch.rate_hz
+    low = 0.2 * stretch.rate_hz / values.size
+    high = 0.48 * stretch.rate_hz
     return np.concatenate([tops * stretch.rate_hz / size, np.geomspace(low, high, 40)])
 
 
-def _extended(whole: Stretch, found: DecayFit, safe: int) -> int:
-    """First sample of the motion, looked for backwards from one that surely belongs to it."""
-    length = _window(found)
-    offset = float(found.parts[0].linear[2])
-    motion = free_motion(*found.values, np.arange(length) / whole.rate_hz)
+def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
+    """Return the first sample of the motion, searched backwards from one that surely is."""
+    length = _window(decay)
+    offset = float(decay.parts[0].linear[2])
+    motion = free_motion(*decay.values, np.arange(length) / complete.rate_hz)
     basis = np.linalg.qr(motion / np.maximum(np.linalg.norm(motion, axis=0), 1e-300))[0]
-    values = whole.response - offset
+    values = complete.response - offset
 
     def misfit(first: int) -> float:
         window = values[first : first + length]
@@ -148,53 +167,63 @@ def _extended(whole: Stretch, found: DecayFit, safe: int) -> int:
     first = safe
     while first > 0:
         trial = max(0, first - step)
-        if misfit(trial) > max(LARGER * scale, ABRUPT * _swing(values[trial : trial + length])):
+        if misfit(trial) > max(
+            MAX_MISFIT_RATIO * scale, MIN_RELEASE_MISFIT * _rms(values[trial : trial + length])
+        ):
             return first
         first = trial
     return 0
 
 
-def trimmed(found: DecayFit) -> DecayFit:
-    """Without the samples at the beginning that the motion does not reach.
+def trimmed(decay: DecayFit) -> DecayFit:
+    """Return the fit without the samples at the beginning that do not belong to the motion.
 
-    Nested fits, with and without the first samples, differ in cost by a χ² of as many degrees of freedom as samples
-    were left out, if those belong to the motion. The noise must be known.
+    Nested fits, with and without the first samples, differ in cost by a χ² of as many degrees of
+    freedom as samples were left out, if those belong to the motion. The noise must be known.
     """
-    most, gone = _window(found) // 2 + 2, 0
-    while gone < most and found.stretches[0].response.size - most >= 4 * FEWEST:
-        shorter = _without_alien(found, most)
+    limit = _window(decay) // 2 + 2
+    removed = 0
+    while removed < limit and decay.stretches[0].response.size - limit >= 4 * MIN_SAMPLES:
+        shorter = _without_foreign(decay, limit)
         if shorter is None:
             break
-        gone += shorter.stretches[0].first - found.stretches[0].first
-        found = shorter
-    return found
+        removed += shorter.stretches[0].first - decay.stretches[0].first
+        decay = shorter
+    return decay
 
 
-def without_first(found: DecayFit) -> DecayFit:
-    """Without the first sample, within which the release may lie."""
-    if found.stretches[0].response.size < 4 * FEWEST:
-        return found
-    return found.again(shortened(found.stretches[0], 1))
+def without_first(decay: DecayFit) -> DecayFit:
+    """Return the fit without the first sample, within which the release may lie."""
+    if decay.stretches[0].response.size < 4 * MIN_SAMPLES:
+        return decay
+    return decay.refitted(shortened(decay.stretches[0], 1))
 
 
-def _without_alien(found: DecayFit, most: int) -> DecayFit | None:
-    """The fit without the fewest first samples that do not belong to it; None where all do."""
-    for count in np.unique(np.geomspace(1, most, 8).astype(int)):
-        trial = found.again(shortened(found.stretches[0], int(count)))
-        rows = len(found.residual) - len(trial.residual)
-        rare = ALIEN if count <= 2 else ALIEN_LATER
-        if rows > 0 and chi2_tail(rows, max(found.cost - trial.cost, 0.0)) < rare:
+def _without_foreign(decay: DecayFit, limit: int) -> DecayFit | None:
+    """Return the fit without the fewest first samples that do not belong to it.
+
+    None where all belong.
+    """
+    for count in np.unique(np.geomspace(1, limit, 8).astype(int)):
+        trial = decay.refitted(shortened(decay.stretches[0], int(count)))
+        rows = len(decay.residual) - len(trial.residual)
+        probability = FOREIGN_PROBABILITY if count <= 2 else FOREIGN_PROBABILITY_OF_MORE
+        if rows > 0 and chi2_tail(rows, max(decay.cost - trial.cost, 0.0)) < probability:
             return trial
     return None
 
 
-def _window(found: DecayFit) -> int:
-    """Samples over which the motion changes: a period, or the slow time constant of a heavily damped sensor."""
-    stretch = found.stretches[0]
-    natural, damping = found.values
+def _window(decay: DecayFit) -> int:
+    """Return the number of samples over which the motion changes.
+
+    A period, or the slow time constant of a heavily damped sensor.
+    """
+    stretch = decay.stretches[0]
+    natural, damping = decay.values
     length = stretch.rate_hz / natural * max(1.0, 1.5 * damping)
-    return int(np.clip(round(length), FEWEST, max(FEWEST, stretch.response.size // 3)))
+    return int(np.clip(round(length), MIN_SAMPLES, max(MIN_SAMPLES, stretch.response.size // 3)))
 
 
-def _swing(values: FloatArray) -> float:
+def _rms(values: FloatArray) -> float:
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))

@@ -21,7 +21,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.rows import LOST, in_time, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors, ExactSums, RecordInformation, Sums
 from vibrident.fit.information import inverse_where_shown
-from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
 from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
@@ -337,7 +337,7 @@ class WhitenedGroup:
         """Return the power of the errors of converters and interpolation, whitened, shape (R,)."""
         motion = self.freed(self.whiten(self.gain_and_time[:, :1]))
         powers = [np.einsum("rmi,rmi->r", rows, rows) for rows in (self.errors.rounding, motion)]
-        return powers[0] + LEAST_DEVIATION**2 * powers[1]
+        return powers[0] + MIN_RELATIVE_DEVIATION**2 * powers[1]
 
     @functools.cached_property
     def _jacobian_in_time(self) -> FloatArray:

@@ -23,7 +23,7 @@ from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import free_exponents
-from vibrident.fit.response.transform import SHORTEST, waves
+from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, waves
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.linearised import Linearised
 
@@ -125,7 +125,7 @@ def _parts_of_segments(
     """Yield the segments that the fit is of, at all bins that count."""
     tones = tones_of(evidence)
     segments = in_noise.band.problem.segments
-    for place in in_noise.places(estimate.z, estimate.coordinates, whole=True):
+    for place in in_noise.places(estimate.z, estimate.coordinates, all_bins=True):
         grid = place.group.grid
         if not grid.driven:
             continue
@@ -138,7 +138,7 @@ def _parts_of_segments(
                 if place.group.used is None
                 else place.group.used[row]
             )
-            if used.sum() < SHORTEST:
+            if used.sum() < MIN_SPECTRUM_SAMPLES:
                 continue
             residual = place.rows.residual[row]
             jacobian = place.rows.jacobian[row]
@@ -254,13 +254,13 @@ def tones_of(evidence: Evidence) -> dict[int, float]:
 def _spans(record: Record, series: FloatArray) -> list[slice]:
     """Return the pieces of what is predicted of a record; none where that is too short."""
     used = record.mask & np.isfinite(series)
-    if used.sum() < SHORTEST:
+    if used.sum() < MIN_SPECTRUM_SAMPLES:
         return []
     first = int(np.argmax(used))
     last = used.size - int(np.argmax(used[::-1]))
     pieces = _pieces(fast_below(last - first, MAX_LOST))
     spans = [slice(first + piece.start, first + piece.stop) for piece in pieces]
-    return [span for span in spans if used[span].sum() >= SHORTEST]
+    return [span for span in spans if used[span].sum() >= MIN_SPECTRUM_SAMPLES]
 
 
 def _pieces(samples: int) -> list[slice]:
@@ -270,7 +270,7 @@ def _pieces(samples: int) -> list[slice]:
     """
     if samples <= MAX_PIECE_SAMPLES:
         return [slice(0, samples)]
-    begins = np.arange(0, samples - SHORTEST, MAX_PIECE_SAMPLES)
+    begins = np.arange(0, samples - MIN_SPECTRUM_SAMPLES, MAX_PIECE_SAMPLES)
     chosen = begins[
         np.unique(np.linspace(0, begins.size - 1, min(begins.size, MAX_PIECES)).astype(int))
     ]

@@ -10,8 +10,8 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.descent.weighed import freed
+from vibrident.fit.noise.incoherent import HEARD_RATIO
 from vibrident.fit.noise.leakage import beside_leakage
-from vibrident.fit.noise.reading import HEARD_RATIO
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import HARMONICS

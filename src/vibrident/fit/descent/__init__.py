@@ -1,1 +1,1 @@
-"""From a start to the optimum: Levenberg and Marquardt, reweighted by the noise; the covariance there."""
+"""Descent from a start to the optimum, reweighted by the noise; the covariance there."""

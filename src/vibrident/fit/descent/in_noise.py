@@ -1,4 +1,4 @@
-"""Maximum likelihood in the noise of both channels: descent and noise, in turn.
+"""Likelihood of the records in the noise of both channels, and its iterates.
 
 One criterion serves every motion and reference quantity (errors in variables; Pintelon & Schoukens
 2012, ch. 9):
@@ -6,8 +6,9 @@ One criterion serves every motion and reference quantity (errors in variables; P
     V(z) = Σ |R|² / S(z),    S(z) = S_y + S_x |H(z)|²,
 
 with S_y and S_x the noise of the response and of the reference. Its gradient is that at the most
-likely motion X̂ = X + S_x H* R / S; damped Gauss–Newton steps have V as merit. The noise is read
-from what of R is incoherent with the motion, and the descent goes on until the estimate stays.
+likely motion X̂ = X + S_x H* R / S; damped Gauss–Newton steps have V as merit. The noise is
+estimated from the component of R that is incoherent with the motion, and the descent goes on until
+the estimate stays.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from vibrident.physics.models.slopes import response_and_slopes
 
 @dataclass(frozen=True, eq=False)
 class GroupWeights:
-    """Noise of a group's bins.
+    """Noise of the bins of a group.
 
     Attributes:
         response: PSD of the noise of the response, shape (R, K).
         reference: PSD of the noise of the reference, shape (R, K).
-        excited: weight of each bin beside its noise, shape (R, K).
+        excited: weight of each bin in addition to its noise, shape (R, K).
     """
 
     response: FloatArray
@@ -44,23 +45,28 @@ class GroupWeights:
 
     @classmethod
     def white(cls, group: Group, variance: FloatArray) -> GroupWeights:
-        """Return white noise of the response alone; ``variance``: of each segment, shape (R,)."""
+        """Return white noise of the response alone.
+
+        Args:
+            group: the segments.
+            variance: of each segment, shape (R,).
+        """
         level = np.broadcast_to(variance[:, None], group.response.shape)
         return cls(level, np.zeros_like(level), np.ones_like(level))
 
     def psd(self, through: FloatArray) -> FloatArray:
-        """Return S, shape (R, K); ``through``: |H|², shape (K,)."""
+        """Return S, shape (R, K), given |H|², shape (K,)."""
         return self.response + self.reference * through
 
     @property
     def has_reference(self) -> bool:
-        """Whether noise of the reference counts."""
+        """Return whether noise of the reference counts."""
         return bool(np.any(self.reference))
 
 
 @dataclass(frozen=True, eq=False)
 class GroupAt:
-    """A group at an iterate.
+    """Group at an iterate.
 
     Attributes:
         group: the group.
@@ -70,7 +76,7 @@ class GroupAt:
         turns: ∂H with z, shape (P, K).
         psd: S, shape (R, K).
         weight: of the bins, shape (R, K).
-        of_noise: part of the information that noise of the reference makes up, shape (P, P).
+        noise_information: part of the information due to noise of the reference, shape (P, P).
     """
 
     group: Group
@@ -80,7 +86,7 @@ class GroupAt:
     turns: ComplexArray
     psd: FloatArray
     weight: FloatArray
-    of_noise: FloatArray
+    noise_information: FloatArray
 
     @classmethod
     def evaluated(
@@ -91,11 +97,11 @@ class GroupAt:
         response: tuple[ComplexArray, ComplexArray],
         slopes: FloatArray,
     ) -> GroupAt:
-        """Evaluate a group.
+        """Return a group at an iterate.
 
         Args:
             group: the segments.
-            step: the network's.
+            step: of the network.
             weights: the noise.
             response: H, shape (K,), and its derivatives with z, shape (P, K).
             slopes: derivatives of the parameters with z, shape (P,).
@@ -105,45 +111,46 @@ class GroupAt:
         weight = group.grid.counts * weights.excited / psd
         rows = evaluate(group, step, weight)
         jacobian = rows.jacobian * slopes[:, None]
-        of_noise = np.zeros((len(slopes), len(slopes)))
+        noise_information = np.zeros((len(slopes), len(slopes)))
         if weights.has_reference:
-            toward = weights.reference * through.conj() * rows.residual / psd  # X̂ − X
-            jacobian = jacobian + turns * toward[:, None]
+            motion_change = weights.reference * through.conj() * rows.residual / psd  # X̂ − X
+            jacobian = jacobian + turns * motion_change[:, None]
             jacobian -= rows.nuisances.imitated(jacobian)
             # |N|² of noise of the reference is its variance times the number of samples.
-            alone = weight * group.grid.samples * weights.reference * weights.response / psd
-            of_noise = products(turns * np.sum(alone, axis=0), turns)
-        return cls(group, rows, jacobian, through, turns, psd, weight, of_noise)
+            noise_weight = weight * group.grid.samples * weights.reference * weights.response / psd
+            noise_information = products(turns * np.sum(noise_weight, axis=0), turns)
+        return cls(group, rows, jacobian, through, turns, psd, weight, noise_information)
 
     @property
     def numbers(self) -> FloatArray:
-        """Return how many real numbers V is a sum over, each by how much it counts, shape (R,)."""
+        """Return the weighted count of real numbers that V is a sum over, shape (R,)."""
         return np.asarray(np.sum(self.weight * self.psd, axis=1)) * self.group.grid.samples
 
     @functools.cached_property
     def fitted_in_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
         """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
 
-        Those of the fit follow from the bins that show motion. What these do not determine of the
-        initial states is no noise of the others.
+        Those of the fit follow from the bins that show motion. Initial states that these do not
+        determine are no noise of the other bins.
         """
         rows = self.rows
         weight = self.group.grid.counts / self.psd
         columns = rows.nuisances.columns
-        more = Nuisances.in_weight(columns, weight).amounts(rows.residual[:, None])
-        residual = rows.residual - combined(more, columns)[:, 0]
-        states = combined(more[:, :, : rows.order], columns[:, : rows.order])[:, 0]
+        amounts = Nuisances.in_weight(columns, weight).amounts(rows.residual[:, None])
+        residual = rows.residual - combined(amounts, columns)[:, 0]
+        states = combined(amounts[:, :, : rows.order], columns[:, : rows.order])[:, 0]
         return residual, rows.predicted + states
 
 
 def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:
     """Return the count of numbers that were fitted to the segments of each group, shape (R,) each.
 
-    Those are the amounts of a segment's nuisances, and its share of the parameters.
+    Those are the amounts of the nuisances of a segment, and its share of the parameters.
     """
-    total = max(sum(float(np.sum(at.numbers)) for at in places), 1.0)
+    total = max(sum(float(np.sum(place.numbers)) for place in places), 1.0)
     return [
-        at.rows.nuisances.columns.shape[1] + len(at.turns) / total * at.numbers for at in places
+        place.rows.nuisances.columns.shape[1] + len(place.turns) / total * place.numbers
+        for place in places
     ]
 
 
@@ -155,14 +162,14 @@ class Iterate:
         cost: V.
         gradient: Jᵀ W R, shape (P,).
         matrix: Jᵀ W J, shape (P, P).
-        of_noise: part of it that noise of the reference makes up, shape (P, P).
+        noise_information: part of it due to noise of the reference, shape (P, P).
         groups: the groups there; empty where V is not finite.
     """
 
     cost: float
     gradient: FloatArray
     matrix: FloatArray
-    of_noise: FloatArray
+    noise_information: FloatArray
     groups: tuple[GroupAt, ...]
 
 
@@ -180,40 +187,41 @@ def places_in(
         raise np.linalg.LinAlgError("The network grows beyond all numbers.")
     slopes = coordinates.slopes(z)
     responses: dict[int, tuple[ComplexArray, ComplexArray]] = {}
-    for group, own in zip(band.groups, weights, strict=True):
+    for group, group_weights in zip(band.groups, weights, strict=True):
         grid = group.grid
         if hash(grid) not in responses:
             through, turns = response_and_slopes(
                 band.model, values, grid.frequency_hz, band.problem.frame.quantity
             )
             responses[hash(grid)] = through, turns * slopes[:, None]
-        yield GroupAt.evaluated(group, steps[group.step], own, responses[hash(grid)], slopes)
+        response = responses[hash(grid)]
+        yield GroupAt.evaluated(group, steps[group.step], group_weights, response, slopes)
 
 
 def iterate(
     band: Band, coordinates: Coordinates, weights: Sequence[GroupWeights], z: FloatArray
 ) -> Iterate:
-    """Evaluate all groups at z."""
+    """Return V, its gradient and information at z, with all groups there."""
     count = len(z)
-    nothing = np.zeros((count, count))
-    astray = Iterate(np.inf, np.zeros(count), nothing, nothing, ())
+    zeros = np.zeros((count, count))
+    not_finite = Iterate(np.inf, np.zeros(count), zeros, zeros, ())
     with np.errstate(all="ignore"):
         try:
             places = tuple(places_in(band, coordinates, weights, z))
         except np.linalg.LinAlgError:
-            return astray
+            return not_finite
         cost = 0.0
         gradient = np.zeros(count)
         matrix = np.zeros((count, count))
-        of_noise = np.zeros((count, count))
-        for at in places:
-            root = np.sqrt(at.weight)
-            whitened = (at.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
-            residual = (at.rows.residual * root).reshape(1, -1)
+        noise_information = np.zeros((count, count))
+        for place in places:
+            root = np.sqrt(place.weight)
+            whitened = (place.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
+            residual = (place.rows.residual * root).reshape(1, -1)
             cost += float(products(residual, residual)[0, 0])
             gradient += products(whitened, residual)[:, 0]
             matrix += products(whitened, whitened)
-            of_noise += at.of_noise
+            noise_information += place.noise_information
     if not (np.isfinite(cost) and np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))):
-        return astray
-    return Iterate(cost, gradient, matrix, of_noise, places)
+        return not_finite
+    return Iterate(cost, gradient, matrix, noise_information, places)

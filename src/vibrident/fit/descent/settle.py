@@ -1,4 +1,4 @@
-"""From start values to the estimate in the noise that the data have."""
+"""Descent from start values to the estimate in the noise of the data."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from vibrident.fit.descent.in_noise import (
     iterate,
     places_in,
 )
-from vibrident.fit.descent.sandwich import width
+from vibrident.fit.descent.sandwich import averaging_width
 from vibrident.fit.descent.weighting import Weighting, read_weighting
 from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_normal, sandwich_covariance
 from vibrident.fit.noise.averages import NEAREST_BINS, mean_around
-from vibrident.fit.noise.found import SpectralNoise, doubtful
-from vibrident.fit.noise.reading import DOUBT_DEVIATIONS
+from vibrident.fit.noise.shapes import DOUBT_DEVIATIONS
+from vibrident.fit.noise.spectral_noise import SpectralNoise, doubtful
 from vibrident.fit.optimise import Progress, Trace, levenberg_marquardt
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.bin_problem import BinProblem
@@ -31,35 +31,37 @@ from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look
 
-#: Rounds of descent and noise, and of moving the inputs to the delay.
+#: Most rounds of descent and noise …
 MAX_ROUNDS = 16
+#: … and of moving the inputs to the delay.
 MAX_MOVES = 4
 #: The estimate stays where a round moves it by less, in standard uncertainties.
-SETTLED = 0.05
-#: Decrease of V that is not worth a step: while start values compete, and at the end.
-ROUGH = 0.1
-FINE = 1e-3
-#: V of a start that leaves nothing but noise, a multiple of the number of bins that count.
-ENOUGH = 1.5
-#: V of an estimate that is astray, in the noise known without a model, over the least there.
-ASTRAY = 2.0
-#: Least part of the information that stays beside what noise of the reference makes up.
+MAX_SHIFT = 0.05
+#: Decrease of V that is not worth a step, while start values compete …
+START_TOLERANCE = 0.1
+#: … and at the end.
+FINAL_TOLERANCE = 1e-3
+#: V over the number of bins that count below which a start leaves nothing but noise.
+MAX_START_COST = 1.5
+#: V of an estimate over the least there beyond which it is rejected, in the noise without a model.
+MAX_COST_RATIO = 2.0
+#: Least fraction of the information that remains beside that of noise of the reference.
 MIN_INFORMATION = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The estimate.
+    """Estimate in the noise of the data.
 
     Attributes:
-        band: the groups, with inputs at the delay and the noise's nuisances.
+        band: the groups, with inputs at the delay and nuisances of the noise.
         coordinates: the map from z to parameters.
         z: the estimate, shape (P,).
         covariance: of z, shape (P, P).
-        degrees_of_freedom: behind the noise.
+        degrees_of_freedom: of the noise.
         trace: of the last descent.
         weighting: the noise of every segment.
-        noise: what a result states of it.
+        noise: as a result states it.
         deviation: standard deviation of each record's noise, response unit, shape (records,).
         places: the groups at the estimate.
     """
@@ -77,16 +79,16 @@ class Settled:
 
     @property
     def numbers(self) -> float:
-        """Count of real numbers that V is a sum over, each by how much it counts."""
-        return sum(float(np.sum(at.numbers)) for at in self.places)
+        """Return the weighted count of real numbers that V is a sum over."""
+        return sum(float(np.sum(place.numbers)) for place in self.places)
 
 
 @dataclass(frozen=True, eq=False)
 class InNoise:
-    """Records in the noise that was found beside their estimate.
+    """Records in the noise of their estimate.
 
     Attributes:
-        band: the groups; made again where they are asked for.
+        band: the groups, which are computed again if needed.
         weighting: the noise of every segment.
     """
 
@@ -95,38 +97,49 @@ class InNoise:
 
     @classmethod
     def of(cls, settled: Settled) -> InNoise:
-        """Take band and noise of an estimate, without what the records are at the bins."""
+        """Return band and noise of an estimate, without the transforms of the records."""
         band = settled.band
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
     def places(
-        self, z: FloatArray, coordinates: Coordinates, *, whole: bool = False
+        self, z: FloatArray, coordinates: Coordinates, *, all_bins: bool = False
     ) -> Iterator[GroupAt]:
         """Yield each group at z in the noise of the fit.
 
-        ``whole``: at all bins of the network, whether or not motion shows there, with hum in the residual.
+        Args:
+            z: shape (P,).
+            coordinates: of the parameters.
+            all_bins: at all bins of the network, whether or not motion shows there, with hum in the
+                residual.
         """
-        band = replace(self.band, top_hz=np.inf, tones=()) if whole else self.band
+        band = replace(self.band, top_hz=np.inf, tones=()) if all_bins else self.band
         weights = self.weighting.of_groups(band)
-        if whole:
-            weights = [replace(own, excited=np.ones_like(own.excited)) for own in weights]
+        if all_bins:
+            weights = [replace(noise, excited=np.ones_like(noise.excited)) for noise in weights]
         return places_in(band, coordinates, weights, z)
 
-    def again(self, z: FloatArray, coordinates: Coordinates) -> InNoise:
-        """Return the same in the noise that is read at z."""
+    def at_noise_of(self, z: FloatArray, coordinates: Coordinates) -> InNoise:
+        """Return the records in the noise estimated at z."""
         weighting = read_weighting(self.band, tuple(self.places(z, coordinates)), None)
-        return InNoise(weighting.beside(self.band), weighting)
+        return InNoise(weighting.with_nuisances(self.band), weighting)
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Return V, its gradient and information at z."""
         band = self.band.at_delay_of(coordinates.values(z))
-        at = iterate(band, coordinates, self.weighting.of_groups(band), z)
-        return Local(information(at), at.gradient, at.cost)
+        point = iterate(band, coordinates, self.weighting.of_groups(band), z)
+        return Local(information(point), point.gradient, point.cost)
 
 
 @dataclass
 class Objective:
-    """V for an optimiser; remembers the last iterate."""
+    """V for an optimiser, with the last iterate.
+
+    Attributes:
+        band: the groups.
+        coordinates: of the parameters.
+        weights: of each group.
+        last: coordinates and iterate of the last call.
+    """
 
     band: Band
     coordinates: Coordinates
@@ -137,8 +150,14 @@ class Objective:
     def plain(
         cls, problem: BinProblem, coordinates: Coordinates, variance: FloatArray
     ) -> Objective:
-        """Return the sum of squares over all samples, as in time; ``variance``: of each record."""
-        band = Band(problem, np.inf, whole=True)
+        """Return the sum of squares over all samples, as in time.
+
+        Args:
+            problem: the segments.
+            coordinates: of the parameters.
+            variance: of each record, shape (records,).
+        """
+        band = Band(problem, np.inf, full_band=True)
         return cls(
             band,
             coordinates,
@@ -148,9 +167,9 @@ class Objective:
     def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
         """Return V, its gradient and information at z."""
         band = self.band.at_factors_of(self.coordinates.values(z))
-        at = iterate(band, self.coordinates, self.weights, z)
-        self.last = z, at
-        return _Quadratic(at.cost, at.gradient, information(at))
+        point = iterate(band, self.coordinates, self.weights, z)
+        self.last = z, point
+        return _Quadratic(point.cost, point.gradient, information(point))
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
@@ -162,29 +181,41 @@ class Objective:
 
 @dataclass(frozen=True, eq=False)
 class _Quadratic:
+    """Quadratic model of V: its value, gradient and information."""
+
     cost: float
     gradient: FloatArray
     matrix: FloatArray
 
 
-def information(at: Iterate) -> FloatArray:
-    """Return the information less that of the reference's noise, a fifth of the whole at least."""
-    if not np.any(at.of_noise):
-        return at.matrix
-    scale = np.sqrt(np.maximum(np.diag(at.matrix), np.finfo(float).tiny))
-    both = np.outer(scale, scale)
+def information(point: Iterate) -> FloatArray:
+    """Return the information less that of the noise of the reference, at least a fifth of all."""
+    if not np.any(point.noise_information):
+        return point.matrix
+    scale = np.sqrt(np.maximum(np.diag(point.matrix), np.finfo(float).tiny))
+    scales = np.outer(scale, scale)
     count = len(scale)
-    whole = at.matrix / both + 1e-12 * np.eye(count)
-    root = np.linalg.cholesky(whole)
-    inner = np.linalg.solve(root, np.linalg.solve(root, (at.matrix - at.of_noise) / both).T)
+    scaled = point.matrix / scales + 1e-12 * np.eye(count)
+    root = np.linalg.cholesky(scaled)
+    inner = np.linalg.solve(
+        root,
+        np.linalg.solve(root, (point.matrix - point.noise_information) / scales).T,
+    )
     values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
     half = root @ vectors * np.sqrt(np.maximum(values, MIN_INFORMATION))
-    return (half @ half.T) * both
+    return (half @ half.T) * scales
 
 
 @dataclass(frozen=True, eq=False)
 class Descended:
-    """Where a descent ended."""
+    """End of a descent.
+
+    Attributes:
+        band: the groups, with inputs at the delay.
+        coordinates: of the parameters.
+        trace: of the descent.
+        at: the iterate there.
+    """
 
     band: Band
     coordinates: Coordinates
@@ -193,12 +224,12 @@ class Descended:
 
     @property
     def z(self) -> FloatArray:
-        """Where it ended, shape (P,)."""
+        """Return the coordinates, shape (P,)."""
         return self.trace.last
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters there by name."""
+        """Return the parameters by name."""
         return self.coordinates.values(self.z)
 
 
@@ -210,7 +241,7 @@ def descend(
     tolerance: float,
     progress: Progress,
 ) -> Descended:
-    """Go down V, with the inputs moved to the delay on the way.
+    """Return where V descends to, with the inputs moved to the delay on the way.
 
     Raises:
         NotConverged: V is not finite at z.
@@ -219,12 +250,12 @@ def descend(
         objective = Objective(band, coordinates, weighting.of_groups(band))
         trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
         z = trace.last
-        at = objective.at(z)
+        end = objective.at(z)
         moved = band.at_delay_of(coordinates.values(z))
         if moved is band or move == MAX_MOVES - 1:
             break
         band = moved
-    return Descended(band, coordinates, trace, at)
+    return Descended(band, coordinates, trace, end)
 
 
 def settle(
@@ -235,18 +266,18 @@ def settle(
     *,
     explains: bool = True,
 ) -> Settled:
-    """Go on from the best of descents until noise and estimate stay.
+    """Return the estimate: descents continue from the best until noise and estimate stay.
 
-    A wrong model makes noise of its own where the motion is, and the weights then follow quiet
-    bins. An estimate that leaves far more in the noise known without a model is not taken.
+    A wrong model produces noise where the motion is, and the weights then follow quiet bins. An
+    estimate whose V is far larger in the noise known without a model is rejected.
 
     Args:
-        starts: where the start values lead in that noise.
-        look: what the records say before any model.
+        starts: ends of the descents from start values in that noise.
+        look: motion and noise before any model.
         first: the noise known without a model.
         progress: called after each iteration.
         explains: whether the best of the starts explains the records but for noise; if not, it is
-            the estimate: in the noise beside a misfit no other place is better.
+            the estimate: in the noise of a misfit no other place is better.
     """
     best = min(starts, key=lambda descended: descended.at.cost)
     band = best.band
@@ -254,46 +285,46 @@ def settle(
     z = best.z
     places = best.at.groups
     trace = best.trace
-    arrived = False
+    settled = False
     rounds: list[tuple[float, Descended]] = []
-    for number in range(MAX_ROUNDS if explains else 0):
+    for round_number in range(MAX_ROUNDS if explains else 0):
         weighting = read_weighting(band, places, look.heard)
-        band = weighting.beside(band).beside_ringing(coordinates.values(z))
-        descended = descend(band, coordinates, z, weighting, FINE, progress)
+        band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
+        descended = descend(band, coordinates, z, weighting, FINAL_TOLERANCE, progress)
         band = descended.band
-        at = descended.at
+        end = descended.at
         trace = trace.then(descended.trace)
-        deviation = np.sqrt(np.diag(inverse_normal(information(at))))
-        moved = float(np.max(np.abs(descended.z - z) / deviation))
+        deviation = np.sqrt(np.diag(inverse_normal(information(end))))
+        shift = float(np.max(np.abs(descended.z - z) / deviation))
         z = descended.z
-        places = at.groups
-        arrived = number > 0 and moved < SETTLED
-        if arrived:
+        places = end.groups
+        settled = round_number > 0 and shift < MAX_SHIFT
+        if settled:
             break
-        rounds.append((_minus_log_likelihood(at), descended))
-    if rounds and not arrived:  # the noise as read at either of two places leads to the other
+        rounds.append((_minus_log_likelihood(end), descended))
+    if rounds and not settled:  # the noise at either of two places leads to the other
         _, likeliest = min(rounds, key=lambda scored: scored[0])
         band = likeliest.band
         z = likeliest.z
         places = likeliest.at.groups
-    known = band.beside(best.band.tones, edges=best.band.edges)
-    there = iterate(known, coordinates, first.of_groups(known), z)
-    if not explains or not there.cost <= ASTRAY * best.at.cost:
+    first_band = band.with_nuisances(best.band.tones, edges=best.band.edges)
+    in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), z)
+    if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
         band = best.band
         z = best.z
         places = best.at.groups
         trace = best.trace
-    # Where hardly anything determines a parameter, noise read a round before is that of another z.
+    # Where little determines a parameter, the noise of the last round is that of another z.
     weighting = read_weighting(band, places, look.heard)
-    band = weighting.beside(band).beside_ringing(coordinates.values(z))
-    at = iterate(band, coordinates, weighting.of_groups(band), z)
-    return _stated(band, coordinates, z, at, trace, weighting)
+    band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
+    end = iterate(band, coordinates, weighting.of_groups(band), z)
+    return _stated(band, coordinates, z, end, trace, weighting)
 
 
-def _minus_log_likelihood(at: Iterate) -> float:
-    """Return Σ |R|²/S + log S over the bins of the band (Whittle's)."""
+def _minus_log_likelihood(point: Iterate) -> float:
+    """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
     total = 0.0
-    for place in at.groups:
+    for place in point.groups:
         counts = place.group.grid.counts * place.group.grid.samples
         residual, _ = place.fitted_in_all_bins
         power = power_of(residual) / place.group.count[:, None]
@@ -305,61 +336,63 @@ def _stated(
     band: Band,
     coordinates: Coordinates,
     z: FloatArray,
-    at: Iterate,
+    end: Iterate,
     trace: Trace,
     weighting: Weighting,
 ) -> Settled:
-    """Return the estimate with its covariance, by the residual's own spectrum (sandwich)."""
+    """Return the estimate with its covariance, by the spectrum of the residual (sandwich)."""
     count = len(z)
     middle = np.zeros((count, count))
     freedom = 0.0
     floors = band.problem.noise_floor**2
     pulls = []
-    untold = []
-    inverse = inverse_normal(information(at))
-    deviation = np.sqrt(floors)  # of a record that no segment reaches
+    doubtful_pulls = []
+    inverse = inverse_normal(information(end))
+    deviation = np.sqrt(floors)  # of a record without a segment
     reference = np.zeros(len(floors))
     tones: list[tuple[float, ...]] = [()] * len(floors)
-    for place, fitted in zip(at.groups, fitted_numbers(at.groups), strict=True):
+    for place, fitted in zip(end.groups, fitted_numbers(end.groups), strict=True):
         grid = place.group.grid
-        around = width(grid.samples, 1 / 128)
+        averaged = averaging_width(grid.samples, 1 / 128)
         excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
         owners = band.owners(place.group)
         power = power_of(place.rows.residual) / (place.group.count[:, None] * place.psd)
-        power[:, 0] = power[:, 1]  # at bin 0 is an offset
-        least = floors[owners][:, None] / place.psd
-        # What does not count says nothing of the noise where it counts.
-        sums, of_weights = (mean_around(rows, around) for rows in (power * excited, excited))
-        # What was fitted is missing in the residual (MacKinnon & White 1985).
-        missing = place.numbers / np.maximum(place.numbers - fitted, 1.0)
-        sums *= missing[:, None]
-        local = np.maximum(sums / np.maximum(of_weights, np.finfo(float).tiny), least)
+        power[:, 0] = power[:, 1]  # bin 0 holds an offset
+        floor = floors[owners][:, None] / place.psd
+        # Bins that do not count carry no information on the noise of those that do.
+        sums, weight_sums = (mean_around(rows, averaged) for rows in (power * excited, excited))
+        # The residual lacks what was fitted (MacKinnon & White 1985).
+        correction = place.numbers / np.maximum(place.numbers - fitted, 1.0)
+        sums *= correction[:, None]
+        local = np.maximum(sums / np.maximum(weight_sums, np.finfo(float).tiny), floor)
         loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
-        freedom += len(owners) * 4.0 * (around - NEAREST_BINS)
+        freedom += len(owners) * 4.0 * (averaged - NEAREST_BINS)
         for row, (number, owner) in enumerate(zip(place.group.segments, owners, strict=True)):
             spectrum = weighting.spectra[number]
             if grid.driven:
-                drawn = _draw(place, row, spectrum.doubt)
-                pulls.append(inverse @ drawn / DOUBT_DEVIATIONS)
+                pull = _draw(place, row, spectrum.doubt)
+                pulls.append(inverse @ pull / DOUBT_DEVIATIONS)
             if grid.driven and not spectrum.free:
-                untold.append(pulls[-1])
+                doubtful_pulls.append(pulls[-1])
             reference[owner] = max(reference[owner], np.sqrt(spectrum.input_noise))
             deviation[owner] = np.sqrt(np.mean(spectrum.psd))
             unit = grid.rate_hz / max(grid.samples, 1)
             tones[owner] = tuple(tone * unit for tone in spectrum.tones)
     values, vectors = np.linalg.eigh(inverse)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    covariance = sandwich_covariance(root, middle, at.matrix)
+    covariance = sandwich_covariance(root, middle, end.matrix)
     covariance = covariance + np.sum([np.outer(pull, pull) for pull in pulls], axis=0)
-    each = np.array(untold).reshape(-1, count)
-    noise = SpectralNoise(reference, doubtful(each, covariance), tuple(tones), each)
+    doubtful_rows = np.array(doubtful_pulls).reshape(-1, count)
+    noise = SpectralNoise(
+        reference, doubtful(doubtful_rows, covariance), tuple(tones), doubtful_rows
+    )
     return Settled(
-        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, at.groups
+        band, coordinates, z, covariance, freedom, trace, weighting, noise, deviation, end.groups
     )
 
 
 def _draw(place: GroupAt, row: int, doubt: FloatArray) -> FloatArray:
-    """Return the pull of noise of the reference that may be left (95 %), shape (P,)."""
+    """Return the pull of noise of the reference that may remain (95 %), shape (P,)."""
     weighted = place.through * (place.weight[row] * place.group.grid.samples * doubt)
     return products(place.turns, weighted[None])[:, 0]

@@ -1,4 +1,4 @@
-"""The network over records, from data to estimate: look, start, descent and noise."""
+"""Training of the network over records, from data to estimate: look, start, descent and noise."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.settle import (
-    ENOUGH,
-    ROUGH,
+    MAX_START_COST,
+    START_TOLERANCE,
     Descended,
     Settled,
     descend,
     settle,
 )
-from vibrident.fit.descent.weighting import Weighting, brought
+from vibrident.fit.descent.weighting import Weighting, resampled_bins
 from vibrident.fit.noise.averages import averaged_bins, mean_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.optimise import NOT_FINITE, Progress
@@ -33,76 +33,77 @@ from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
 
-#: Starts that go down: of a model whose parameters are few and free, and of others.
+#: Starts that descend: of a model whose parameters are few and free …
 FEW_STARTS = 2
+#: … and of others.
 STARTS = 4
-#: V over the number of numbers above which a model does not explain the records.
-MISFIT = 30.0
-#: A delay at which motion is heard in less than this part of the bins of another is not tried.
-MOSTLY = 0.5
-#: Rounds in which the relative error of such a model is found.
+#: V for each number above which a model does not explain the records.
+MAX_EXPLAINED_COST = 30.0
+#: A delay at which motion is heard in less than this fraction of the bins of another is not tried.
+MIN_HEARD_FRACTION = 0.5
+#: Rounds that estimate the relative error of such a model.
 MODEL_ERROR_ROUNDS = 2
 
 
 def train(
     evidence: Evidence, method: Method, progress: Progress, *, level: bool = False
 ) -> Settled:
-    """Train the network of a linear model.
+    """Return the estimate of a linear model, whose network is trained on the records.
 
     Args:
         evidence: the records.
         method: the discretisation.
         progress: called after each iteration.
-        level: whether the start is sought in noise of one level in each record. What a narrow
-            resonance leaves looks like noise to a model without it, wherever noise is read.
+        level: whether the start is sought in noise of one level in each record. The residual of a
+            narrow resonance looks like noise to a model without it, wherever noise is estimated.
 
     Raises:
         InputError: no record is long enough.
         NotConverged: no start leads to a finite fit.
     """
-    best: _Begun | None = None
+    best: _Descents | None = None
     for band, look in _looks(evidence, method):
-        seen = _Seen(band, look.levelled() if level else look)
-        begun = _Begun.at(evidence, seen, progress)
-        if best is None or begun.left < best.left:
-            best = begun
-        if best.left < ENOUGH:
+        survey = _Survey(band, look.levelled() if level else look)
+        descents = _Descents.at(evidence, survey, progress)
+        if best is None or descents.cost_per_number < best.cost_per_number:
+            best = descents
+        if best.cost_per_number < MAX_START_COST:
             break
     assert best is not None
     return best.settled(evidence, progress)
 
 
 def _looks(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Look]]:
-    """Yield the band of the motion and what is seen there; with a delay, at the likeliest two."""
+    """Yield the band of the motion and a look at it; with a delay, at the likeliest two."""
     model = evidence.model
-    start = evidence.start or _before(evidence)
+    start = evidence.start or _neutral_values(evidence)
     problem = BinProblem.build(evidence.records, model, method, evidence.quantity, start)
     band = Band(problem, np.inf)
     look = look_at(band)
     if not model.has_delay or evidence.start is not None:
         yield band.within(look.band_hz[1]), look
         return
-    found: dict[float, tuple[Band, Look]] = {}
+    by_delay: dict[float, tuple[Band, Look]] = {}
     for mask in ({number: heard for number, (_, heard) in look.heard.items()}, loud_bins(band)):
-        late = rough_delay(band, mask, look.band_hz[1])
-        if late not in found:
-            values = _with_delay(model, start, late)
+        delay_s = rough_delay(band, mask, look.band_hz[1])
+        if delay_s not in by_delay:
+            values = _with_delay(model, start, delay_s)
             problem = BinProblem.build(evidence.records, model, method, evidence.quantity, values)
-            here = Band(problem, np.inf)
-            found[late] = here, look_at(here)
-    most = max(there.count for _, there in found.values())
-    for here, there in found.values():
-        if there.count >= MOSTLY * most:
-            yield here.within(there.band_hz[1]), there
+            delayed = Band(problem, np.inf)
+            by_delay[delay_s] = delayed, look_at(delayed)
+    largest = max(look.count for _, look in by_delay.values())
+    for delayed, look in by_delay.values():
+        if look.count >= MIN_HEARD_FRACTION * largest:
+            yield delayed.within(look.band_hz[1]), look
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """The segments, and what they say without a model.
+class _Survey:
+    """Segments, with motion and noise before any model.
 
     Attributes:
         band: the segments.
-        look: what they say.
+        look: motion and noise.
     """
 
     band: Band
@@ -110,91 +111,100 @@ class _Seen:
 
     @functools.cached_property
     def places(self) -> list[dict[str, float]]:
-        """Places of the grid; those of a model whose parameters may trade are more."""
+        """Return the best places of the grid; more where parameters may trade."""
         model = self.band.model
         stated = any(spec.start is not None for spec in model.parameters)
-        more = stated or model.has_delay or len(model.parameters) > len(model.core.parameters)
-        return [
-            each.values for each in candidates(self.band, self.look, STARTS if more else FEW_STARTS)
-        ]
+        has_add_ons = len(model.parameters) > len(model.core.parameters)
+        count = STARTS if stated or model.has_delay or has_add_ons else FEW_STARTS
+        return [candidate.values for candidate in candidates(self.band, self.look, count)]
 
     def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
-        """Yield values that are known, and then the places."""
+        """Yield known values, and then the places."""
         yield from known
         yield from self.places
 
 
 @dataclass(frozen=True, eq=False)
-class _Begun:
-    """Where start values lead in the noise that is known without a model.
+class _Descents:
+    """Descents from start values in the noise that is known without a model.
 
     Attributes:
-        seen: the segments, and what they say without a model.
+        survey: the segments, with motion and noise before any model.
         weighting: the noise.
         ends: of the descents.
     """
 
-    seen: _Seen
+    survey: _Survey
     weighting: Weighting
     ends: list[Descended]
 
     @classmethod
-    def at(cls, evidence: Evidence, seen: _Seen, progress: Progress) -> _Begun:
-        """Search and go down."""
-        weighting = _without_model(seen.band, seen.look)
+    def at(cls, evidence: Evidence, survey: _Survey, progress: Progress) -> _Descents:
+        """Return the descents from the start values of a survey."""
+        weighting = _without_model(survey.band, survey.look)
         known = [] if evidence.start is None else [dict(evidence.start)]
-        starts = seen.starts(known or _in_response(evidence))
-        ends = _descended(evidence, seen, weighting, starts, progress)
-        begun = cls(seen, weighting, ends)
-        return begun if known or begun.left < ENOUGH else begun._again(evidence, progress)
+        starts = survey.starts(known or _in_response(evidence))
+        ends = _descended(evidence, survey, weighting, starts, progress)
+        descents = cls(survey, weighting, ends)
+        return (
+            descents
+            if known or descents.cost_per_number < MAX_START_COST
+            else descents._repeated(evidence, progress)
+        )
 
     @property
     def count(self) -> float:
-        """Numbers that show motion."""
-        return 2.0 * self.seen.look.count
+        """Return the count of numbers that show motion."""
+        return 2.0 * self.survey.look.count
 
     @property
     def best(self) -> Descended:
-        """The descent that leaves least."""
+        """Return the descent of least cost."""
         return min(self.ends, key=lambda end: end.at.cost)
 
     @property
-    def left(self) -> float:
-        """Weighted sum of squares that the best leaves, for each number that shows motion."""
+    def cost_per_number(self) -> float:
+        """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
 
-    def _again(self, evidence: Evidence, progress: Progress) -> _Begun:
-        """Search again at the delay found, with a model error.
+    def _repeated(self, evidence: Evidence, progress: Progress) -> _Descents:
+        """Return these descents and more of a search at the delay of the best, with a model error.
 
-        Bins of very little noise lead a model that does not suit them astray: they are told less.
+        Bins of very little noise mislead a model that does not suit them: they count for less.
         """
-        # A factor that is zero at a frequency tells nothing there of other values.
-        here = self.best.band.at_factors_of(self.seen.band.problem.frame.factor_values)
-        there = look_at(here)
-        wider = with_model_error(_without_model(here, there), self.best, self.count)
-        seen = _Seen(here, replace(there, weights=_weights(here, wider)))
-        rough = _descended(evidence, seen, wider, seen.places, progress, every=True)
-        begins = _different(rough)
-        more_ends = _descended(evidence, self.seen, self.weighting, begins, progress, every=True)
-        return replace(self, ends=[*self.ends, *more_ends])
+        # A factor that is zero at a frequency carries no information there on other values.
+        band = self.best.band.at_factors_of(self.survey.band.problem.frame.factor_values)
+        look = look_at(band)
+        wider = with_model_error(_without_model(band, look), self.best, self.count)
+        survey = _Survey(band, replace(look, weights=_weights(band, wider)))
+        rough_ends = _descended(evidence, survey, wider, survey.places, progress, all_starts=True)
+        ends = _descended(
+            evidence,
+            self.survey,
+            self.weighting,
+            _different(rough_ends),
+            progress,
+            all_starts=True,
+        )
+        return replace(self, ends=[*self.ends, *ends])
 
     def settled(self, evidence: Evidence, progress: Progress) -> Settled:
-        """Go on to the estimate; with a model error where no descent explains the records."""
-        explains = self.left < MISFIT
-        begun = self
-        places = [] if explains else self.seen.places
+        """Return the estimate; with a model error where no descent explains the records."""
+        explains = self.cost_per_number < MAX_EXPLAINED_COST
+        descents = self
+        places = [] if explains else self.survey.places
         for _ in range(0 if explains else MODEL_ERROR_ROUNDS):
-            best = begun.best
+            best = descents.best
             wider = with_model_error(self.weighting, best, self.count)
-            begins = [best.values, *places]
-            ends = _descended(evidence, self.seen, wider, begins, progress, every=True)
-            begun = replace(self, ends=ends)
+            starts = [best.values, *places]
+            ends = _descended(evidence, self.survey, wider, starts, progress, all_starts=True)
+            descents = replace(self, ends=ends)
             places = _different(ends)[1:]
-        return settle(begun.ends, self.seen.look, self.weighting, progress, explains=explains)
+        return settle(descents.ends, self.survey.look, self.weighting, progress, explains=explains)
 
 
 def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
-    """Return the weights of each segment's bins in a noise, shape (K,) each."""
+    """Return the weights of the bins of each segment in a noise, shape (K,) each."""
     weights: dict[int, FloatArray] = {}
     for group, noise in zip(band.groups, weighting.of_groups(band), strict=True):
         rows = group.grid.counts * noise.excited / noise.response
@@ -203,46 +213,51 @@ def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
 
 
 def with_model_error(weighting: Weighting, end: Descended, squares: float) -> Weighting:
-    """Return the noise with a relative error of the model, the same at all bins, on top.
+    """Return the noise with a relative error of the model added, the same at all bins.
 
-    It is as large as the deviations of a descent demand (Mandel & Paule 1970), so that bins of
-    very little noise do not rule where no model suits.
+    It is as large as the deviations of a descent demand (Mandel & Paule 1970), so that bins of very
+    little noise do not dominate where no model suits.
 
     Args:
         weighting: the noise.
-        end: where a descent ended.
-        squares: what the weighted sum of squares should be.
+        end: of a descent.
+        squares: target of the weighted sum of squares.
     """
     samples = dict(weighting.samples)
     powers: dict[int, FloatArray] = {}
     residuals: dict[int, FloatArray] = {}
-    for at in end.at.groups:
-        response = power_of(at.group.response) / at.group.count[:, None]
-        rest = power_of(at.rows.residual) / at.group.count[:, None]
+    for place in end.at.groups:
+        response = power_of(place.group.response) / place.group.count[:, None]
+        residual_power = power_of(place.rows.residual) / place.group.count[:, None]
         smooth = mean_around(response, averaged_bins(response.shape[1]), 0)
-        for row, number in enumerate(at.group.segments):
+        for row, number in enumerate(place.group.segments):
             powers[number] = smooth[row]
-            residuals[number] = rest[row] * at.group.grid.counts * at.group.grid.samples
+            residuals[number] = (
+                residual_power[row] * place.group.grid.counts * place.group.grid.samples
+            )
 
     def total(error: float) -> float:
         return sum(
             float(
                 np.sum(
-                    rest * spectra[number].excited / (spectra[number].psd + error * powers[number])
+                    residual
+                    * spectra[number].excited
+                    / (spectra[number].psd + error * powers[number])
                 )
             )
-            for number, rest in residuals.items()
+            for number, residual in residuals.items()
         )
 
     spectra = dict(weighting.spectra)
-    for at in end.at.groups:
-        for number in at.group.segments:
+    for place in end.at.groups:
+        for number in place.group.segments:
             spectrum = spectra[number]
-            psd = brought(spectrum.psd, weighting.samples[number], at.group.grid)
-            excited = brought(spectrum.excited, weighting.samples[number], at.group.grid)
+            psd = resampled_bins(spectrum.psd, weighting.samples[number], place.group.grid)
+            excited = resampled_bins(spectrum.excited, weighting.samples[number], place.group.grid)
             spectra[number] = replace(spectrum, psd=psd, excited=excited)
-            samples[number] = at.group.grid.samples
-    low, high = np.log(1e-30), 0.0
+            samples[number] = place.group.grid.samples
+    low = np.log(1e-30)
+    high = 0.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if total(float(np.exp(middle))) > squares else (low, middle)
@@ -251,13 +266,16 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
         number: replace(spectrum, psd=spectrum.psd + error * powers[number])
         for number, spectrum in spectra.items()
     }
-    nothing = {number: np.zeros_like(own.psd) for number, own in wider.items()}
-    wider = {number: replace(own, input_noise_at=nothing[number]) for number, own in wider.items()}
-    return Weighting(wider, nothing, samples)
+    zeros = {number: np.zeros_like(spectrum.psd) for number, spectrum in wider.items()}
+    wider = {
+        number: replace(spectrum, input_noise_at=zeros[number])
+        for number, spectrum in wider.items()
+    }
+    return Weighting(wider, zeros, samples)
 
 
-def _before(evidence: Evidence) -> dict[str, float]:
-    """Return values with which inputs suit any place of the grid."""
+def _neutral_values(evidence: Evidence) -> dict[str, float]:
+    """Return values at which the inputs suit any place of the grid."""
     rate_hz = max(record.sampling_rate_hz for record in evidence.records)
     values = {}
     for spec in evidence.model.parameters:
@@ -267,9 +285,10 @@ def _before(evidence: Evidence) -> dict[str, float]:
 
 
 def _in_response(evidence: Evidence) -> list[dict[str, float]]:
-    """Return where the nonparametric response leads a model that states start values.
+    """Return the best fit of the nonparametric response by a model that states start values.
 
     Its grid is coarse, and a descent in the logarithm of the magnitude has hardly any dead ends.
+    Empty for other models.
     """
     problem = evidence.first_look
     if problem is None or not any(spec.start is not None for spec in evidence.model.parameters):
@@ -280,39 +299,47 @@ def _in_response(evidence: Evidence) -> list[dict[str, float]]:
         return []
 
 
-def _with_delay(model: SensorModel, values: Mapping[str, float], late_s: float) -> dict[str, float]:
-    moved = dict(values)
+def _with_delay(
+    model: SensorModel, values: Mapping[str, float], delay_s: float
+) -> dict[str, float]:
+    """Return values with another delay."""
+    delayed = dict(values)
     for spec in model.parameters:
         if spec.kind == "time":
-            moved[spec.name] = late_s
-    return moved
+            delayed[spec.name] = delay_s
+    return delayed
 
 
 def _descended(
     evidence: Evidence,
-    seen: _Seen,
+    survey: _Survey,
     weighting: Weighting,
     starts: Iterable[dict[str, float]],
     progress: Progress,
     *,
-    every: bool = False,
+    all_starts: bool = False,
 ) -> list[Descended]:
-    """Return where the starts lead in a noise; unless ``every``, up to one that explains all."""
+    """Return the ends of descents from starts in a noise.
+
+    Unless ``all_starts``, up to one that explains everything.
+    """
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = seen.look.count
+    count = survey.look.count
     for values in starts:
         coordinates = Coordinates.at(
-            evidence.model, values, seen.look.band_hz, evidence.response_size
+            evidence.model, values, survey.look.band_hz, evidence.response_size
         )
         try:
-            here = seen.band.at_delay_of(values).beside_ringing(values)
-            end = descend(here, coordinates, coordinates.first, weighting, ROUGH, progress)
+            band = survey.band.at_delay_of(values).at_ringing_of(values)
+            end = descend(
+                band, coordinates, coordinates.first, weighting, START_TOLERANCE, progress
+            )
         except (NotConverged, InputError, np.linalg.LinAlgError) as error:
             reason = error
             continue
         ends.append(end)
-        if not every and end.at.cost < ENOUGH * 2.0 * count:
+        if not all_starts and end.at.cost < MAX_START_COST * 2.0 * count:
             break
     if not ends:
         raise reason
@@ -320,20 +347,20 @@ def _descended(
 
 
 def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
-    """Return the values at the ends of descents, the best first, without those that are where a better one is.
+    """Return the values at the ends of descents, the best first, without duplicates.
 
-    A descent ends within a step of the bottom that would lower its cost by less than its tolerance, so two that end
-    at one bottom are apart by two such steps at most.
+    A descent ends within a step of the bottom that would lower its cost by less than its tolerance,
+    so two that end at one bottom are apart by two such steps at most.
     """
     chosen: list[Descended] = []
-    for end in sorted(ends, key=lambda each: each.at.cost):
-        if not any(_apart(end, other) <= 4.0 * ROUGH for other in chosen):
+    for end in sorted(ends, key=lambda descended: descended.at.cost):
+        if not any(_apart(end, better) <= 4.0 * START_TOLERANCE for better in chosen):
             chosen.append(end)
     return [end.values for end in chosen]
 
 
 def _apart(end: Descended, other: Descended) -> float:
-    """Return the squared distance of two ends, in standard uncertainties of the other's coordinates."""
+    """Return the squared distance of two ends, in standard uncertainties at the other."""
     place = other.coordinates.place
     step = place(end.values) - place(other.values)
     return float(step @ other.at.matrix @ step)
@@ -346,13 +373,13 @@ def _without_model(band: Band, look: Look) -> Weighting:
     samples: dict[int, int] = {}
     for group in band.groups:
         levels = look.levels_in(group) / group.count[:, None]
-        every = look.shown_in(group) * (group.grid.samples / group.count[:, None])
+        weights = look.shown_in(group) * (group.grid.samples / group.count[:, None])
         floors = band.problem.noise_floor[band.owners(group)] ** 2
         for row, number in enumerate(group.segments):
             psd = np.maximum(levels[row], floors[row])
-            nothing = np.broadcast_to(0.0, psd.shape)
-            excited = every[row]
-            spectra[number] = NoiseSpectrum(psd, 0.0, nothing, nothing, excited, group.grid.tones)
-            passed[number] = nothing
+            zeros = np.broadcast_to(0.0, psd.shape)
+            excited = weights[row]
+            spectra[number] = NoiseSpectrum(psd, 0.0, zeros, zeros, excited, group.grid.tones)
+            passed[number] = zeros
             samples[number] = group.grid.samples
     return Weighting(spectra, passed, samples)

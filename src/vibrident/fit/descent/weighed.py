@@ -1,4 +1,4 @@
-"""Records at their bins, in the noise that their residuals show."""
+"""Records at their bins, in the noise of their residuals."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from vibrident.fit.problem.network_problem import noise_floor_of
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import counts_in_band, power_of, waves
 
-#: Largest part of a record that is left out for a length that transforms fast.
+#: Largest fraction of a record that is left out for a length that transforms fast.
 MAX_LOST = 0.01
-#: Fewest samples of which anything is said.
+#: Fewest samples of a record that is used.
 MIN_SAMPLES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A record, or an unbroken segment of one, in the noise that its residual shows.
+    """Record, or an unbroken segment of one, in the noise of its residual.
 
     Attributes:
-        record: its number.
+        record: its index.
         span: its samples, N in number.
         used: which of them count, shape (N,).
-        residual: measured less predicted response, beside known nuisances, shape (K,).
+        residual: measured less predicted response, with known nuisances fitted, shape (K,).
         predicted: the response to the reference, shape (K,).
-        nuisances: columns beside the parameters', shape (m, K).
+        nuisances: columns in addition to those of the parameters, shape (m, K).
         counts: how often each bin counts in a sum over all, shape (K,).
         spectrum: of the noise.
         passed: |H|², shape (K,); None where it is not known.
@@ -72,7 +72,7 @@ class Weighed:
 def weighed_segments(
     in_noise: InNoise, z: FloatArray, coordinates: Coordinates
 ) -> Iterator[Weighed]:
-    """Yield the segments of a fit at its estimate, in its noise; free decays are none."""
+    """Yield the driven segments of a fit at its estimate, in its noise; no free decays."""
     segments = in_noise.band.problem.segments
     for place in in_noise.places(z, coordinates):
         grid = place.group.grid
@@ -92,9 +92,14 @@ def weighed_segments(
 
 
 def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighed | None:
-    """Return a record by its predicted response, NaN where not defined; None of too few samples.
+    """Return a record by its predicted response, or None of too few samples.
 
-    Beside an offset, a drift and hum; of a network that runs in time nothing else is known.
+    Offset, drift and hum are fitted; nothing else is known of a network that runs in time.
+
+    Args:
+        number: index of the record.
+        record: the record.
+        predicted: its response, shape (samples,), NaN where not defined.
     """
     used = record.mask & np.isfinite(predicted)
     if used.sum() < MIN_SAMPLES:
@@ -110,18 +115,26 @@ def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighe
     residual, motion, *columns = fft.rfft(
         [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
     )
-    seen = Motion(motion, float(used.sum()), int(np.flatnonzero(counts)[-1]))
+    prediction = Motion(motion, float(used.sum()), int(np.flatnonzero(counts)[-1]))
     floor = noise_floor_of(record) ** 2
-    known = tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)
-    nuisances = np.concatenate([columns, fft.rfft(waves(known, n) * used)])
+    hum = tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)
+    nuisances = np.concatenate([columns, fft.rfft(waves(hum, n) * used)])
     residual = freed(residual, nuisances, counts)
-    spectrum = noise_spectrum(residual, seen, floor)
-    if spectrum.tones:  # what hum leaks is no noise
+    spectrum = noise_spectrum(residual, prediction, floor)
+    if spectrum.tones:  # leakage of hum is no noise
         nuisances = np.concatenate([nuisances, fft.rfft(waves(spectrum.tones, n) * used)])
-        spectrum = noise_spectrum(freed(residual, nuisances, counts / spectrum.psd), seen, floor)
+        spectrum = noise_spectrum(
+            freed(residual, nuisances, counts / spectrum.psd), prediction, floor
+        )
     return Weighed(number, span, used, residual, motion, nuisances, counts, spectrum)
 
 
 def freed(row: ComplexArray, columns: ComplexArray, weight: FloatArray) -> ComplexArray:
-    """Return a row less the columns that fit it best in a weight; (K,), (m, K) and (K,) to (K,)."""
+    """Return a row, shape (K,), less the columns that fit it best in a weight.
+
+    Args:
+        row: shape (K,).
+        columns: shape (m, K).
+        weight: shape (K,).
+    """
     return row - Nuisances.in_weight(columns[None], weight[None]).imitated(row[None, None])[0, 0]

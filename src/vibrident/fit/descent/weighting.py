@@ -1,4 +1,4 @@
-"""The noise of all segments at an iterate, as weights of their bins."""
+"""Noise of all segments at an iterate, as weights of their bins."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
-from vibrident.fit.noise.reading import Residuals, read_noise
+from vibrident.fit.noise.reading import read_noise
+from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.transform import power_of, reference_colour
 
-#: Noise is steep where some bins have so much less than the mean.
-STEEP = 0.01
-#: Smallest noise of the response beside that of the reference, a part of their sum.
+#: Noise is steep where some bins have less than this fraction of the mean.
+MAX_STEEP_RATIO = 0.01
+#: Smallest noise of the response over its sum with that of the reference.
 MIN_RESPONSE = 1e-6
 
 #: Noise of each segment, by its number.
@@ -31,8 +32,8 @@ class Weighting:
 
     Attributes:
         spectra: by number of the segment.
-        passed: |H|² of each where it was read, by number of the segment.
-        samples: of each where it was read, by number of the segment.
+        passed: |H|² of each where it was estimated, by number of the segment.
+        samples: of each where it was estimated, by number of the segment.
     """
 
     spectra: Spectra
@@ -41,38 +42,40 @@ class Weighting:
 
     def of_groups(self, band: Band) -> list[GroupWeights]:
         """Return the weights of each group."""
-        every = []
+        weights = []
         for group in band.groups:
             numbers = [min(number, len(self.spectra) - 1) for number in group.segments]
-            own = [self.spectra[number] for number in numbers]
-            psd = self._rows(group, numbers, [spectrum.psd for spectrum in own])
-            reference = self._rows(group, numbers, [spectrum.input_noise_at for spectrum in own])
+            spectra = [self.spectra[number] for number in numbers]
+            psd = self._rows(group, numbers, [spectrum.psd for spectrum in spectra])
+            reference = self._rows(
+                group, numbers, [spectrum.input_noise_at for spectrum in spectra]
+            )
             passed = self._rows(group, numbers, [self.passed[number] for number in numbers])
             response = np.maximum(psd - reference * passed, MIN_RESPONSE * psd)
-            excited = self._rows(group, numbers, [spectrum.excited for spectrum in own])
-            every.append(GroupWeights(response, reference, excited))
-        return every
+            excited = self._rows(group, numbers, [spectrum.excited for spectrum in spectra])
+            weights.append(GroupWeights(response, reference, excited))
+        return weights
 
     def _rows(
-        self, group: Group, numbers: Sequence[int], every: Sequence[FloatArray]
+        self, group: Group, numbers: Sequence[int], by_segment: Sequence[FloatArray]
     ) -> FloatArray:
         """Return values at the bins of a group, whose length another delay may have changed."""
         return np.stack(
             [
-                brought(values, self.samples[number], group.grid)
-                for number, values in zip(numbers, every, strict=True)
+                resampled_bins(values, self.samples[number], group.grid)
+                for number, values in zip(numbers, by_segment, strict=True)
             ]
         )
 
-    def beside(self, band: Band) -> Band:
-        """Return the band with tones of hum, and what leaks in steep noise, as nuisances."""
+    def with_nuisances(self, band: Band) -> Band:
+        """Return the band with tones of hum, and leakage in steep noise, as nuisances."""
         count = len(band.problem.segments)
         spectra = [self.spectra[min(number, len(self.spectra) - 1)] for number in range(count)]
         steep = any(is_steep(spectrum) for spectrum in spectra)
-        return band.beside([spectrum.tones for spectrum in spectra], edges=steep)
+        return band.with_nuisances([spectrum.tones for spectrum in spectra], edges=steep)
 
 
-def brought(values: FloatArray, samples: int, grid: Grid) -> FloatArray:
+def resampled_bins(values: FloatArray, samples: int, grid: Grid) -> FloatArray:
     """Return values at bins of so many samples at the bins of a grid, shape (K,)."""
     if samples == grid.samples and len(values) >= grid.bins:
         return values[: grid.bins]
@@ -81,31 +84,32 @@ def brought(values: FloatArray, samples: int, grid: Grid) -> FloatArray:
 
 
 def is_steep(spectrum: NoiseSpectrum) -> bool:
-    """Return whether noise is so much less in some bins that what leaks into these counts."""
-    least = float(np.min(spectrum.psd))
-    return spectrum.input_noise > 0.0 or least < STEEP * float(np.mean(spectrum.psd))
+    """Return whether noise is so much less in some bins that leakage into these counts."""
+    lowest = float(np.min(spectrum.psd))
+    return spectrum.input_noise > 0.0 or lowest < MAX_STEEP_RATIO * float(np.mean(spectrum.psd))
 
 
 def read_weighting(
     band: Band, places: Sequence[GroupAt], heard: Mapping[int, tuple[int, BoolArray]] | None
 ) -> Weighting:
-    """Read the noise of every segment from the residuals at an iterate.
+    """Return the noise of every segment from the residuals at an iterate.
 
     Args:
         band: the segments.
         places: the groups at the iterate.
-        heard: samples, and bins at which motion shows, by number of the segment. Elsewhere what a residual has
-            in common with the reference is noise of that. None: where the response is loud.
+        heard: samples, and bins at which motion shows, by number of the segment. Elsewhere the
+            component of a residual that is coherent with the reference is noise of that. None:
+            where the response is loud.
     """
     floors = band.problem.noise_floor**2
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
     samples: dict[int, int] = {}
-    for at, fitted in zip(places, fitted_numbers(places), strict=True):
-        group = at.group
-        squares = power_of(at.through)
+    for place, fitted in zip(places, fitted_numbers(places), strict=True):
+        group = place.group
+        squares = power_of(place.through)
         colour = _colour(band, group)
-        residual, predicted = at.fitted_in_all_bins
+        residual, predicted = place.fitted_in_all_bins
         residual = residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
         rows = Residuals(
@@ -117,11 +121,11 @@ def read_weighting(
                 rows,
                 through=(squares * colour)[None],
                 reference=reference,
-                passed=at.through * reference,
+                passed=place.through * reference,
                 heard=None if heard is None else _heard_in(group, heard),
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
-        for number, spectrum in zip(group.segments, NoiseSpectrum.each(noise), strict=True):
+        for number, spectrum in zip(group.segments, NoiseSpectrum.by_record(noise), strict=True):
             passed[number] = squares
             samples[number] = group.grid.samples
             tones = with_tones(group.grid.tones, spectrum.tones)
@@ -133,8 +137,8 @@ def _heard_in(group: Group, heard: Mapping[int, tuple[int, BoolArray]]) -> BoolA
     """Return where motion shows in a group, whose length another delay may have changed."""
     rows = []
     for number in group.segments:
-        samples, own = heard[min(number, len(heard) - 1)]
-        rows.append(brought(own.astype(float), samples, group.grid) > 0.5)
+        samples, bins = heard[min(number, len(heard) - 1)]
+        rows.append(resampled_bins(bins.astype(float), samples, group.grid) > 0.5)
     return np.stack(rows)
 
 

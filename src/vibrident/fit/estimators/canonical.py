@@ -12,7 +12,7 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings
-from vibrident.fit.noise.found import doubtful
+from vibrident.fit.noise.spectral_noise import doubtful
 from vibrident.fit.problem import Coordinates
 from vibrident.physics.models.labels import canonical, rule, slopes, upright
 

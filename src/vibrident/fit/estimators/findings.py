@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.noise.found import SpectralNoise
+from vibrident.fit.noise.spectral_noise import SpectralNoise
 from vibrident.physics.discretisation import Method, method
 
 #: The curve of a nonlinear model, in words.

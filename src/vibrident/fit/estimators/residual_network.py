@@ -271,7 +271,7 @@ def _estimate_with_network(
     problem = plain.problem.of_frame(records_of_physics, plain.problem.frame)
     in_noise = plain.in_noise
     if in_noise is not None and isinstance(problem, BinProblem):
-        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).again(
+        in_noise = replace(in_noise, band=replace(in_noise.band, problem=problem)).at_noise_of(
             z, plain.coordinates
         )
     return replace(

@@ -26,7 +26,7 @@ from vibrident.fit.problem import (
 )
 from vibrident.fit.response import MeasuredResponse, measure_tones
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.tones import turning
+from vibrident.fit.response.sine_fit import phasors
 from vibrident.fit.response.transform import hann
 from vibrident.physics.discretisation import method
 from vibrident.physics.discretisation.inputs import half_width_for
@@ -135,7 +135,7 @@ def roughly_cleaned(
         periods = frequency[place] * record.duration_s
         # Of fewer samples or periods, offset and mirror image mix with the tone.
         if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:
-            wave = turning(
+            wave = phasors(
                 record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz
             )
             residual = np.where(used, record.response - series, 0.0) * window
@@ -151,7 +151,7 @@ def _is_steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
     """
     mask = record.mask
     turns = tones.frequency_hz[place] / record.sampling_rate_hz
-    wave = turning(record.samples, 2.0 * np.pi * turns)[mask]
+    wave = phasors(record.samples, 2.0 * np.pi * turns)[mask]
     rows = np.stack([wave.real, wave.imag, np.ones(wave.size)])
     windowed_rows = rows * hann(record.samples)[mask]
     amplitudes = np.linalg.lstsq(

@@ -1,7 +1,7 @@
 """Records of one sampling rate as one array, at the bins of the band.
 
-Bins above the band of the motion say nothing of the sensor, so they are left out before anything
-else is computed.
+Bins above the band of the motion carry no information on the sensor, so they are left out before
+anything else is computed.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from vibrident.fit.bins.segments import Segment, shifted_lines, tone_bins
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import line_counts
 
-#: Numbers of an array of (records, bins) that are worked on at once: they stay in the cache.
-MAX_AT_ONCE = 1 << 15
+#: Numbers of an array of (records, bins) that are processed at once: they stay in the cache.
+MAX_BATCH_SIZE = 1 << 15
 
 
-def in_parts(rows: int, bins: int) -> Iterator[slice]:
-    """Yield slices of rows that are worked on at once."""
-    width = max(MAX_AT_ONCE // max(bins, 1), 1)
+def in_batches(rows: int, bins: int) -> Iterator[slice]:
+    """Yield slices of rows that are processed at once."""
+    width = max(MAX_BATCH_SIZE // max(bins, 1), 1)
     for begin in range(0, rows, width):
         yield slice(begin, min(begin + width, rows))
 
@@ -42,11 +42,11 @@ class Grid:
         last: bins from here on do not count.
         first: bins before this one do not count, but for an offset.
         tones: places of tones that no motion causes, in bins.
-        edges: whether the initial states' slopes over the record are nuisances, too: where the
-            noise is steep, what leaks at the ends of a record would count as information.
-        in_pieces: whether samples of the response are left out.
+        edges: whether the slopes of the initial states over the record are nuisances, too: where
+            the noise is steep, leakage at the ends of a record would count as information.
+        has_gaps: whether samples of the response are left out.
         driven: whether there is a reference; a free decay has none.
-        whole: whether all counts that counts in time, and no drift is a nuisance.
+        full_band: whether every bin counts that counts in time, and no drift is a nuisance.
     """
 
     samples: int
@@ -56,45 +56,45 @@ class Grid:
     last: int
     tones: tuple[float, ...] = ()
     edges: bool = False
-    in_pieces: bool = False
+    has_gaps: bool = False
     driven: bool = True
-    whole: bool = False
+    full_band: bool = False
     first: int = 1
 
     @property
     def step(self) -> tuple[float, float]:
-        """Sampling interval, s, and fraction."""
+        """Return the sampling interval, s, and the fraction."""
         return 1.0 / self.rate_hz, self.fraction
 
     @functools.cached_property
     def shifted(self) -> ComplexArray:
-        """W = z − 1 at the bins, shape (K,)."""
+        """Return W = z − 1 at the bins, shape (K,)."""
         return shifted_lines(self.samples, slice(0, self.bins))
 
     @functools.cached_property
     def frequency_hz(self) -> FloatArray:
-        """Frequencies, shape (K,); bin 0, which does not count, has that of bin 1."""
+        """Return the frequencies, shape (K,); bin 0, which does not count, has that of bin 1."""
         return np.maximum(np.arange(self.bins), 1) * (self.rate_hz / self.samples)
 
     @functools.cached_property
     def counts(self) -> FloatArray:
-        """How often each bin counts in a mean over the samples, shape (K,)."""
+        """Return how often each bin counts in a mean over the samples, shape (K,)."""
         counts = line_counts(self.samples)[: self.bins] / self.samples
         counts[1 : self.first] = 0.0
-        if self.first > 1 or not (self.whole and self.in_pieces):  # an offset is at bin 0 alone
+        if self.first > 1 or not (self.full_band and self.has_gaps):  # an offset is at bin 0 alone
             counts[0] = 0.0
         counts[self.last :] = 0.0
         return counts
 
     @functools.cached_property
-    def unmoved(self) -> ComplexArray:
-        """Columns that depend on no parameter, shape (m, K): drift, and tones of hum."""
+    def fixed_nuisances(self) -> ComplexArray:
+        """Return the columns that depend on no parameter, drift and tones of hum, shape (m, K)."""
         nonzero = np.where(self.shifted == 0.0, 1.0, self.shifted)
         drift = ((1.0 + self.shifted) / nonzero)[None]
-        columns = [drift[: 0 if self.whole else 1]]
+        columns = [drift[: 0 if self.full_band else 1]]
         if self.edges:
             columns.append(drift / nonzero)
-        if self.in_pieces:  # an offset is not at bin 0 alone
+        if self.has_gaps:  # an offset is not at bin 0 alone
             columns.append((np.arange(self.bins) == 0)[None] * complex(self.samples))
         if self.tones:
             columns.append(tone_bins(self.tones, self.samples, slice(0, self.bins)))
@@ -103,14 +103,14 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Rows of R segments at K bins each, of which the network can be evaluated.
+    """Rows of R segments at K bins each, at which the network can be evaluated.
 
     Attributes:
         step: sampling interval, s, and place within a step at which the response is read.
         inputs: transforms of the inputs of the steps, shape (R, q, K).
         response: transforms of the response, zero where it is not used, shape (R, K).
         shifted: w = z − 1, shape (R, K), or (1, K) where all have the same.
-        unmoved: nuisance columns that depend on no parameter, shape (R or 1, m, K).
+        fixed_nuisances: nuisance columns that depend on no parameter, shape (R or 1, m, K).
         edges: as of :class:`Grid`.
         used: samples of the response that are used, shape (R, N); None: all.
     """
@@ -119,12 +119,12 @@ class Bins:
     inputs: ComplexArray
     response: ComplexArray
     shifted: ComplexArray
-    unmoved: ComplexArray
+    fixed_nuisances: ComplexArray
     edges: bool = False
     used: BoolArray | None = None
 
     def where_used(self, rows: ComplexArray) -> ComplexArray:
-        """Set signals to zero where the response is not used; (R or 1, i, K) to (R, i, K)."""
+        """Return signals set to zero where the response is not used, shape (R, i, K)."""
         if self.used is None:
             return rows
         signals = fft.irfft(rows, self.used.shape[1], axis=-1)
@@ -147,20 +147,20 @@ class Group(Bins):
     def from_segments(
         cls, grid: Grid, numbers: Sequence[int], segments: Sequence[Segment]
     ) -> Group:
-        """Join segments of one length and rate."""
+        """Return segments of one length and rate as a group."""
         bins = slice(0, grid.bins)
         inputs = np.stack([segment.inputs[:, bins] for segment in segments])
         response = np.stack([segment.response[bins] for segment in segments])
         used = None
         if any(segment.used is not None for segment in segments):
-            everywhere = np.ones(grid.samples, dtype=bool)
-            used = np.stack([everywhere if s.used is None else s.used for s in segments])
-        columns = grid.shifted[None], grid.unmoved[None]
+            all_used = np.ones(grid.samples, dtype=bool)
+            used = np.stack([all_used if s.used is None else s.used for s in segments])
+        columns = grid.shifted[None], grid.fixed_nuisances[None]
         return cls(grid.step, inputs, response, *columns, grid.edges, used, grid, tuple(numbers))
 
     @property
     def count(self) -> FloatArray:
-        """Number of samples that are used, shape (R,)."""
+        """Return the number of samples that are used, shape (R,)."""
         if self.used is None:
             return np.full(len(self.segments), float(self.grid.samples))
         return np.sum(self.used, axis=1).astype(float)
@@ -172,6 +172,6 @@ class Group(Bins):
             self.inputs[row : row + 1, :, bins],
             self.response[row : row + 1, bins],
             self.shifted[:, bins],
-            self.unmoved[:, :, bins],
+            self.fixed_nuisances[:, :, bins],
             self.edges,
         )

@@ -1,11 +1,11 @@
-"""The network over a group at the bins of the band, initial states and drift projected out.
+"""The network over a group at the bins of the band, with initial states and drift projected out.
 
 The residual of a segment is
 
     R = Y − Σ_k b_k wᵏ U / a(w) − (z Σ_{k<n} d_k wᵏ) / a(w) − …,    w = z − 1,
 
-where the initial states' d_k, a drift, and tones of hum are nuisance columns N: their amounts are
-least squares in the weights W (variable projection; Kaufman 1975), so nothing leaks.
+where the d_k of the initial states, a drift, and tones of hum are nuisance columns N: their amounts
+are least squares in the weights W (variable projection; Kaufman 1975), so nothing leaks.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from vibrident.fit.response.response import ComplexArray
 
 
 class Step(NamedTuple):
-    """A network's transfer function of a step, and its derivatives with P parameters.
+    """Transfer function of a step of the network, and its derivatives with P parameters.
 
     Attributes:
         transfer: the transfer function.
-        slope: its derivatives in a leading axis of P; None where they are not asked for.
+        slope: its derivatives in a leading axis of P; None where they are not needed.
     """
 
     transfer: DiscreteTransfer
@@ -37,7 +37,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Nuisances:
-    """Columns that are fitted to rows beside the parameters.
+    """Columns that are fitted to rows in addition to the parameters.
 
     Attributes:
         columns: shape (R, m, K); the n initial states first.
@@ -51,7 +51,7 @@ class Nuisances:
 
     @classmethod
     def in_weight(cls, columns: ComplexArray, weight: FloatArray) -> Nuisances:
-        """Prepare the fit of columns in a weight of the bins, shape (R, K)."""
+        """Return columns prepared for a fit in a weight of the bins, shape (R, K)."""
         return cls(
             columns, weight, inverse_where_shown(products(columns * weight[:, None], columns))
         )
@@ -61,20 +61,20 @@ class Nuisances:
         return products(rows * self.weight[:, None], self.columns) @ self.inverse
 
     def imitated(self, rows: ComplexArray) -> ComplexArray:
-        """Return what of rows the columns can imitate, shape (R, i, K)."""
+        """Return the component of rows that the columns can imitate, shape (R, i, K)."""
         return combined(self.amounts(rows), self.columns)
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The network over a group at given parameters.
+    """Network over a group at given parameters.
 
     Attributes:
         residual: measured less predicted response, nuisance columns projected out, shape (R, K).
         predicted: the network's response with its initial states, shape (R, K).
         forced: the network's response to the reference alone, shape (R, K).
-        jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate,
-            shape (R, P, K); P is zero where no slopes were asked for.
+        jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate, shape
+            (R, P, K); P is zero without slopes.
         nuisances: nuisance columns.
         amounts: of these, shape (R, m).
         order: number of states n.
@@ -90,14 +90,14 @@ class Rows:
 
 
 def real_rows(rows: ComplexArray) -> FloatArray:
-    """View complex rows (…, K) as real ones (…, 2 K), so that Re a* b is their product."""
+    """Return complex rows (…, K) as real ones (…, 2 K), whose product is Re a* b."""
     return np.ascontiguousarray(rows).view(float)
 
 
-def products(rows: ComplexArray, others: ComplexArray) -> FloatArray:
-    """Return Re Σ rows* others over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
+def products(rows: ComplexArray, columns: ComplexArray) -> FloatArray:
+    """Return Re Σ rows* columns over bins; (…, i, K) and (…, j, K) to (…, i, j)."""
     first = real_rows(rows)
-    second = first if others is rows else real_rows(others)
+    second = first if columns is rows else real_rows(columns)
     return first @ np.swapaxes(second, -1, -2)
 
 
@@ -107,29 +107,29 @@ def combined(amounts: FloatArray, columns: ComplexArray) -> ComplexArray:
 
 
 def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
-    """Evaluate the network over segments.
+    """Return the network over segments.
 
     Args:
         group: the segments.
-        step: the network's step.
+        step: of the network.
         weight: of the bins in the sums of squares that choose the nuisance amounts, shape (R, K).
     """
     shifted = group.shifted
-    over = 1.0 / horner(step.transfer.denominator, shifted)
+    inverse = 1.0 / horner(step.transfer.denominator, shifted)
     order = len(step.transfer.denominator) - 1
-    forced = _driven(group, step.transfer.numerator[None], over)[:, 0]
-    states = _states(shifted, over, order)
-    nuisances = Nuisances.in_weight(_nuisances(group, states, over), weight)
+    forced = _driven(group, step.transfer.numerator[None], inverse)[:, 0]
+    states = _states(shifted, inverse, order)
+    nuisances = Nuisances.in_weight(_nuisances(group, states, inverse), weight)
     residual = group.response - group.where_used(forced[:, None])[:, 0]
     amounts = nuisances.amounts(residual[:, None])
     residual -= combined(amounts, nuisances.columns)[:, 0]
     predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
     if step.slope is not None:
-        jacobian = _driven(group, step.slope.numerator, over)
+        jacobian = _driven(group, step.slope.numerator, inverse)
         for number, denominator in enumerate(step.slope.denominator):
             if np.any(denominator):
-                jacobian[:, number] -= predicted * (horner(denominator, shifted) * over)
+                jacobian[:, number] -= predicted * (horner(denominator, shifted) * inverse)
         jacobian = group.where_used(jacobian)
         jacobian -= nuisances.imitated(jacobian)
     return Rows(residual, predicted, forced, jacobian, nuisances, amounts[:, 0], order)
@@ -139,46 +139,49 @@ def predict(group: Group, step: Step) -> FloatArray:
     """Return the response with the best initial states and offset, without hum, shape (R, N).
 
     Args:
-        group: whole segments.
-        step: the network's step.
+        group: complete segments.
+        step: of the network.
     """
     grid = group.grid
     rows = evaluate(group, step, np.broadcast_to(grid.counts, group.response.shape))
     predicted = rows.predicted
     order = rows.order
     offset = np.zeros((len(predicted), 1))
-    if grid.in_pieces:
+    if grid.has_gaps:
         offset = rows.amounts[:, order : order + 1]
     else:
         predicted[:, 0] = group.response[:, 0]
-        if min(grid.tones, default=0.0) >= 1.0:  # less than a turn tells nothing of its mean
-            predicted[:, 0] -= rows.amounts[:, order:] @ grid.unmoved[:, 0]
+        if min(grid.tones, default=0.0) >= 1.0:  # less than a turn does not determine its mean
+            predicted[:, 0] -= rows.amounts[:, order:] @ grid.fixed_nuisances[:, 0]
     return np.asarray(fft.irfft(predicted, grid.samples)) + offset
 
 
-def _nuisances(group: Bins, states: ComplexArray, over: ComplexArray) -> ComplexArray:
+def _nuisances(group: Bins, states: ComplexArray, inverse: ComplexArray) -> ComplexArray:
     """Return the nuisance columns of every segment, the states first, shape (R, m, K)."""
-    columns = [states, group.unmoved]
+    columns = [states, group.fixed_nuisances]
     if group.edges:
-        columns.append(states * over[:, None])
-    return _every(group, np.concatenate(columns, axis=1))
+        columns.append(states * inverse[:, None])
+    return _for_all_segments(group, np.concatenate(columns, axis=1))
 
 
-def _every(group: Bins, columns: ComplexArray) -> ComplexArray:
-    """Return columns (R or 1, m, K) of every segment, where its response is used, (R, m, K)."""
+def _for_all_segments(group: Bins, columns: ComplexArray) -> ComplexArray:
+    """Return columns (R or 1, m, K) for every segment, zero where its response is not used.
+
+    Their shape is (R, m, K).
+    """
     return group.where_used(np.broadcast_to(columns, (len(group.response), *columns.shape[1:])))
 
 
-def _states(shifted: ComplexArray, over: ComplexArray, order: int) -> ComplexArray:
+def _states(shifted: ComplexArray, inverse: ComplexArray, order: int) -> ComplexArray:
     """Return z wᵏ / a, shape (R or 1, n, K)."""
     columns = np.empty((len(shifted), order, shifted.shape[1]), complex)
-    columns[:, :1] = ((1.0 + shifted) * over)[:, None]
+    columns[:, :1] = ((1.0 + shifted) * inverse)[:, None]
     for power in range(1, order):
         np.multiply(columns[:, power - 1], shifted, out=columns[:, power])
     return columns
 
 
-def _driven(group: Bins, numerators: FloatArray, over: ComplexArray) -> ComplexArray:
+def _driven(group: Bins, numerators: FloatArray, inverse: ComplexArray) -> ComplexArray:
     """Return Σ_k wᵏ Σ_j b[p, k, j] U_j / a; numerators (P, n + 1, q) to shape (R, P, K)."""
     count, powers, terms = numerators.shape
     while powers > 1 and not np.any(numerators[:, powers - 1]):
@@ -189,4 +192,4 @@ def _driven(group: Bins, numerators: FloatArray, over: ComplexArray) -> ComplexA
     for power in range(powers - 2, -1, -1):
         driven *= group.shifted[:, None]
         driven += sums[:, power * count : (power + 1) * count]
-    return driven * over[:, None]
+    return driven * inverse[:, None]

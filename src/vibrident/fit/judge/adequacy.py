@@ -39,7 +39,7 @@ from vibrident.physics.discretisation.weights import weight_table
 from vibrident.result import Signal
 
 if TYPE_CHECKING:
-    from vibrident.fit.decay.beside import DecayDeviation
+    from vibrident.fit.decay.deviations import DecayDeviation
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from vibrident.base.amounts import plain
 from vibrident.fit.uncertainty.adequacy import Adequacy, Points
 
 if TYPE_CHECKING:
-    from vibrident.fit.decay.beside import DecayDeviation
+    from vibrident.fit.decay.deviations import DecayDeviation
 
 
 def describe_misfit(

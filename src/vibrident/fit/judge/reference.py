@@ -1,7 +1,8 @@
-"""Whether a reference that is a sensor itself explains what a model does not: its own response is in the data.
+"""A reference that is a sensor itself, as the cause of a misfit: its own response is in the data.
 
-The points are then those of S/K, with K an oscillator that falls above its resonance (an accelerometer) or below its
-corner (a seismometer): two more unknowns, its natural frequency and damping.
+The points are then those of S/K, with K an oscillator that falls above its resonance (an
+accelerometer) or below its corner (a seismometer): two more unknowns, its natural frequency and
+damping.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ FEWEST_FREE = 6
 
 
 def with_reference_named(fitted: Fitted) -> Fitted:
-    """Return the fit; where a response of the reference explains its deviations, the message says so."""
+    """Return the fit, its message with the response of the reference that would explain it."""
     text = _said(fitted)
     if not text:
         return fitted
@@ -55,13 +56,14 @@ def _said(fitted: Fitted) -> str:
         return ""
     natural_hz, damping = found
     return (
-        f"A reference with a response of its own would explain them, an oscillator of about {plain(natural_hz, 2)} Hz "
-        f"with damping {plain(damping, 2)}: if it is a sensor, state its known_response under [reference]."
+        "A reference with a response of its own would explain them, an oscillator of about "
+        f"{plain(natural_hz, 2)} Hz with damping {plain(damping, 2)}: if it is a sensor, state its "
+        "known_response under [reference]."
     )
 
 
 def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
-    """Return natural frequency and damping of the oscillator that explains most; None where that is little.
+    """Return natural frequency and damping of the oscillator that explains most; None of little.
 
     Points that nothing moves are wild, so deviations are weighed by Cauchy's distribution.
     """
@@ -113,7 +115,7 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
 
 
 def _oscillator(hz: FloatArray, logarithms: FloatArray, *, above: bool) -> ComplexArray:
-    """Return K of natural frequency and damping, by their logarithms: one below its resonance, or above its corner."""
+    """Return K by the logarithms of its parameters: one below resonance, or above its corner."""
     natural_hz, damping = np.exp(np.clip(logarithms, -60.0, 60.0))
     place = hz / natural_hz
     denominator = 1.0 - place**2 + 2j * damping * place

@@ -1,1 +1,1 @@
-"""The noise of a fit: what of a residual is incoherent with the prediction, and what of it is the reference's."""
+"""The noise of a fit: the incoherent component of a residual, and what the reference adds."""

@@ -1,4 +1,4 @@
-"""The filter that whitens a series from its own past, of the order with the least information criterion."""
+"""Autoregression of a series, of the order with the least information criterion."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from vibrident.data.records import FloatArray
 
 
 def yule_walker(lags: FloatArray, count: float) -> tuple[FloatArray, float]:
-    """Prediction-error filter by Levinson's recursion, its first coefficient one, and the variance that it leaves.
+    """Return the prediction-error filter, its first coefficient one, and its residual variance.
 
-    Of the order with the least information criterion (Schwarz 1978).
+    Levinson's recursion, of the order with the least information criterion (Schwarz 1978).
 
     Args:
         lags: autocovariance, shape (orders + 1,).
         count: number of samples behind it.
     """
-    filters, left = np.ones(1), float(lags[0])
-    kept = 0.0, filters, left
+    filters = np.ones(1)
+    variance = float(lags[0])
+    best = 0.0, filters, variance
     for order in range(1, len(lags)):
-        reflection = -float(filters @ lags[order:0:-1]) / left
-        if not reflection**2 < 1.0:  # of pure tones: the estimate is no autocovariance any more
+        reflection = -float(filters @ lags[order:0:-1]) / variance
+        if not reflection**2 < 1.0:  # pure tones: no longer an autocovariance
             break
         filters = np.append(filters, 0.0) + reflection * np.append(0.0, filters[::-1])
-        left *= 1.0 - reflection**2
-        criterion = float(count * np.log(left / lags[0]) + order * np.log(count))
-        if criterion < kept[0]:
-            kept = criterion, filters, left
-    return kept[1:]
+        variance *= 1.0 - reflection**2
+        criterion = float(count * np.log(variance / lags[0]) + order * np.log(count))
+        if criterion < best[0]:
+            best = criterion, filters, variance
+    return best[1:]

@@ -1,4 +1,4 @@
-"""Bins at which the motion has a line of its own."""
+"""Bins at which the motion has a line."""
 
 from __future__ import annotations
 
@@ -9,24 +9,31 @@ from vibrident.fit.noise.averages import mean_around
 
 #: A bin this many times above its surroundings is no chance: one of 10⁹ white ones is.
 OUTSTANDING_RATIO = 20.0
-#: Bins on either side that are the nearest.
+#: Bins on either side that count as the nearest.
 CLOSE_BINS = 8
 
 
 def lines_of_motion(
     expected: FloatArray, log_expected: FloatArray, log_through: FloatArray | None, width: int
 ) -> BoolArray:
-    """Return where the motion has a line of its own: a remainder there is the model's, no hum.
+    """Return the bins of lines of the motion, whose remainder is the model's and no hum.
 
-    Lines stand out of all around, or of the nearest, as a multisine's do; a resonance is no line.
+    Lines stand out of all bins around, or of the nearest, as a multisine's do; a resonance is no
+    line.
+
+    Args:
+        expected: power of the prediction, shape (R, K).
+        log_expected: its logarithm, shape (R, K).
+        log_through: logarithm of g |H|², shape (R, K) or (1, K); None without a reference.
+        width: bins on either side of a bin around it.
     """
-    stands = expected > OUTSTANDING_RATIO * mean_around(expected, width)
+    stands_out = expected > OUTSTANDING_RATIO * mean_around(expected, width)
     logarithm = log_expected if log_through is None else log_expected - log_through
-    close = logarithm - mean_around(logarithm, CLOSE_BINS)
-    lines = close > np.log(OUTSTANDING_RATIO) + np.euler_gamma
+    excess = logarithm - mean_around(logarithm, CLOSE_BINS)
+    lines = excess > np.log(OUTSTANDING_RATIO) + np.euler_gamma
     lines[:, 1:] &= logarithm[:, 1:] >= logarithm[:, :-1]
     lines[:, :-1] &= logarithm[:, :-1] >= logarithm[:, 1:]
-    stands |= lines
-    stands[:, 1:] |= lines[:, :-1]
-    stands[:, :-1] |= lines[:, 1:]
-    return stands
+    stands_out |= lines
+    stands_out[:, 1:] |= lines[:, :-1]
+    stands_out[:, :-1] |= lines[:, 1:]
+    return stands_out

@@ -1,10 +1,9 @@
-"""What of a signal has locally nothing in common with a motion: noise, without any model.
+"""Noise of a signal that is locally incoherent with a motion, without any model.
 
 In each block of bins, columns that are smooth in frequency are projected out of the signal: a
-quadratic times the motion, which any sensor's response to it is nearly, and a quadratic of its own,
-as what leaks over from other frequencies is (local polynomial method: Pintelon & Schoukens 2012,
-ch. 7). Without the latter a displacement, whose low frequencies leak over all bins, would count as
-noise.
+quadratic times the motion, which any sensor's response to it nearly is, and a quadratic alone, as
+leakage from other frequencies is (local polynomial method: Pintelon & Schoukens 2012, ch. 7).
+Without the latter a displacement, whose low frequencies leak over all bins, would count as noise.
 """
 
 from __future__ import annotations
@@ -22,17 +21,17 @@ from vibrident.fit.response.transform import power_of
 
 #: Bins of a block.
 BLOCK_BINS = 24
-#: Degrees of a polynomial in a block, and one: a quadratic.
+#: Number of coefficients of a polynomial in a block: a quadratic.
 DEGREES = 3
 #: Chance that any block without motion counts as one with motion.
-FALSE_BLOCK = 1e-3
+MAX_CHANCE_OF_MOTION = 1e-3
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
-#: Part of the largest of the columns' products by which those that others span are kept regular.
+#: Ridge, over the largest product of the columns, that keeps dependent columns regular.
 RIDGE = 1e-10
-#: Samples left out are found once what is still to explain is this part of what is not explained.
-FILLED = 1e-6
-#: Steps of conjugate gradients at most.
+#: Omitted samples are filled in once the unexplained gradient is this fraction of the residual.
+TOLERANCE = 1e-6
+#: Most steps of conjugate gradients.
 MAX_STEPS = 100
 
 
@@ -42,25 +41,25 @@ class SmoothColumns:
 
     Attributes:
         leaks: orthonormal polynomials, shape (m, w).
-        every: orthonormal columns beside motions, polynomials included, shape (R, B, m, w).
-        share: part of the samples of the rows that are used.
+        columns: orthonormal columns of polynomials and motions, shape (R, B, m, w).
+        share: fraction of the samples of the rows that are used.
     """
 
     leaks: ComplexArray
-    every: ComplexArray
+    columns: ComplexArray
     share: float
 
     @classmethod
     def beside(
         cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float
     ) -> SmoothColumns | None:
-        """Make the columns; None where so few bins tell nothing.
+        """Return the columns for motions, or None where so few bins carry no information.
 
         Args:
             motions: each of shape (R, K).
             shape: R and K.
-            share: part of the samples that are used. The fewer, the wider a block: each has as
-                many numbers that are independent.
+            share: fraction of the samples that are used. The fewer, the wider a block: each has as
+                many independent numbers.
         """
         records, bins = shape
         blocks = max(int((bins - 1) * share) // BLOCK_BINS, 1)
@@ -79,22 +78,22 @@ class SmoothColumns:
 
     def in_blocks(self, rows: ComplexArray) -> ComplexArray:
         """Return rows (R, K) in blocks, shape (R, B, 1, w)."""
-        records, blocks, _, width = self.every.shape
+        records, blocks, _, width = self.columns.shape
         return rows[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)
 
     def explained(self, rows: ComplexArray) -> ComplexArray:
-        """Return what all columns and an offset explain of rows, shape (R, K)."""
+        """Return the projection of rows onto all columns and an offset, shape (R, K)."""
         explained = np.zeros_like(rows)
         explained[:, 0] = rows[:, 0]
-        parts = _explained(self.in_blocks(rows), self.every)
-        explained[:, 1 : 1 + parts[0].size] = parts.reshape(len(rows), -1)
+        blocks = _explained(self.in_blocks(rows), self.columns)
+        explained[:, 1 : 1 + blocks[0].size] = blocks.reshape(len(rows), -1)
         return explained
 
     def filled(self, rows: ComplexArray, used: BoolArray) -> ComplexArray:
-        """Return rows with the samples left out as the columns that fit the others best have them.
+        """Return rows with omitted samples filled in by the columns that fit the others best.
 
-        Least squares over the used samples, by conjugate gradients (Hestenes & Stiefel 1952): no
-        transform of a signal exists that is not known everywhere.
+        Least squares over the used samples, by conjugate gradients (Hestenes & Stiefel 1952): a
+        signal that is not known everywhere has no transform.
 
         Args:
             rows: bins below half the sampling rate of signals that are zero where not used, (R, K).
@@ -102,83 +101,86 @@ class SmoothColumns:
         """
         samples = used.shape[1]
 
-        def seen(signal: ComplexArray) -> ComplexArray:
+        def masked(signal: ComplexArray) -> ComplexArray:
             values = fft.irfft(signal, samples, axis=-1) * used
             return np.asarray(fft.rfft(values, axis=-1))[:, : rows.shape[1]]
 
-        rest = rows.copy()
+        residual = rows.copy()
         estimate = np.zeros_like(rows)
-        gradient = self.explained(rest)
+        gradient = self.explained(residual)
         direction = gradient
         square = _inner(gradient, gradient)
         for _ in range(MAX_STEPS):
-            if square <= FILLED * _inner(rest, rest):
+            if square <= TOLERANCE * _inner(residual, residual):
                 break
-            response = seen(direction)
+            response = masked(direction)
             step = square / _inner(direction, response)
             estimate += step * direction
-            rest -= step * response
-            gradient = self.explained(rest)
-            before, square = square, _inner(gradient, gradient)
-            direction = gradient + (square / before) * direction
-        return estimate + rest
+            residual -= step * response
+            gradient = self.explained(residual)
+            previous = square
+            square = _inner(gradient, gradient)
+            direction = gradient + (square / previous) * direction
+        return estimate + residual
 
     def incoherent_level(self, rows: ComplexArray) -> tuple[FloatArray, BoolArray]:
         """Return the noise of rows, and where they move with the motions.
 
         Args:
-            rows: shape (R, K), samples that are not used filled in.
+            rows: shape (R, K), with samples that are not used filled in.
 
         Returns:
-            Power of what is not explained at each bin, smooth over five blocks, shape (R, K);
-            where samples are left out, of the others'. And whether each bin is in a block that
-            has more in common with the motions than noise alone would, shape (R, K).
+            Power of the incoherent component at each bin, smooth over five blocks, shape (R, K);
+                where samples are left out, that of the others. And whether each bin is in a block
+                more coherent with the motions than noise alone would be, shape (R, K).
         """
-        _, blocks, _, width = self.every.shape
+        _, blocks, _, width = self.columns.shape
         signal = self.in_blocks(rows)
-        rest = signal - _explained(signal, self.leaks)
-        left = signal - _explained(signal, self.every)
-        taken = np.sum(power_of(self.every), axis=(-2, -1))
-        squares = np.sum(power_of(left), axis=-1)[..., 0]
-        freedom = np.maximum(self.share * width - taken, 1.0)
+        without_leaks = signal - _explained(signal, self.leaks)
+        residual = signal - _explained(signal, self.columns)
+        fitted = np.sum(power_of(self.columns), axis=(-2, -1))
+        squares = np.sum(power_of(residual), axis=-1)[..., 0]
+        freedom = np.maximum(self.share * width - fitted, 1.0)
         level = self.share * squares / freedom
-        shared = self.share * (np.sum(power_of(rest), axis=-1)[..., 0] - squares)
-        share = np.clip(squares / np.maximum(squares + shared, 1e-300), 0.0, 1.0)
-        # Of n − m complex numbers, m of them taken: 1 − γ² is Beta(n − m, m) by chance, m = 3.
-        less = 1.0 - share
-        chance = share**freedom * (1.0 + freedom * less * (1.0 + 0.5 * (freedom + 1.0) * less))
-        # Where there is no motion the response lacks the noise of the reference: a level of its own.
-        moving = chance * chance.size < FALSE_BLOCK
-        log = np.log(np.maximum(_among(level, moving), 1e-300))
+        coherent = self.share * (np.sum(power_of(without_leaks), axis=-1)[..., 0] - squares)
+        share = np.clip(squares / np.maximum(squares + coherent, 1e-300), 0.0, 1.0)
+        # Of n − m complex numbers, m of them fitted: 1 − γ² is Beta(n − m, m) by chance, m = 3.
+        coherence = 1.0 - share
+        chance = share**freedom * (
+            1.0 + freedom * coherence * (1.0 + 0.5 * (freedom + 1.0) * coherence)
+        )
+        # Where there is no motion the response lacks the noise of the reference: another level.
+        moving = chance * chance.size < MAX_CHANCE_OF_MOTION
+        logarithms = np.log(np.maximum(_among(level, moving), 1e-300))
         middles = 1.0 + width * (np.arange(blocks) + 0.5)
-        every = np.arange(rows.shape[1])
-        levels = np.stack([np.exp(np.interp(every, middles, own)) for own in log])
+        bin_numbers = np.arange(rows.shape[1])
+        levels = np.stack([np.exp(np.interp(bin_numbers, middles, row)) for row in logarithms])
         bins = np.zeros(rows.shape, dtype=bool)
         bins[:, 1 : 1 + blocks * width] = np.repeat(moving, width, axis=1)
         return levels, bins
 
 
-def _inner(rows: ComplexArray, others: ComplexArray) -> float:
-    """Return the sum of products of two signals over their samples, but for a factor."""
-    product = rows.real * others.real + rows.imag * others.imag
+def _inner(first: ComplexArray, second: ComplexArray) -> float:
+    """Return the sum of products of two signals over their samples, up to a factor."""
+    product = first.real * second.real + first.imag * second.imag
     return float(np.sum(product) - 0.5 * np.sum(product[:, 0]))
 
 
 def _among(level: FloatArray, moving: BoolArray) -> FloatArray:
-    """Return the mean of each block and those around that are alike in ``moving``, shape (R, B)."""
+    """Return the mean of each block and its neighbours with equal ``moving``, shape (R, B)."""
     smooth = np.zeros_like(level)
-    for alike in (moving, ~moving):
+    for same in (moving, ~moving):
         padded = np.zeros((2, len(level), level.shape[1] + 2 * NEIGHBOURS))
-        padded[:, :, NEIGHBOURS:-NEIGHBOURS] = level * alike, alike
+        padded[:, :, NEIGHBOURS:-NEIGHBOURS] = level * same, same
         total, number = np.sum(sliding_window_view(padded, level.shape[1], axis=2), axis=2)
-        smooth += np.where(alike, total / np.maximum(number, 1.0), 0.0)
+        smooth += np.where(same, total / np.maximum(number, 1.0), 0.0)
     return smooth
 
 
 def _orthonormal(columns: ComplexArray) -> ComplexArray:
-    """Return rows that span columns (…, m, w), next to nothing where these depend on others.
+    """Return rows that span columns (…, m, w), next to zero where these depend on others.
 
-    By Cholesky's factor of their products, which takes less than half the time of eigenvalues.
+    By the Cholesky factor of their products, which takes less than half the time of eigenvalues.
     """
     gram = columns @ np.conj(columns).swapaxes(-1, -2)
     diagonal = np.einsum("...ii->...i", gram)
@@ -187,5 +189,5 @@ def _orthonormal(columns: ComplexArray) -> ComplexArray:
 
 
 def _explained(rows: ComplexArray, columns: ComplexArray) -> ComplexArray:
-    """Return what orthonormal columns (…, m, w) explain of rows (…, 1, w)."""
+    """Return the projection of rows (…, 1, w) onto orthonormal columns (…, m, w)."""
     return (rows @ np.conj(columns).swapaxes(-1, -2)) @ columns

@@ -1,4 +1,4 @@
-"""Slow changes of a record's noise in time."""
+"""Slow changes of the noise of a record in time."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 
-#: Stretches of a record over which its noise may change, and the least samples of one.
-STRETCHES, LEAST = 16, 128
+#: Most stretches of a record over which its noise may change …
+MAX_STRETCHES = 16
+#: … and fewest samples of one.
+MIN_STRETCH_SAMPLES = 128
 
 
 def slow_profile(white: FloatArray, used: BoolArray) -> FloatArray:
-    """Noise power in time over its mean, of a whitened residual, each of shape (samples,)."""
+    """Return the noise power in time over its mean, shape (samples,).
+
+    Args:
+        white: whitened residual, shape (samples,).
+        used: samples that count, shape (samples,).
+    """
     count = int(used.sum())
-    stretches = int(np.clip(count // LEAST, 1, STRETCHES))
+    stretches = int(np.clip(count // MIN_STRETCH_SAMPLES, 1, MAX_STRETCHES))
     if stretches < 2:
         return np.ones(white.size)
     edges = np.linspace(0, white.size, stretches + 1).astype(int)

@@ -1,4 +1,4 @@
-"""What of a signal has locally nothing in common with motions.
+"""Projection of signals onto the complement of what is locally coherent with motions.
 
 In each block of bins a quadratic in frequency times each motion is projected out of the signal, as
 any linear sensor's response to it is nearly that (local polynomial method: Pintelon & Schoukens
@@ -21,7 +21,7 @@ from vibrident.fit.response.transform import power_of
 
 #: Bins of a block.
 BLOCK_BINS = 24
-#: Blocks that are worked on at once: their matrices stay in the cache.
+#: Most blocks that are processed at once: their matrices stay in the cache.
 MAX_BLOCKS = 1400
 #: Polynomials of a block: a constant, a line and a parabola.
 DEGREES = 3
@@ -43,7 +43,10 @@ class _Basis(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _basis(width: int) -> _Basis:
-    """Return the polynomials over blocks of so many bins; of fewer bins those of higher degrees are zero."""
+    """Return the polynomials over blocks of so many bins.
+
+    Of fewer bins than degrees those of higher degrees are zero.
+    """
     powers = np.linspace(-1.0, 1.0, width)[:, None] ** np.arange(2 * DEGREES - 1)
     orthonormal = np.linalg.qr(powers)[0].T
     moments = np.zeros(powers.T.shape)
@@ -53,7 +56,7 @@ def _basis(width: int) -> _Basis:
 
 
 def block_edges(bins: int) -> NDArray[np.int_]:
-    """Return the first bins of blocks, and the bin behind the last full one; from bin 1 on."""
+    """Return the first bins of blocks, from bin 1 on, and the bin after the last full one."""
     width = -(-(bins - 1) // max((bins - 1) // BLOCK_BINS, 1))
     return 1 + width * np.arange(-(-(bins - 1) // width) + 1)
 
@@ -64,7 +67,7 @@ def without_common(
     root: FloatArray,
     heard: BoolArray | None = None,
 ) -> tuple[ComplexArray, FloatArray]:
-    """Project what is locally coherent with motions out of rows.
+    """Return rows without the component that is locally coherent with motions.
 
     Args:
         rows: shape (R, K); bin 0 does not count.
@@ -73,8 +76,8 @@ def without_common(
         heard: where there is motion, shape (R, K); None: everywhere.
 
     Returns:
-        What is left, shape (R, K), and its degrees of freedom, 0 … 1 a bin, shape (R, K): noise of
-        power S leaves S times that there.
+        The remainder, shape (R, K), and its degrees of freedom, 0 … 1 a bin, shape (R, K): noise of
+            power S leaves S times that there.
     """
     records, bins = rows.shape
     edges = block_edges(bins)
@@ -92,21 +95,21 @@ def without_common(
     explained = in_blocks(rows, inverse)
     leverage = np.empty(explained.shape)
     for begin in range(0, len(explained), MAX_BLOCKS):
-        part = slice(begin, begin + MAX_BLOCKS)
-        explained[part], leverage[part] = _explained(
-            explained[part], [column[part] for column in columns]
+        batch = slice(begin, begin + MAX_BLOCKS)
+        explained[batch], leverage[batch] = _explained(
+            explained[batch], [column[batch] for column in columns]
         )
-    left = rows.copy()
+    remainder = rows.copy()
     explained = explained.reshape(records, -1)[:, : bins - 1]
     explained *= root[:, 1:]
-    left[:, 1:] -= explained
+    remainder[:, 1:] -= explained
     freedom = np.ones(rows.shape)
     freedom[:, 1:] -= leverage.reshape(records, -1)[:, : bins - 1]
-    return left, np.clip(freedom, 0.0, 1.0, out=freedom)
+    return remainder, np.clip(freedom, 0.0, 1.0, out=freedom)
 
 
 def _unit(motion: ComplexArray) -> ComplexArray:
-    """Scale the motion of each block to the mean power one, or leave it zero, shape (N, w)."""
+    """Return the motion of each block at mean power one, or zero, shape (N, w); in place."""
     size = np.sqrt(np.mean(power_of(motion), axis=1, keepdims=True))
     motion *= np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     return motion
@@ -115,7 +118,7 @@ def _unit(motion: ComplexArray) -> ComplexArray:
 def _explained(
     rows: ComplexArray, motions: Sequence[ComplexArray]
 ) -> tuple[ComplexArray, FloatArray]:
-    """Return what motions explain of rows (N, w), and the leverage of each bin, shape (N, w)."""
+    """Return the projection of rows onto motions, and the leverage of each bin, both (N, w)."""
     moments, products = _basis(rows.shape[1])
     table = products.reshape(-1, 2 * DEGREES - 1)
     columns = DEGREES * len(motions)
@@ -133,11 +136,11 @@ def _explained(
     inverse = _inverses(gram.reshape(columns, columns, -1))
     amounts = np.einsum("ijn,jn->in", inverse, common.reshape(columns, -1))
     amounts = amounts.reshape(len(motions), DEGREES, -1)
-    parts = inverse.reshape(len(motions), DEGREES, len(motions), DEGREES, -1)
+    inverse_blocks = inverse.reshape(len(motions), DEGREES, len(motions), DEGREES, -1)
     explained = np.zeros_like(rows)
     leverage = np.zeros(rows.shape)
     for (i, j), pair in pairs.items():
-        share = (table.T @ parts[i, :, j].reshape(DEGREES**2, -1)).T
+        share = (table.T @ inverse_blocks[i, :, j].reshape(DEGREES**2, -1)).T
         if i == j:
             explained += (amounts[i].T @ moments[:DEGREES]) * motions[i]
             leverage += (share.real @ moments) * pair
@@ -148,7 +151,7 @@ def _explained(
 
 
 def _inverses(gram: ComplexArray) -> ComplexArray:
-    """Return the inverses of Hermitian matrices, shape (m, m, N), by Cholesky's factors."""
+    """Return the inverses of Hermitian matrices, shape (m, m, N), by Cholesky factors."""
     size = len(gram)
     factor = np.zeros_like(gram)
     root = np.zeros_like(gram)

@@ -1,4 +1,4 @@
-"""The noise of one record's residual at each bin, and the part of it from the reference."""
+"""Noise of the residual of one record at each bin, and its component from the reference."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.reading import GroupNoise, Residuals, read_noise
+from vibrident.fit.noise.reading import GroupNoise, read_noise
+from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.response.response import ComplexArray
 
 
@@ -20,7 +21,7 @@ class NoiseSpectrum:
         psd: noise at each bin, shape (K,).
         input_noise: σx² if significant, in squares of the residual's unit per |H|²; else zero.
         input_noise_at: the same at each bin, with its colour and level there, shape (K,).
-        doubt: σx² that may be left beside it (95 %) at each bin, shape (K,).
+        doubt: σx² that may remain in addition (95 %) at each bin, shape (K,).
         excited: weight of each bin, shape (K,): zero where noise of the reference alone could
             explain the prediction.
         tones: places of tones in the residual (hum of the mains), in bins and fractions of one.
@@ -36,7 +37,7 @@ class NoiseSpectrum:
     free: bool = False
 
     @classmethod
-    def each(cls, noise: GroupNoise) -> list[NoiseSpectrum]:
+    def by_record(cls, noise: GroupNoise) -> list[NoiseSpectrum]:
         """Return the noise of each record of a group."""
         rows = (
             noise.psd,
@@ -50,15 +51,16 @@ class NoiseSpectrum:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What a model says of a record, for the reading of its noise.
+    """Prediction of a model for a record, for the estimation of its noise.
 
     Attributes:
         predicted: bins of its response, shape (K,).
         count: number of samples that are used.
-        last: bins from here on are not looked at.
+        last: bins from here on do not count.
         through: g |H|², shape (K,); None where it is not known.
         colour: g, power of the reference's own noise over its mean, one or shape (K,).
-        lines: bins whose remainder is the motion's, and no hum, shape (K,); None: its own alone.
+        lines: bins whose remainder is the motion's, and no hum, shape (K,), in addition to lines of
+            the prediction; None: no others.
     """
 
     predicted: ComplexArray
@@ -70,14 +72,14 @@ class Motion:
 
 
 def noise_spectrum(residual: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
-    """Read the noise of a residual, shape (K,); ``floor``: lower limit of its level."""
+    """Return the noise of a residual, shape (K,); ``floor`` is the lower limit of its level."""
     return noise_spectra(residual[None], [motion], [floor])[0]
 
 
 def noise_spectra(
     residual: ComplexArray, motions: Sequence[Motion], floors: Sequence[float]
 ) -> list[NoiseSpectrum]:
-    """Read the noise of residuals of one length and rate.
+    """Return the noise of residuals of one length and rate.
 
     Args:
         residual: shape (R, K).
@@ -97,4 +99,4 @@ def noise_spectra(
         lines=np.stack(lines) if lines else None,
     )
     noise = read_noise(rows, first.last, first.colour)
-    return NoiseSpectrum.each(noise)
+    return NoiseSpectrum.by_record(noise)

@@ -26,22 +26,24 @@ from vibrident.fit.noise.averages import (
 
 #: Powers beyond this many times the level are no noise: one of 22,000 white ones is.
 MAX_POWER_RATIO = 10.0
-#: Least degrees of freedom of a bin whose power says anything.
+#: Fewest degrees of freedom of a bin whose power counts.
 MIN_FREEDOM = 1e-3
-#: Bins on either side are at most this part of a bin's number: within them noise is not steep.
-STEEP_PART = 1 / 4
+#: Bins on either side are at most this fraction of the number of a bin: within them noise is not
+#: steep.
+MAX_WIDTH_FRACTION = 1 / 4
 #: Places at which a power of frequency is fitted.
 PLACES = 14
-#: Steps to the greatest likelihood.
+#: Steps to the maximum likelihood.
 LIKELIHOOD_STEPS = 3
 
 
 class _Low(NamedTuple):
-    """The lowest bins, and powers of frequency around P places among them.
+    """Lowest bins, and powers of frequency around P places among them.
 
     Attributes:
-        logarithm: of each bin's number over the place's, zero outside its window, shape (P, n).
-        moments: of the powers of that, zero to two, over the window, shape (3, P, n).
+        logarithm: of the number of each bin over that of the place, zero outside its window, shape
+            (P, n).
+        moments: its powers zero to two within the window, shape (3, P, n).
         between: shares of the places in the level of each of the t bins, shape (P, t).
     """
 
@@ -52,15 +54,15 @@ class _Low(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _low(bins: int) -> _Low:
-    """Return the lowest bins of so many."""
-    top = min(round(MIN_AVERAGED_BINS / STEEP_PART), bins - 1)
+    """Return the lowest of so many bins."""
+    top = min(round(MIN_AVERAGED_BINS / MAX_WIDTH_FRACTION), bins - 1)
     places = distinct(np.round(np.geomspace(1, top, PLACES)).astype(int))
     number = np.arange(1, min(top + MIN_AVERAGED_BINS, bins - 1) + 1)
     window = np.abs(number - places[:, None]) <= MIN_AVERAGED_BINS
     logarithm = np.where(window, np.log(number / places[:, None]), 0.0)
     moments = np.where(window, logarithm ** np.arange(3)[:, None, None], 0.0)
-    at = np.log(number[:top])
-    between = np.stack([np.interp(at, np.log(places), row) for row in np.eye(len(places))])
+    log_number = np.log(number[:top])
+    between = np.stack([np.interp(log_number, np.log(places), row) for row in np.eye(len(places))])
     return _Low(logarithm, moments, between)
 
 
@@ -72,22 +74,22 @@ def level_of_noise(relative: FloatArray, freedom: FloatArray) -> FloatArray:
         freedom: means of these where noise has the power one, shape (R, K).
     """
     bins = relative.shape[1]
-    shown = np.maximum(freedom, MIN_FREEDOM)
-    logarithm = np.log(np.maximum(relative / shown, 1e-300))
-    level = np.exp(level_around(logarithm, shown) + np.euler_gamma)
-    level *= shown
+    floored_freedom = np.maximum(freedom, MIN_FREEDOM)
+    logarithm = np.log(np.maximum(relative / floored_freedom, 1e-300))
+    level = np.exp(level_around(logarithm, floored_freedom) + np.euler_gamma)
+    level *= floored_freedom
     ordinary = np.where(relative < MAX_POWER_RATIO * level, relative, level)
     place = np.arange(bins)
     width: int | NDArray[np.int_] = averaged_bins(bins)
     if width > MIN_AVERAGED_BINS:
-        width = np.clip((place * STEEP_PART).astype(int), MIN_AVERAGED_BINS, width)
+        width = np.clip((place * MAX_WIDTH_FRACTION).astype(int), MIN_AVERAGED_BINS, width)
     weight = np.maximum(mean_around(freedom, width), MIN_FREEDOM)
     smooth = mean_around(ordinary, width)
     smooth /= weight
     # The inverse of a mean of n exponentially distributed powers is n / (n − 1) on average.
     count = np.maximum(2.0 * (width - NEAREST_BINS) * weight, 2.0)
     smooth *= count / (count - 1.0)
-    low = _lowest(ordinary, shown)
+    low = _lowest(ordinary, floored_freedom)
     smooth[:, 1 : low.shape[1] + 1] = low
     smooth[:, 0] = smooth[:, 1]
     return smooth
@@ -97,24 +99,26 @@ def _lowest(power: FloatArray, freedom: FloatArray) -> FloatArray:
     """Return the level of the lowest bins, from bin 1 on, by powers of frequency, shape (R, n)."""
     low = _low(power.shape[1])
     count, number = low.logarithm.shape
-    power, freedom = power[:, 1 : number + 1], freedom[:, 1 : number + 1]
+    power = power[:, 1 : number + 1]
+    freedom = freedom[:, 1 : number + 1]
     sums = freedom @ low.moments.reshape(-1, number).T
     zeroth, first, second = np.split(sums, 3, axis=1)
-    over = 1.0 / (zeroth * second - first**2 + 1e-9 * zeroth**2)
+    inverse_determinant = 1.0 / (zeroth * second - first**2 + 1e-9 * zeroth**2)
     flat = low.moments[:2].reshape(-1, number)
 
     def solved(right: FloatArray) -> tuple[FloatArray, FloatArray]:
-        constant, sloping = right[:, :count], right[:, count:]
-        level = (second * constant - first * sloping) * over
-        return level, (zeroth * sloping - first * constant) * over
+        constant = right[:, :count]
+        sloping = right[:, count:]
+        level = (second * constant - first * sloping) * inverse_determinant
+        return level, (zeroth * sloping - first * constant) * inverse_determinant
 
     logarithm = np.log(np.maximum(power / freedom, 1e-300)) + np.euler_gamma
     level, slope = solved((freedom * logarithm) @ flat.T)
     for _ in range(LIKELIHOOD_STEPS):
-        inverse = np.exp(slope[..., None] * -low.logarithm - np.maximum(level, -600.0)[..., None])
-        inverse *= power[:, None]
-        inverse -= freedom[:, None]
-        right = np.einsum("rpn,ipn->rip", inverse, low.moments[:2]).reshape(len(power), -1)
+        excess = np.exp(slope[..., None] * -low.logarithm - np.maximum(level, -600.0)[..., None])
+        excess *= power[:, None]
+        excess -= freedom[:, None]
+        right = np.einsum("rpn,ipn->rip", excess, low.moments[:2]).reshape(len(power), -1)
         steps = solved(right)
         level = level + np.clip(steps[0], -1.0, 1.0)
         slope = slope + np.clip(steps[1], -1.0, 1.0)

@@ -12,10 +12,10 @@ from vibrident.fit.response.transform import power_of
 
 #: A bin this many times above its surroundings is a tone.
 TONE_RATIO = 25.0
-#: The most tones of a record that are looked for.
+#: Most tones of a record.
 MAX_TONES = 16
-#: Tones nearer than so many bins are one: a record as long as this tells no nearer ones apart.
-MIN_APART = 1.0
+#: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
+MIN_DISTANCE_BINS = 1.0
 
 
 def tones_of(
@@ -25,9 +25,9 @@ def tones_of(
 
     Args:
         residual: shape (R, K).
-        noise: what of it is locally incoherent with the motion, shape (R, K).
+        noise: its component that is locally incoherent with the motion, shape (R, K).
         level: power of noise around, shape (R, K).
-        moved: where the motion has a line of its own, shape (R, K).
+        moved: lines of the motion, shape (R, K).
 
     Returns:
         Of each record, the strongest first.
@@ -36,10 +36,10 @@ def tones_of(
     strong = np.any(power_of(residual) > 0.375 * TONE_RATIO * level, axis=1)
     places: list[tuple[float, ...]] = [()] * len(residual)
     for record in np.flatnonzero(strong):
-        power, apart = power_of(windowed(np.stack([residual[record], noise[record]])))
-        least = TONE_RATIO * level[record, 2:-2]
+        power, incoherent_power = power_of(windowed(np.stack([residual[record], noise[record]])))
+        threshold = TONE_RATIO * level[record, 2:-2]
         peaks = (power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])
-        peaks &= np.minimum(power, apart)[1:-1] > least
+        peaks &= np.minimum(power, incoherent_power)[1:-1] > threshold
         peaks &= ~moved[record, 2:-2]
         tops = np.flatnonzero(peaks) + 1
         tops = tops[np.argsort(-power[tops])][:MAX_TONES]
@@ -47,18 +47,23 @@ def tones_of(
     return tuple(places)
 
 
-def with_tones(known: tuple[float, ...], found: tuple[float, ...]) -> tuple[float, ...]:
-    """Return known tones and those found beside them, in bins; what is left near a known one is no other."""
-    fresh = (tone for tone in found if all(abs(tone - other) >= MIN_APART for other in known))
-    return (*known, *fresh)[:MAX_TONES]
+def with_tones(known: tuple[float, ...], candidates: tuple[float, ...]) -> tuple[float, ...]:
+    """Return known tones and new ones, in bins.
+
+    The remainder of a known tone is no other.
+    """
+    additional = (
+        tone for tone in candidates if all(abs(tone - k) >= MIN_DISTANCE_BINS for k in known)
+    )
+    return (*known, *additional)[:MAX_TONES]
 
 
 def _offsets(power: FloatArray, tops: NDArray[np.int_]) -> FloatArray:
-    """Return where between bins tones are, as Hann's window has it: −½ … ½.
+    """Return the offsets of tones from their bins under a Hann window, −½ … ½.
 
     A parabola would be off by up to two hundredths of a bin.
     """
     low, middle, high = (np.sqrt(power[tops + shift]) for shift in (-1, 0, 1))
-    beside = np.maximum(low, high) / middle
-    offset = np.clip((2.0 * beside - 1.0) / (1.0 + beside), 0.0, 0.5)
+    ratio = np.maximum(low, high) / middle
+    offset = np.clip((2.0 * ratio - 1.0) / (1.0 + ratio), 0.0, 0.5)
     return np.where(high > low, offset, -offset)

@@ -1,4 +1,4 @@
-"""The records of a linear sensor as unbroken segments, of which the network is run at the bins of their transforms."""
+"""Records of a linear sensor as unbroken segments, at whose bins the network is run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.group.network import Step, predict
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import Frame, NetworkProblem
-from vibrident.fit.response.transform import MOST_KEPT
+from vibrident.fit.response.transform import MAX_CACHED_SAMPLES
 from vibrident.physics.discretisation import Weights
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
@@ -41,7 +41,11 @@ class BinProblem(NetworkProblem):
 
     @classmethod
     def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> BinProblem:
-        """The transforms of all unbroken runs; the model is linear."""
+        """Return the transforms of all unbroken runs; the model is linear.
+
+        Raises:
+            InputError: no record is long enough.
+        """
         drives = [driven_by(record, frame.model, frame.factor_values) for record in records]
         steps = [
             frame.method.filters(drive.valid, frame.terms, frame.delay_s * record.sampling_rate_hz)
@@ -60,20 +64,20 @@ class BinProblem(NetworkProblem):
 
     @functools.cached_property
     def trained(self) -> Trained:
-        """The network of the sensor model."""
+        """Return the network of the sensor model."""
         frame = self.frame
         return Trained(frame.model, frame.method, frame.quantity, frame.terms, frame.factor_values)
 
     def idle(self) -> BinProblem:
-        """The same without the transforms of long runs, which are made again when they are asked for."""
-        if all(segment.samples <= MOST_KEPT for segment in self.segments):
+        """Return the problem without the transforms of long runs, recomputed if needed."""
+        if all(segment.samples <= MAX_CACHED_SAMPLES for segment in self.segments):
             return self
         return replace(self, segments=tuple(segment.idle() for segment in self.segments))
 
     def at_factors_of(self, values: Mapping[str, float]) -> BinProblem:
-        """Return the same runs with inputs behind the factors of ``values``.
+        """Return the same runs with inputs filtered by the factors of ``values``.
 
-        Itself where these are the same, as of a rational model.
+        Itself where these are unchanged, as of a rational model.
         """
         factor_values = {name: values[name] for name in self.frame.factor_values}
         if factor_values == self.frame.factor_values:
@@ -85,12 +89,13 @@ class BinProblem(NetworkProblem):
 
     @property
     def highest(self) -> float:
-        """Highest line that counts, as a part of the sampling rate."""
+        """Return the highest line that counts, as a fraction of the sampling rate."""
         return USABLE_BAND if self.frame.method.is_exact else 0.5
 
     def grid_of(self, number: int) -> Grid:
-        """Return all bins of a segment."""
-        segment, record = self.segments[number], self.records[self.segments[number].record]
+        """Return the grid of all bins of a segment."""
+        segment = self.segments[number]
+        record = self.records[segment.record]
         bins = segment.samples // 2 + 1
         return Grid(
             segment.samples,
@@ -99,26 +104,26 @@ class BinProblem(NetworkProblem):
             bins,
             bins,
             segment.hum,
-            in_pieces=segment.used is not None,
+            has_gaps=segment.used is not None,
             driven=record.reference is not None,
-            whole=True,
+            full_band=True,
         )
 
     def weights(self, values: Mapping[str, float]) -> Weights:
-        """Network weights, one set a sampling interval in order (leading axis)."""
+        """Return the network weights, by sampling interval in order (leading axis)."""
         kinds = {self.grid_of(number).step for number in range(len(self.segments))}
-        found = [
+        by_kind = [
             self.trained.weights(dict(values), *kind, self.frame.delay_s) for kind in sorted(kinds)
         ]
-        return Weights(*(np.stack(parts) for parts in zip(*found, strict=True)))
+        return Weights(*(np.stack(fields) for fields in zip(*by_kind, strict=True)))
 
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
-        """Response of every record with the best initial states and offsets, NaN where the network gives no value.
+        """Return the response of every record, with the best initial states and offsets.
 
-        Hum is no part of it.
+        NaN where the network gives no value. Hum is not included.
         """
         values = coordinates.values(z)
-        found = [np.full(record.samples, np.nan) for record in self.records]
+        responses = [np.full(record.samples, np.nan) for record in self.records]
         steps: dict[tuple[float, float], Step] = {}
         for number, segment in enumerate(self.segments):
             grid = self.grid_of(number)
@@ -128,11 +133,11 @@ class BinProblem(NetworkProblem):
                 )
             group = Group.from_segments(grid, [number], [segment])
             segment.transforms.forget_inputs()
-            found[segment.record][segment.span] = predict(group, steps[grid.step])[0]
-        return found
+            responses[segment.record][segment.span] = predict(group, steps[grid.step])[0]
+        return responses
 
     def lowest_ringing_hz(self, values: dict[str, float]) -> float:
-        """Lowest frequency of a free oscillation, Hz; zero where the sensor has none."""
+        """Return the lowest frequency of a free oscillation, Hz; zero without one."""
         poles = self.frame.model.poles(values)
         ringing = np.abs(np.imag(poles[np.imag(poles) != 0.0]))
         return float(np.min(ringing)) / (2.0 * np.pi) if ringing.size else 0.0

@@ -25,17 +25,19 @@ from vibrident.data.records import FloatArray
 from vibrident.physics.models import ParameterSpec, SensorModel
 from vibrident.physics.models.base import array_library
 
-#: A natural frequency is looked for at most this far outside the band of the data.
+#: A natural frequency is searched at most this factor outside the band of the data …
 BAND_MARGIN = 300.0
-#: … and below it further: a first-order high-pass acts as f0/f.
+#: … and further below it: a first-order high-pass acts as f0/f.
 MARGIN_BELOW = 1e6
-#: Largest exponent of a trial step, or of what a network grows by in a run: e to it is finite, and beyond every search.
-FARTHEST = 300.0
+#: Largest exponent of a trial step, or of the growth of a network in a run: e to it is finite, and
+#: beyond every search.
+MAX_EXPONENT = 300.0
 
 
 def searched(band_hz: Any) -> dict[str, tuple[Any, Any]]:
-    """Kind of a parameter to its lowest and highest value that a fit searches, for data of this band."""
-    low, high = band_hz[0] / MARGIN_BELOW, band_hz[1] * BAND_MARGIN
+    """Return the lowest and highest value that a fit searches, by kind of parameter."""
+    low = band_hz[0] / MARGIN_BELOW
+    high = band_hz[1] * BAND_MARGIN
     return {"log": (low, high), "duration": (1.0 / (BAND_MARGIN * high), 1.0 / low)}
 
 
@@ -46,7 +48,7 @@ def ends_of(spec: ParameterSpec, band_hz: Any) -> tuple[Any, Any] | None:
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The map between coordinates z, shape (parameters,), and a model's parameters. To JAX, a pytree.
+    """Map between coordinates z, shape (parameters,), and a model's parameters; a pytree to JAX.
 
     Attributes:
         model: whose parameters.
@@ -68,39 +70,44 @@ class Coordinates:
         band_hz: Any,
         response_size: float = 1.0,
     ) -> Coordinates:
-        """Coordinates around start values given by name."""
+        """Return the coordinates around start values given by name."""
         values = np.array([float(start[name]) for name in model.parameter_names])
-        # Arrays: a plain number would be part of the compiled functions, which every new data set would compile anew.
+        # Arrays, as a plain number would be part of the compiled functions, which every data set
+        # would compile anew.
         return cls(model, values, np.array(band_hz), np.array(float(response_size)))
 
     @property
     def time_unit_s(self) -> Any:
-        """Unit of the coordinates of kind ``time``: one radian at the highest frequency."""
+        """Return the unit of coordinates of kind ``time``: a radian at the highest frequency."""
         return 1.0 / (2.0 * np.pi * self.band_hz[1])
 
     @functools.cached_property
     def _units(self) -> list[Any]:
-        """Physical value of each linear coordinate at one; None for the other kinds."""
+        """Return the physical value of each linear coordinate at one; None for the other kinds."""
         size = self.response_size
         units = {"time": self.time_unit_s, "inverse": 1.0 / size, "inverse_square": 1.0 / size**2}
-        each = []
+        by_parameter = []
         for index, spec in enumerate(self.model.parameters):
             unit = {"gain": self.start[index], "ratio": spec.size}.get(spec.kind or "")
-            each.append(units.get(spec.kind or "") if unit is None else unit)
-        return each
+            by_parameter.append(units.get(spec.kind or "") if unit is None else unit)
+        return by_parameter
 
     @property
     def first(self) -> FloatArray:
-        """Coordinates of the start values, shape (parameters,)."""
+        """Return the coordinates of the start values, shape (parameters,)."""
         return self.place(
             dict(zip(self.model.parameter_names, np.asarray(self.start).tolist(), strict=True))
         )
 
     @functools.cached_property
     def edges(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest coordinate of the range searched, each of shape (parameters,); infinite where open."""
+        """Return the lowest and highest coordinate that is searched, each of shape (parameters,).
+
+        Infinite where open.
+        """
         band_hz = [float(f) for f in self.band_hz]
-        low, high = np.full(len(self.start), -np.inf), np.full(len(self.start), np.inf)
+        low = np.full(len(self.start), -np.inf)
+        high = np.full(len(self.start), np.inf)
         for index, spec in enumerate(self.model.parameters):
             if (ends := ends_of(spec, band_hz)) is None:
                 continue
@@ -111,54 +118,58 @@ class Coordinates:
         return low, high
 
     def physical(self, z: Any) -> dict[str, Any]:
-        """Name to physical value; ``z`` may be traced."""
-        values, xp = {}, array_library(z)
+        """Return the physical values by name; ``z`` may be traced."""
+        values = {}
+        xp = array_library(z)
         units = self._units
         for index, spec in enumerate(self.model.parameters):
             if (unit := units[index]) is not None:
                 value = z[index] * unit
             elif spec.kind == "positive":
-                value = xp.abs(xp.sinh(xp.minimum(xp.maximum(z[index], -FARTHEST), FARTHEST)))
+                value = xp.abs(
+                    xp.sinh(xp.minimum(xp.maximum(z[index], -MAX_EXPONENT), MAX_EXPONENT))
+                )
             else:
-                value = self.start[index] * xp.exp(xp.minimum(z[index], FARTHEST))
+                value = self.start[index] * xp.exp(xp.minimum(z[index], MAX_EXPONENT))
             if (ends := ends_of(spec, self.band_hz)) is not None:
                 value = xp.minimum(xp.maximum(value, ends[0]), ends[1])
             values[spec.name] = value
         return values
 
     def values(self, z: Any) -> dict[str, float]:
-        """Name to physical value, as plain floats."""
+        """Return the physical values by name, as plain floats."""
         return {
             name: float(value) for name, value in self.physical(np.asarray(z, dtype=float)).items()
         }
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
-        """Coordinates of physical values, shape (parameters,)."""
-        found = []
+        """Return the coordinates of physical values, shape (parameters,)."""
+        coordinates = []
         for spec, start, unit in zip(
             self.model.parameters, np.asarray(self.start), self._units, strict=True
         ):
             value = float(values[spec.name])
             if spec.kind == "positive":
-                found.append(np.arcsinh(value))
+                coordinates.append(np.arcsinh(value))
             elif spec.kind == "gain" and value == start:
-                found.append(1.0)  # of a gain of zero, too
+                coordinates.append(1.0)  # also of a gain of zero
             elif unit is not None:
-                found.append(value / unit)
+                coordinates.append(value / unit)
             else:
-                found.append(np.log(max(value / start, np.finfo(float).tiny)))
-        return np.array(found)
+                coordinates.append(np.log(max(value / start, np.finfo(float).tiny)))
+        return np.array(coordinates)
 
     def slopes(self, z: FloatArray) -> FloatArray:
-        """Derivative of every physical value by its coordinate at ``z``, shape (parameters,).
+        """Return the derivative of each physical value by its coordinate, shape (parameters,).
 
         Zero at the ends of the range searched, beyond which nothing changes.
         """
-        values, (low, high) = self.values(z), self.edges
-        found = []
-        for spec, at, unit in zip(self.model.parameters, z, self._units, strict=True):
+        values = self.values(z)
+        low, high = self.edges
+        slopes = []
+        for spec, coordinate, unit in zip(self.model.parameters, z, self._units, strict=True):
             value = values[spec.name]
             if spec.kind == "positive":
-                value = float(np.copysign(np.hypot(1.0, value), at))  # cosh z
-            found.append(value if unit is None else unit)
-        return np.where((low < z) & (z < high), np.array(found), 0.0)
+                value = float(np.copysign(np.hypot(1.0, value), coordinate))  # cosh z
+            slopes.append(value if unit is None else unit)
+        return np.where((low < z) & (z < high), np.array(slopes), 0.0)

@@ -1,4 +1,4 @@
-"""A calibration made ready: fit records, the tones in them, the response by bands, and what was found on the way."""
+"""A calibration after screening: its records, their tones and bands, and findings."""
 
 from __future__ import annotations
 
@@ -33,17 +33,19 @@ from vibrident.physics.models import SensorModel
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What an estimator gets.
+    """Data that an estimator fits.
 
     Attributes:
         calibration: as read.
         model: the sensor model to identify.
         records: records that passed the screening; empty for a table.
-        tones: what the sine records say at their frequencies; ``record`` counts in ``records``. None without sines.
+        tones: response of the sine records at their frequencies; its ``record`` is an index into
+            ``records``. None without sines.
         bands: the same for other motion with a reference; None without.
         findings: warnings about the data.
-        start: values of the parameters to begin with, where they are known; found in the response otherwise.
-        effects: systematic effects that remain of what was corrected in the records.
+        start: start values of the parameters, where they are known; None estimates them from the
+            response.
+        effects: systematic effects that remain of corrections of the records.
         clock_offset: ε, by which intervals of the response were longer than those of the reference.
         at_own_clocks: the records before they were brought to one clock; empty where they were not.
     """
@@ -61,10 +63,10 @@ class Evidence:
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
-        """Screen the records and measure their nonparametric response.
+        """Return the evidence of a calibration: screen the records and measure their response.
 
         Raises:
-            InputError: no record can be used, or a record stated to be a sine is not a sine.
+            InputError: no record can be used, or a record declared as a sine is not a sine.
         """
         chain = chain_of(calibration)
         if calibration.table is not None:
@@ -75,27 +77,32 @@ class Evidence:
         ]
         records, findings = screen(without_copies(calibration.records), calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
-        records, steady = without_steady_decays(records)
-        records = (
-            records if chain is None else tuple(deconvolved(record, chain) for record in records)
-        )
-        records, more = judge_clocks(records)
-        offset, findings = clock_offset(records), (*findings, *steady, *more)
+        records, decay_findings = without_steady_decays(records)
+        if chain is not None:
+            records = tuple(deconvolved(record, chain) for record in records)
+        records, clock_findings = judge_clocks(records)
+        findings = (*findings, *decay_findings, *clock_findings)
+        offset = clock_offset(records)
         if offset == 0.0:
             return cls._measured(calibration, model, records, findings)
         return cls(calibration, model, records, None, None, findings).at_clock(offset)
 
     def at_clock(self, offset: float) -> Evidence:
-        """Return the same with each response brought to the clock of its reference, at ε = ``offset``."""
-        before = self.at_own_clocks or self.records
-        moved = self.with_records(tuple(at_reference_clock(record, offset) for record in before))
-        return replace(moved, clock_offset=offset, at_own_clocks=before)
+        """Return the evidence with responses brought to the clock of the reference at this ε."""
+        original = self.at_own_clocks or self.records
+        moved = self.with_records(tuple(at_reference_clock(record, offset) for record in original))
+        return replace(moved, clock_offset=offset, at_own_clocks=original)
 
     def with_records(self, records: tuple[Record, ...]) -> Evidence:
-        """The same with records that were worked on; measured anew."""
+        """Return the evidence with other records, measured anew, and the same findings."""
         measured = self._measured(self.calibration, self.model, records, ())
-        kept = {"clock_offset": self.clock_offset, "at_own_clocks": self.at_own_clocks}
-        return replace(measured, findings=self.findings, effects=self.effects, **kept)
+        return replace(
+            measured,
+            findings=self.findings,
+            effects=self.effects,
+            clock_offset=self.clock_offset,
+            at_own_clocks=self.at_own_clocks,
+        )
 
     @classmethod
     def _measured(
@@ -105,22 +112,27 @@ class Evidence:
         records: tuple[Record, ...],
         findings: tuple[Finding, ...],
     ) -> Evidence:
+        """Return the evidence of screened records, whose tones and bands are measured.
+
+        Raises:
+            InputError: a record declared as a sine is not a sine, or nothing lies in the bands.
+        """
         sines = [i for i, r in enumerate(records) if r.excitation == "sine"]
-        others = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
-        tones, bands = (
-            None,
-            measure_bands([records[i] for i in others], calibration.quantity) if others else None,
-        )
+        broadband = [i for i, r in enumerate(records) if r.excitation not in ("sine", "decay")]
+        tones = None
+        bands = None
+        if broadband:
+            bands = measure_bands([records[i] for i in broadband], calibration.quantity)
         if bands is not None:
-            bands = replace(bands, record=np.array(others)[bands.record])
+            bands = replace(bands, record=np.array(broadband)[bands.record])
         if sines:
-            some = [records[i] for i in sines]
-            tones = find_tones(some)
+            sine_records = [records[i] for i in sines]
+            tones = find_tones(sine_records)
             tones = replace(tones, record=np.array(sines)[tones.record])
-            refuse_other_motion(some, tones)
+            refuse_other_motion(sine_records, tones)
             findings = (
                 *findings,
-                *short_records(some, tones.frequency_hz),
+                *short_records(sine_records, tones.frequency_hz),
                 *silent_channels(tones),
             )
         if all(record.band_hz is None for record in records):
@@ -128,10 +140,10 @@ class Evidence:
         return cls(calibration, model, records, tones, bands, findings)._in_band()
 
     def _in_band(self) -> Evidence:
-        """Return the same without sines and points outside the bands of their records.
+        """Return the evidence without sines and points outside the bands of their records.
 
         Raises:
-            InputError: nothing is left.
+            InputError: no data remain.
         """
         inside = self._inside(self.tones)
         outside = set() if self.tones is None else set(self.tones.record[~inside].tolist())
@@ -159,63 +171,72 @@ class Evidence:
         )
 
     def _nothing_in_band(self) -> InputError:
+        """Return the error that no data lie in the band of their record."""
         band_hz = next(record.band_hz for record in self.records if record.band_hz is not None)
-        parts = [part.frequency_hz for part in (self.tones, self.bands) if part is not None]
+        frequencies_hz = [
+            measured.frequency_hz for measured in (self.tones, self.bands) if measured is not None
+        ]
         return nothing_in_band(
-            band_hz, np.concatenate(parts), self.calibration.source or "calibration in memory"
+            band_hz,
+            np.concatenate(frequencies_hz),
+            self.calibration.source or "calibration in memory",
         )
 
     def without_dead_records(self) -> Evidence | None:
-        """The same without records whose channels seem to have nothing in common; None where all or none seem so.
+        """Return the evidence without records whose channels seem uncorrelated.
 
-        A suspicion only: what a sharp resonance kept from the motion before the record hides the answer to it, too.
+        None where all or none seem so. It is a suspicion only: where a sharp resonance rings on
+        from motion before the record, this hides the response to the motion in it.
         """
         dead: list[int] = []
         for measured, suspects in (
             (self.bands, uncorrelated_records),
             (self.tones, silent_records),
         ):
-            found = [] if measured is None else suspects(measured)
-            if measured is not None and len(found) < len(distinct(measured.record)):
-                dead += found
+            suspected = [] if measured is None else suspects(measured)
+            if measured is not None and len(suspected) < len(distinct(measured.record)):
+                dead += suspected
         if not dead:
             return None
-        left = self.with_records(tuple(r for i, r in enumerate(self.records) if i not in dead))
-        return replace(
-            left, findings=(*self.findings, *nothing_in_common([self.records[i] for i in dead]))
-        )
+        evidence = self.with_records(tuple(r for i, r in enumerate(self.records) if i not in dead))
+        dead_findings = nothing_in_common([self.records[i] for i in dead])
+        return replace(evidence, findings=(*self.findings, *dead_findings))
 
     @property
     def quantity(self) -> Quantity:
-        """What the reference is."""
+        """Return the quantity of the reference."""
         return self.calibration.quantity
 
     @property
     def only_sines(self) -> bool:
-        """True where every record is a sine."""
+        """Return whether every record is a sine."""
         return bool(self.records) and all(r.excitation == "sine" for r in self.records)
 
     @functools.cached_property
     def first_look(self) -> FrequencyProblem | None:
-        """The response before any model, for start values; None where nothing but free decays was recorded."""
+        """Return the response before any model is fitted, for start values.
+
+        None where only free decays were recorded.
+        """
         if self.calibration.table is not None:
-            found = FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
-            return replace(found, start=self.start)
-        parts = [measured for measured in (self.tones, self.bands) if measured is not None]
-        if not parts:
+            problem = FrequencyProblem.of_table(self.calibration.table, self.model, self.quantity)
+            return replace(problem, start=self.start)
+        responses = [measured for measured in (self.tones, self.bands) if measured is not None]
+        if not responses:
             return None
-        measured = MeasuredResponse.join(parts)
+        measured = MeasuredResponse.join(responses)
         deviation = measured.error_deviation()
-        found = FrequencyProblem.of_measured(measured, deviation, self.model, self.quantity)
-        late_s = np.inf
+        problem = FrequencyProblem.of_measured(measured, deviation, self.model, self.quantity)
+        longest_delay_s = np.inf
         if self.bands is not None and self.tones is None:
-            # Lines as far apart as the inverse of a record's length repeat their phases after it: half of it is told.
-            late_s = 0.5 * max(record.duration_s for record in self.records)
-        return replace(found, start=self.start, longest_delay_s=late_s)
+            # Phases of lines spaced by the inverse of a record's duration are ambiguous beyond
+            # half of it.
+            longest_delay_s = 0.5 * max(record.duration_s for record in self.records)
+        return replace(problem, start=self.start, longest_delay_s=longest_delay_s)
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency of the data."""
+        """Return the lowest and highest frequency of the data."""
         if self.first_look is not None:
             return self.first_look.band_hz
         longest = max(self.records, key=lambda r: r.duration_s)
@@ -223,8 +244,12 @@ class Evidence:
 
     @property
     def response_size(self) -> float:
-        """Largest distance of a valid response sample from its record's mean, response unit; one without any."""
-        valid = [record.response[record.mask] for record in self.records]
+        """Return the largest distance of a response sample from its record's mean, response unit.
+
+        One without valid samples.
+        """
+        responses = [record.response[record.mask] for record in self.records]
         return (
-            max((float(np.max(np.abs(y - y.mean()))) for y in valid if y.size), default=0.0) or 1.0
+            max((float(np.max(np.abs(y - y.mean()))) for y in responses if y.size), default=0.0)
+            or 1.0
         )

@@ -1,10 +1,11 @@
-"""The residual in frequency: measured complex responses against the model's, weighted by their noise.
+"""The residual in frequency: measured complex responses less the model's, over their noise.
 
-Two kinds of data, one form. Records give complex amplitudes X (reference) and Y (response) of each tone; the
-residual Y − H X over its standard deviation is the errors-in-variables residual (Pintelon & Schoukens 2012, sec.
-9.11): its sum of squares is the maximum-likelihood cost once the unknown true X is eliminated. The deviation
-depends on H and is refreshed between fits. A table gives |H| and its phase with standard uncertainties u; the
-residual is in those coordinates, (|H| − m)/u_m and (arg H − φ)/u_φ.
+Two kinds of data have one form. Records give complex amplitudes X (reference) and Y (response) of
+each tone; the residual Y − H X over its standard deviation is the errors-in-variables residual
+(Pintelon & Schoukens 2012, sec. 9.11): its sum of squares is the maximum-likelihood cost once the
+unknown true X is eliminated. The deviation depends on H and is refreshed between fits. A table
+gives |H| and its phase with standard uncertainties u; the residual is in those coordinates, (|H| −
+m)/u_m and (arg H − φ)/u_φ.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from vibrident.physics.models.slopes import response_and_slopes
 
 
 class Local(NamedTuple):
-    """A residual's cost, gradient Jᵀr (J = −∂r/∂z) and JᵀJ at a point."""
+    """Normal matrix JᵀJ, gradient Jᵀr and cost of a residual r at a point (J = −∂r/∂z)."""
 
     matrix: Any
     gradient: Any
@@ -33,7 +34,7 @@ class Local(NamedTuple):
 
     @classmethod
     def of(cls, residual: FloatArray, jacobian: FloatArray) -> Local:
-        """Of a residual r, shape (n,), and ∂r/∂z, shape (n, p)."""
+        """Return the equations of a residual r, shape (n,), and ∂r/∂z, shape (n, p)."""
         return cls(jacobian.T @ jacobian, -jacobian.T @ residual, float(residual @ residual))
 
 
@@ -43,11 +44,12 @@ class FrequencyProblem:
 
     Attributes:
         model: the sensor model.
-        quantity: what the reference is.
-        data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or, of a table, (f, m, φ, u_m, u_φ).
+        quantity: of the reference.
+        data: arrays of the residual, each of shape (n,): (f, X, Y, σ) or, of a table, (f, m, φ,
+            u_m, u_φ).
         polar: True for a table, whose uncertainties belong to magnitude and phase.
         has_phase: False for a table of magnitudes alone.
-        start: values of the parameters to begin with, where they are known.
+        start: start values of the parameters, where they are known.
         longest_delay_s: longest delay between the channels that the data could show.
     """
 
@@ -67,7 +69,14 @@ class FrequencyProblem:
         model: SensorModel,
         quantity: Quantity,
     ) -> FrequencyProblem:
-        """The problem of what the records say; ``deviation`` is that of the real part of Y − H X, shape (n,)."""
+        """Return the problem of measured records.
+
+        Args:
+            measured: their response.
+            deviation: of the real part of Y − H X, shape (n,).
+            model: the sensor model.
+            quantity: of the reference.
+        """
         data = (measured.frequency_hz, measured.reference, measured.response, deviation)
         return cls(model, quantity, data)
 
@@ -75,7 +84,10 @@ class FrequencyProblem:
     def of_table(
         cls, table: ResponseTable, model: SensorModel, quantity: Quantity
     ) -> FrequencyProblem:
-        """The problem of a table; without stated uncertainties, 1 % and 0.01 rad give equal relative weights."""
+        """Return the problem of a table.
+
+        Without stated uncertainties, 1 % and 0.01 rad give equal relative weights.
+        """
         magnitude_u = table.magnitude_uncertainty
         if magnitude_u is None:
             magnitude_u = 0.01 * table.magnitude
@@ -87,7 +99,7 @@ class FrequencyProblem:
         return cls(model, quantity, data, polar=True, has_phase=table.phase_rad is not None)
 
     def with_random_effect(self, error: float) -> FrequencyProblem:
-        """The same problem of what records say, with a relative error of the model beside the noise."""
+        """Return the problem of records with a relative error of the model added to the noise."""
         frequency, reference, response, deviation = self.data
         return replace(
             self,
@@ -95,7 +107,10 @@ class FrequencyProblem:
         )
 
     def residual(self, z: Any, coordinates: Coordinates) -> Any:
-        """Weighted residual, shape (equations,); see the module's docstring. ``z`` may be traced."""
+        """Return the weighted residual, shape (equations,), as the module defines it.
+
+        ``z`` may be traced.
+        """
         return self._residual_of(
             coordinates.model.frequency_response(
                 coordinates.physical(z), self.data[0], self.quantity
@@ -103,7 +118,7 @@ class FrequencyProblem:
         )
 
     def _residual_of(self, model: Any) -> Any:
-        """Weighted residual of a response, shape (n,)."""
+        """Return the weighted residual of a response, shape (equations,)."""
         xp = array_library(model)
         if not self.polar:
             _, x, y, deviation = self.data
@@ -116,13 +131,13 @@ class FrequencyProblem:
         return xp.concatenate([radial, xp.angle(model * xp.exp(-1j * phase)) / phase_u])
 
     def jacobian(self, z: FloatArray, coordinates: Coordinates) -> FloatArray:
-        """Derivative of :meth:`residual` by z, of NumPy arrays, shape (equations, p)."""
+        """Return the derivative of :meth:`residual` by z, of NumPy arrays, shape (equations, p)."""
         return self._residual_and_jacobian(z, coordinates)[1]
 
     def _residual_and_jacobian(
         self, z: FloatArray, coordinates: Coordinates
     ) -> tuple[FloatArray, FloatArray]:
-        """Return both of one evaluation of the response."""
+        """Return residual and derivative from one evaluation of the response."""
         model, slopes = response_and_slopes(
             coordinates.model, coordinates.values(z), self.data[0], self.quantity
         )
@@ -138,34 +153,34 @@ class FrequencyProblem:
         return residual, np.concatenate([radial, relative.imag / self.data[4][:, None]])
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
-        """Cost, gradient and normal matrix of the weighted residual at ``z``, shape (p,)."""
+        """Return cost, gradient and normal matrix of the weighted residual at ``z``, shape (p,)."""
         return Local.of(*self._residual_and_jacobian(z, coordinates))
 
     @property
     def points(self) -> int:
-        """Number of frequencies n, repeats counted."""
+        """Return the number of frequencies n, repeats counted."""
         return int(self.data[0].shape[0])
 
     @property
     def equations(self) -> int:
-        """Number of real residuals: 2 n, or n without phase."""
+        """Return the number of real residuals: 2 n, or n without phase."""
         return self.points * (2 if self.has_phase else 1)
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency."""
+        """Return the lowest and highest frequency."""
         return float(np.min(self.data[0])), float(np.max(self.data[0]))
 
     @property
     def response(self) -> ComplexArray:
-        """Measured complex sensitivity, shape (n,)."""
+        """Return the measured complex sensitivity, shape (n,)."""
         if self.polar:
             return self.data[1] * np.exp(1j * self.data[2])
         return self.data[2] / self.data[1]
 
     @property
     def relative_deviation(self) -> FloatArray:
-        """Relative standard deviation of the measured sensitivity, shape (n,)."""
+        """Return the relative standard deviation of the measured sensitivity, shape (n,)."""
         if self.polar:
             return self.data[3] / self.data[1]
         return self.data[3] / np.maximum(np.abs(self.data[2]), 1e-300)

@@ -1,4 +1,4 @@
-"""Which network a model has over its records."""
+"""Choice of the network of a model over its records."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def network_of(
     quantity: Quantity,
     start: Mapping[str, float],
 ) -> NetworkProblem:
-    """Return the network over records: at the bins of its transform where the model is linear, in time where not.
+    """Return the network over records, at the bins of their transforms or, if nonlinear, in time.
 
     Raises:
         InputError: no record is long enough.

@@ -1,4 +1,4 @@
-"""The network of a sensor over its records, by whichever way it is run."""
+"""The network of a sensor over its records, in time or at the bins of their transforms."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ import numpy as np
 from vibrident.base.errors import InputError, ModelError
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.fit.problem.coordinates import Coordinates
-from vibrident.fit.response.response import LEAST_DEVIATION
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION
 from vibrident.fit.response.rounding import converter_step
 from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.models import SensorModel
 
-#: Part of a sample by which a delay may leave that of the interpolated inputs.
-DELAY_SETTLED = 1e-5
-#: Part by which a factor's parameter may leave that of the inputs: they are exact to its square.
-FACTOR_SETTLED = 1e-5
+#: Fraction of a sample by which a delay may differ from that of the interpolated inputs.
+MAX_DELAY_CHANGE_SAMPLES = 1e-5
+#: Fraction by which a factor's parameter may differ from that of the inputs, which are exact to its
+#: square.
+MAX_FACTOR_CHANGE = 1e-5
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What network it is, and its shape.
+    """Shape of a network, and the values at which its inputs are taken.
 
     Attributes:
         model: the sensor model.
         method: the discretisation.
-        quantity: what the reference is.
+        quantity: of the reference.
         delay_s: at which the inputs are taken, s.
         order: number of states n.
         terms: inputs a step q.
@@ -58,15 +59,15 @@ class Frame:
         quantity: Quantity,
         start: Mapping[str, float],
     ) -> Frame:
-        """The shape that these records need.
+        """Return the frame that these records need.
 
         Args:
             records: at least one; a record without reference is a free decay, its input is zero.
             model: the sensor model.
             method: the discretisation.
-            quantity: what the reference is.
-            start: start values of the parameters; the natural frequency and damping set how many inputs a step
-                are needed, the delay where they are interpolated.
+            quantity: of the reference.
+            start: start values of the parameters; the natural frequency and damping set how many
+                inputs a step are needed, the delay where they are interpolated.
         """
         delay = float(np.asarray(model.delay_s(start))) if model.has_delay else 0.0
         system = model.rational(start, quantity)
@@ -80,11 +81,11 @@ class Frame:
 
     @property
     def fewest(self) -> int:
-        """A run is used that has more samples than this."""
+        """Return the number of samples that a run must exceed to be used."""
         return 2 * (self.order + 1)
 
     def too_short(self, records: Sequence[Record]) -> InputError:
-        """The error that no record is long enough."""
+        """Return the error that no record is long enough."""
         return InputError(
             "No record is long enough for the network.",
             expected=f"more than {self.fewest} samples that can be used after interpolation",
@@ -96,7 +97,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class NetworkProblem(ABC):
-    """The network over records; initial states and offsets are eliminated.
+    """Network over records, whose initial states and offsets are eliminated.
 
     Attributes:
         records: the records, in order.
@@ -115,7 +116,9 @@ class NetworkProblem(ABC):
         quantity: Quantity,
         start: Mapping[str, float],
     ) -> Self:
-        """Prepare the records, with inputs interpolated at the expected delay; args: as of :meth:`Frame.of`.
+        """Return the problem with inputs interpolated at the expected delay.
+
+        The arguments are those of :meth:`Frame.of`.
 
         Raises:
             InputError: no record is long enough.
@@ -125,7 +128,7 @@ class NetworkProblem(ABC):
     @classmethod
     @abstractmethod
     def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> Self:
-        """The records as such a network sees them.
+        """Return the problem of records for a network of this frame.
 
         Raises:
             InputError: no record is long enough.
@@ -133,42 +136,51 @@ class NetworkProblem(ABC):
 
     @abstractmethod
     def predict(self, coordinates: Coordinates, z: FloatArray) -> list[FloatArray]:
-        """Response of every record with the best initial states and offsets, NaN where the network gives no value."""
+        """Return the response of every record, with the best initial states and offsets.
+
+        NaN where the network gives no value.
+        """
 
     @abstractmethod
     def weights(self, values: Mapping[str, float]) -> Weights:
-        """Network weights of the linear part, one set a sampling interval in order (leading axis)."""
+        """Return the network weights of the linear part, by sampling interval (leading axis)."""
 
     @functools.cached_property
     def noise_floor(self) -> FloatArray:
-        """Lower limit of the standard deviation of each record's residual, response unit, shape (records,)."""
+        """Return the lower limit of each residual's deviation, response unit, shape (records,)."""
         return np.array([noise_floor_of(record) for record in self.records])
 
     def at_delay_of(self, values: Mapping[str, float]) -> Self:
-        """Return the same with inputs at the delay and factors of ``values``.
+        """Return the problem with inputs at the delay and factors of ``values``.
 
-        Itself where they nearly are.
+        Itself where they differ by next to nothing.
         """
-        frame, shortest = self.frame, min(record.sampling_interval_s for record in self.records)
-        late = abs(float(frame.model.delay_s(values)) - frame.delay_s) > DELAY_SETTLED * shortest
+        frame = self.frame
+        shortest = min(record.sampling_interval_s for record in self.records)
+        delay_change = abs(float(frame.model.delay_s(values)) - frame.delay_s)
+        delay_changed = delay_change > MAX_DELAY_CHANGE_SAMPLES * shortest
         factors = frame.factor_values.items()
-        moved = any(abs(values[name] - at) > FACTOR_SETTLED * abs(at) for name, at in factors)
-        if not late and not moved:
+        factors_changed = any(
+            abs(values[name] - value) > MAX_FACTOR_CHANGE * abs(value) for name, value in factors
+        )
+        if not delay_changed and not factors_changed:
             return self
         return self.build(self.records, frame.model, frame.method, frame.quantity, values)
 
     def idle(self) -> Self:
-        """The same with less memory, for rare use."""
+        """Return the problem with less memory, for rare use."""
         return self
 
 
 def noise_floor_of(record: Record) -> float:
     """Return the lower limit of the standard deviation of a record's residual, response unit."""
-    least = (
-        LEAST_DEVIATION * float(np.std(record.response[record.mask])) if record.mask.any() else 0.0
+    rounding_floor = (
+        MIN_RELATIVE_DEVIATION * float(np.std(record.response[record.mask]))
+        if record.mask.any()
+        else 0.0
     )
     step = converter_step(record.response, record.mask) / np.sqrt(12.0)
-    return max(least, step, float(np.finfo(float).tiny))
+    return max(rounding_floor, step, float(np.finfo(float).tiny))
 
 
 def require_rational(model: SensorModel) -> None:
@@ -179,8 +191,10 @@ def require_rational(model: SensorModel) -> None:
     """
     if model.has_network:
         return
-    parts = (model.core, *model.add_ons)
-    factors = " or ".join(repr(part.name) for part in parts if part.factor is not None)
+    components = (model.core, *model.add_ons)
+    factors = " or ".join(
+        repr(component.name) for component in components if component.factor is not None
+    )
     raise ModelError(
         "The network cannot be trained in time: the model is not a rational function.",
         expected=f"a model without {factors}",
@@ -191,6 +205,11 @@ def require_rational(model: SensorModel) -> None:
 
 
 def network_objective(z: FloatArray, args: tuple[Coordinates, Any, FloatArray]) -> Any:
-    """Return the residual in the form of the optimisers; args: coordinates, network in time, noise of each record."""
+    """Return the normal equations in the form of the optimisers.
+
+    Args:
+        z: coordinates, shape (parameters,).
+        args: coordinates, network in time, noise of each record.
+    """
     coordinates, problem, noise = args
     return problem.normal(np.asarray(z, dtype=float), coordinates, noise)

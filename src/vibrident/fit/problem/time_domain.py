@@ -1,10 +1,11 @@
-"""The residual in time: measured response minus the unrolled network's, weighted by each record's noise.
+"""The residual in time: measured response less the unrolled network's, over each record's noise.
 
     r_k = (y_k − ŷ_k(θ; x0, b)) / σ_record
 
-with the initial state x0 and the offset b of every segment eliminated exactly. The derivative is the variable
-projection of Kaufman (1975): differentiate with x0 and b held, then remove the part that they could imitate. Its
-Gauss–Newton step is the joint step over all unknowns, and its gradient is the exact gradient.
+with the initial state x0 and the offset b of every segment eliminated exactly. The derivative is
+the variable projection of Kaufman (1975): differentiate with x0 and b held, then remove the
+component that they could imitate. Its Gauss–Newton step is the joint step over all unknowns, and
+its gradient is the exact gradient.
 """
 
 from __future__ import annotations
@@ -37,14 +38,15 @@ jax.tree_util.register_dataclass(
     Coordinates, data_fields=["start", "band_hz", "response_size"], meta_fields=["model"]
 )
 
-#: Steps a chunk. Long enough that few chunks need their state passed on, short enough that a vector loop pays.
+#: Steps a chunk: long enough that few chunks need their state passed on, short enough that a vector
+#: loop pays.
 CHUNK = 256
 _builds = itertools.count(1)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What of the problem's shape is fixed when it is compiled."""
+    """Static shape of the problem: all that is fixed when its kernel is compiled."""
 
     model: SensorModel
     method: Method
@@ -58,7 +60,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class TimeProblem(NetworkProblem):
-    """Records of one sensor, cut into lanes, ready for any estimator that works in time.
+    """Records of one sensor cut into lanes, for any estimator that works in time.
 
     Attributes:
         layout: model, discretisation, quantity, number of inputs, number of segments.
@@ -76,33 +78,37 @@ class TimeProblem(NetworkProblem):
 
     @classmethod
     def of_frame(cls, records: tuple[Record, ...], frame: Frame) -> TimeProblem:
-        """The records cut into lanes."""
+        """Return the problem of records cut into lanes.
+
+        Raises:
+            InputError: no record is long enough.
+        """
         takes_part("jax", "jaxlib")
-        if (
-            next(_builds) % 100 == 0
-        ):  # now and then, the memory maps of compiled kernels are looked at
+        if next(_builds) % 100 == 0:  # now and then, check the memory maps of compiled kernels
             release_kernels()
-        model, method = frame.model, frame.method
+        model = frame.model
+        method = frame.method
         intervals, rate = np.unique([r.sampling_interval_s for r in records], return_inverse=True)
-        # A nonlinear spring depends on its rest position: its reference loses the offset, not the mean of a motion that
-        # ends within a period.
+        # A nonlinear spring depends on its rest position: its reference loses the offset, not the
+        # mean of a motion that ends within a period.
         drives = [
             driven_by(record, model, frame.factor_values, centred=model.is_linear)
             for record in records
         ]
-        late = [frame.delay_s * record.sampling_rate_hz for record in records]
+        delays = [frame.delay_s * record.sampling_rate_hz for record in records]
         steps = [
             usable_steps(method.inputs(drive.signals[0], drive.valid, frame.terms, delay), record)
-            for drive, delay, record in zip(drives, late, records, strict=True)
+            for drive, delay, record in zip(drives, delays, records, strict=True)
         ]
         fractions = np.zeros(len(intervals))
         fractions[rate] = [step.fraction for step in steps]
         lanes, pieces = cut(records, steps, rate, frame.fewest, CHUNK)
         if not pieces:
             raise frame.too_short(records)
-        nodes, rounds = (
-            (0, (0, 0)) if model.is_linear else accuracy(frame.fastest * float(np.max(intervals)))
-        )
+        nodes = 0
+        rounds = (0, 0)
+        if not model.is_linear:
+            nodes, rounds = accuracy(frame.fastest * float(np.max(intervals)))
         segments = bucket(len(pieces) + 1)
         layout = Layout(
             model, method, frame.quantity, frame.terms, frame.order, segments, nodes, rounds
@@ -111,59 +117,72 @@ class TimeProblem(NetworkProblem):
 
     @functools.cached_property
     def record_of_segment(self) -> np.ndarray:
-        """Record of each real segment."""
+        """Return the record index of each real segment."""
         return np.array([piece.record for piece in self.pieces])
 
     @property
     def degrees_of_freedom(self) -> FloatArray:
-        """Samples less initial states and offset, for every record, shape (records,)."""
-        found = np.zeros(len(self.records))
+        """Return the samples of each record less initial states and offset, shape (records,)."""
+        freedom = np.zeros(len(self.records))
         for number, run, _ in self.pieces:
-            found[number] += self.records[number].mask[run].sum() - (self.frame.order + 1.0)
-        return found
+            freedom[number] += self.records[number].mask[run].sum() - (self.frame.order + 1.0)
+        return freedom
 
     @functools.cached_property
     def data(self) -> tuple[Any, ...]:
-        """Arrays that the residual needs beside the parameters and the noise, on the device."""
+        """Return the arrays of the residual, without parameters and noise, on the device."""
         return jax.device_put((self.lanes, self.intervals_s, self.fractions, self.frame.delay_s))
 
     def by_lane(self, per_record: np.ndarray, fill: float = 1.0) -> np.ndarray:
-        """Spread one value a record over its lanes, shape (M,); ``fill`` for padding lanes."""
+        """Return one value a record spread over its lanes, shape (M,).
+
+        Padding lanes have the value ``fill``.
+        """
         spread = np.append(np.asarray(per_record)[self.record_of_segment], fill)
         return spread[np.minimum(np.asarray(self.lanes.segment), len(self.record_of_segment))]
 
     def weights(self, values: Mapping[str, Any]) -> Weights:
-        """Network weights of the sensor's linear part, one set a sampling interval (leading axis R)."""
+        """Return the network weights of the linear part, by sampling interval (leading axis R)."""
         return _compiled_weights(
             dict(values), self.layout, self.intervals_s, self.fractions, self.frame.delay_s
         )
 
     def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Normal:
-        """Normal equations at coordinates ``z``; ``noise``: standard deviation of each record, shape (records,)."""
+        """Return the normal equations at coordinates ``z``.
+
+        Args:
+            z: shape (parameters,).
+            coordinates: of the parameters.
+            noise: standard deviation of each record, shape (records,).
+        """
         by_lane = jnp.asarray(self.by_lane(noise))
         return evaluate(jnp.asarray(z), coordinates, self.layout, self.data, by_lane)
 
     def squares(self, normal: Normal, noise: FloatArray) -> FloatArray:
-        """Sum of squares of each record's residual, shape (records,); those of the segments are not weighted."""
-        squares = np.asarray(normal.squares)[
-            : len(self.record_of_segment)
-        ]  # segments beyond are padding
+        """Return the unweighted sum of squares of each record's residual, shape (records,)."""
+        # Segments beyond the real ones are padding.
+        squares = np.asarray(normal.squares)[: len(self.record_of_segment)]
         return np.bincount(self.record_of_segment, squares, len(self.records)).astype(float)
 
     def record_noise(self, normal: Any, noise: FloatArray) -> FloatArray:
         """Return the standard deviation of each record's residual, shape (records,).
 
-        ``normal``: equations that are weighted by ``noise``.
+        Args:
+            normal: equations that are weighted by ``noise``.
+            noise: standard deviation of each record, shape (records,).
         """
         mean = self.squares(normal, noise) / np.maximum(self.degrees_of_freedom, 1.0)
         return np.maximum(np.sqrt(mean), self.noise_floor)
 
     def lines(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> list[RecordBins]:
-        """Residual and slopes of every record at the bins of its transform, in units of its noise."""
+        """Return residual and slopes of every record at the bins of its transform.
+
+        Both are in units of the noise of the record.
+        """
         normal = self.normal(z, coordinates, noise)
         responses = self.by_record(normal.response)
         columns = [self.by_record(column) for column in normal.columns]
-        found = []
+        bins = []
         for index, (record, predicted) in enumerate(zip(self.records, responses, strict=True)):
             used = record.mask & np.isfinite(predicted)
             signals = [
@@ -171,55 +190,61 @@ class TimeProblem(NetworkProblem):
                 *(column[index] for column in columns),
             ]
             lines = np.fft.rfft(np.where(used, signals, 0.0), axis=1)
-            counts, floor = (
-                line_counts(record.samples),
-                float((self.noise_floor[index] / noise[index]) ** 2),
-            )
-            found.append(RecordBins(lines[0], lines[1:], used, counts, floor))
-        return found
+            counts = line_counts(record.samples)
+            floor = float((self.noise_floor[index] / noise[index]) ** 2)
+            bins.append(RecordBins(lines[0], lines[1:], used, counts, floor))
+        return bins
 
     def predict(self, coordinates: Coordinates, z: Any) -> list[FloatArray]:
-        """Predicted response of every record, NaN where the network gives no value, with the best initial states."""
+        """Return the predicted response of every record, with the best initial states.
+
+        NaN where the network gives no value.
+        """
         return self.by_record(self.normal(z, coordinates, np.ones(len(self.records))).response)
 
     def by_record(self, lanes_values: Any) -> list[FloatArray]:
-        """Put values of the lanes, shape (L, M), back in the order of the records' samples; NaN elsewhere."""
+        """Return values of the lanes, shape (L, M), in the order of the records' samples.
+
+        NaN elsewhere.
+        """
         values = np.asarray(lanes_values)
         ordered = [np.full(record.samples, np.nan) for record in self.records]
-        for owner, run, lane in self.pieces:
+        for number, run, lane in self.pieces:
             steps = run.stop - run.start
-            ordered[owner][run] = values[:, lane : lane - (-steps // CHUNK)].T.reshape(-1)[:steps]
+            ordered[number][run] = values[:, lane : lane - (-steps // CHUNK)].T.reshape(-1)[:steps]
         return ordered
 
 
 def _forced(
     parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any
 ) -> ForcedWeights:
+    """Return the weights of a nonlinear network at each sampling interval (leading axis)."""
     blocks = layout.model.blocks(parameters, layout.quantity)
-    late = layout.model.delay_s(parameters) - delay if layout.model.has_delay else 0.0
+    delay_change = layout.model.delay_s(parameters) - delay if layout.model.has_delay else 0.0
 
-    def one(ts: Any, fraction: Any) -> ForcedWeights:
+    def weights_at(ts: Any, fraction: Any) -> ForcedWeights:
         return forced_weights(
-            layout.method, blocks, ts, fraction - late / ts, layout.terms, layout.nodes
+            layout.method, blocks, ts, fraction - delay_change / ts, layout.terms, layout.nodes
         )
 
-    return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
+    return jax.vmap(weights_at)(jnp.asarray(intervals), jnp.asarray(fractions))
 
 
 def _weights(
     parameters: dict[str, Any], layout: Layout, intervals: Any, fractions: Any, delay: Any
 ) -> Weights:
+    """Return the weights of a linear network at each sampling interval (leading axis)."""
     system = realise(layout.model.rational(parameters, layout.quantity))
     if not layout.model.has_delay:
         return jax.vmap(lambda ts: layout.method.weights(system, ts, 0.0, layout.terms))(
             jnp.asarray(intervals)
         )
-    late = layout.model.delay_s(parameters) - delay
+    delay_change = layout.model.delay_s(parameters) - delay
 
-    def one(ts: Any, fraction: Any) -> Weights:
-        return layout.method.weights(system, ts, fraction - late / ts, layout.terms)
+    def weights_at(ts: Any, fraction: Any) -> Weights:
+        return layout.method.weights(system, ts, fraction - delay_change / ts, layout.terms)
 
-    return jax.vmap(one)(jnp.asarray(intervals), jnp.asarray(fractions))
+    return jax.vmap(weights_at)(jnp.asarray(intervals), jnp.asarray(fractions))
 
 
 _compiled_weights = jax.jit(_weights, static_argnames=("layout",))
@@ -228,7 +253,15 @@ _compiled_weights = jax.jit(_weights, static_argnames=("layout",))
 def physical_normal(
     z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
 ) -> Normal:
-    """Accumulated normal equations of the tied network, weights from the physics at coordinates ``z``."""
+    """Return the accumulated normal equations of the network whose weights the physics ties.
+
+    Args:
+        z: coordinates of the parameters.
+        coordinates: of the model.
+        layout: static shape of the problem.
+        data: :attr:`TimeProblem.data`.
+        noise: standard deviation by lane.
+    """
     lanes, intervals, fractions, delay = data
     if not layout.model.is_linear:
         return _nonlinear_normal(z, coordinates, layout, data, noise)
@@ -242,9 +275,10 @@ def physical_normal(
 def _nonlinear_normal(
     z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
 ) -> Normal:
-    lanes, *where = data
-    # In the padding behind a record the reference jumps to zero, and a step of Newton's may go too far: what a spring
-    # would do to a response ten times the largest seen must not drown the rest.
+    """Return the normal equations of a sensor with a nonlinear spring."""
+    lanes, *timing = data
+    # In the padding behind a record the reference jumps to zero, and a Newton step may overshoot:
+    # the spring force is limited to that at ten times the largest measured response.
     largest = 10.0 * jnp.max(jnp.abs(lanes.response))
     largest = jnp.where(largest > 0.0, largest, jnp.inf)
 
@@ -255,10 +289,10 @@ def _nonlinear_normal(
             return layout.model.force(parameters, jnp.clip(response, -largest, largest))
 
         return forced_response(
-            _forced(parameters, layout, *where), force, lanes, starts, layout.rounds
+            _forced(parameters, layout, *timing), force, lanes, starts, layout.rounds
         )
 
-    linear = _forced(coordinates.physical(z), layout, *where).linear
+    linear = _forced(coordinates.physical(z), layout, *timing).linear
     return forced_normal(simulate, z, linear, lanes, noise, layout.segments)
 
 

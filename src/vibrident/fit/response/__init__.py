@@ -1,4 +1,4 @@
-"""The nonparametric response: transforms, narrow bands, tones, and the noise beside them. No JAX."""
+"""The nonparametric response: transforms, bands, tones, and the noise beside them. No JAX."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Response over narrow bands for motion that is not a sine: sweeps, random, multisine, shock.
 
-H = Σ Y X* / Σ |X|² over the spectral lines of a band (the H1 estimate; Bendat & Piersol 2010, sec. 6.1), for bands
-that hold enough of the excitation. Start values and pictures come from it, never the identified parameters.
+H = Σ Y X* / Σ |X|² over the spectral lines of a band (the H1 estimate; Bendat & Piersol 2010, sec.
+6.1), for bands that hold enough of the excitation. Start values and pictures come from it, never
+the identified parameters.
 """
 
 from __future__ import annotations
@@ -19,181 +20,214 @@ from vibrident.data.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.data.records.basis import distinct
 from vibrident.fit.response.alignment import TINY, aligned, bulk_delay, whitened
 from vibrident.fit.response.response import ComplexArray, MeasuredResponse
-from vibrident.fit.response.transform import MOST_KEPT, about_mean, hann, power_of, transforms
+from vibrident.fit.response.transform import (
+    MAX_CACHED_SAMPLES,
+    about_mean,
+    hann,
+    power_of,
+    transforms,
+)
 
 LINES_IN_BAND = 6
-#: Part of the lines under a window that are independent.
-INDEPENDENT = 0.5
-#: Above this probability under independence, the response and the reference of a record have nothing in common.
-BY_CHANCE = 0.1
-#: Chance that two channels with nothing in common show as much.
-SURE = 1e-4
-#: Fewer lines do not tell the noise of a band beside its response.
-FEWEST_LINES = 3
+#: Fraction of the lines under a window that are independent.
+INDEPENDENT_FRACTION = 0.5
+#: Above this probability under independence, response and reference of a record are uncorrelated.
+MAX_CHANCE_OF_RECORD = 0.1
+#: Largest chance of such evidence from two uncorrelated channels.
+MAX_CHANCE_OF_BANDS = 1e-4
+#: Fewest lines that show the noise of a band beside its response.
+MIN_LINES = 3
 BANDS_PER_OCTAVE = 12
 #: The noise of a wider band is estimated from every second, third … line, to save memory.
-MOST_LINES = 4096
-#: A band counts when its excitation per line is above this part of the strongest band's.
-LEAST_POWER = 1e-5
-#: … and where the channels have something in common, of such bands at most this part by chance …
-FALSE_BANDS = 0.01
+MAX_LINES = 4096
+#: A band counts when its excitation per line exceeds this fraction of the strongest one …
+MIN_RELATIVE_POWER = 1e-5
+#: … and where the channels are correlated: this fraction of such bands may be so by chance …
+MAX_FALSE_FRACTION = 0.01
 #: … unless that leaves a record fewer bands than this.
-FEWEST_BANDS = 6
-#: A displacement holds so much more at low frequencies that these would leak over all others; differences of both
-#: channels, sample by sample, are level and have the same ratio.
+MIN_BANDS = 6
+#: A displacement is so strong at low frequencies that these would leak over all others. Differences
+#: of both channels, sample by sample, are level and have the same ratio.
 DIFFERENCES: dict[Quantity, int] = {"velocity": 1, "displacement": 2}
 
 
 def measure_bands(
     records: Sequence[Record], quantity: Quantity = "acceleration"
 ) -> MeasuredResponse | None:
-    """Banded response of records with a reference of this quantity; None if no band holds excitation."""
+    """Return the banded response of records with a reference, or None if no band holds excitation.
+
+    Args:
+        records: those without a reference are left out.
+        quantity: of the reference.
+    """
     level = [
         (index, _differenced(r, DIFFERENCES.get(quantity, 0)))
         for index, r in enumerate(records)
         if r.reference is not None
     ]
     rates = {record.sampling_rate_hz for _, record in level}
-    found = [
-        part
+    indexed = [
+        pair
         for rate in rates
-        for part in _at_one_delay([one for one in level if one[1].sampling_rate_hz == rate])
+        for pair in _at_one_delay(
+            [record for record in level if record[1].sampling_rate_hz == rate]
+        )
     ]
-    parts = [part for _, part in sorted(found, key=lambda one: (one[0], one[1].frequency_hz[0]))]
-    return MeasuredResponse.join(parts) if parts else None
+    responses = [
+        bands for _, bands in sorted(indexed, key=lambda pair: (pair[0], pair[1].frequency_hz[0]))
+    ]
+    return MeasuredResponse.join(responses) if responses else None
 
 
 def _at_one_delay(records: Sequence[tuple[int, Record]]) -> list[tuple[int, MeasuredResponse]]:
-    """The bands of all records of one sampling rate, by their index, at the delay with which most agrees.
+    """Return index and bands of all records of one sampling rate, at the delay of most evidence.
 
-    One sensor has one delay. It is read from all records together, as they are and whitened: free motion hides it from
-    the former, noise at high frequencies from the latter.
+    One sensor has one delay. It is estimated from all records together, as they are and whitened:
+    free motion hides it from the former, noise at high frequencies from the latter.
     """
     filtered = [whitened(record) for _, record in records]
     longest = max(record.samples for _, record in records)
     delays = {bulk_delay((record for _, record in records), longest), bulk_delay(filtered, longest)}
-    looks = []
-    for late in sorted(delays, key=abs):
-        plain = _coherent([_Look.at(record, late) for _, record in records])
+    candidates = []
+    for delay in sorted(delays, key=abs):
+        plain = _coherent([_BandSums.at(record, delay) for _, record in records])
         white = _coherent(
-            [None if record is None else _Look.at(record, late) for record in filtered]
+            [None if record is None else _BandSums.at(record, delay) for record in filtered]
         )
-        own = zip(records, plain, white, strict=True)
-        found = [(index, look) for (index, _), *both in own for look in _clearer(both)]
-        looks.append((sum(look.whole for _, look in found), late, found))
-    _, late, found = max(looks, key=lambda one: one[0])
-    return [(index, look.bands(index, late)) for index, look in found]
+        pairs = zip(records, plain, white, strict=True)
+        clearest = [(index, sums) for (index, _), *pair in pairs for sums in _clearer(pair)]
+        total_evidence = sum(sums.total_evidence for _, sums in clearest)
+        candidates.append((total_evidence, delay, clearest))
+    _, delay, clearest = max(candidates, key=lambda candidate: candidate[0])
+    return [(index, sums.bands(index, delay)) for index, sums in clearest]
 
 
-def _coherent(looks: Sequence[_Look | None]) -> list[_Look | None]:
-    """The looks with the bands in which the channels have something in common; with all where these are too few.
+def _coherent(sums_of_records: Sequence[_BandSums | None]) -> list[_BandSums | None]:
+    """Return the sums of the coherent bands, or of all bands where these are too few.
 
-    What of the reference does not show in the response is its own noise, beyond the excitation's band. A band is tested
-    by all records that have it: without motion the evidence of each is exponential.
+    What of the reference does not show in the response is its own noise, beyond the band of the
+    excitation. A band is tested on all records that have it: without motion the evidence of each is
+    exponentially distributed.
     """
-    found = list(looks)
+    coherent = list(sums_of_records)
     for samples, edges in {
-        look.record.samples: len(look.edges) for look in looks if look is not None
+        sums.record.samples: len(sums.edges) for sums in sums_of_records if sums is not None
     }.items():
-        some = {
-            k: look
-            for k, look in enumerate(looks)
-            if look is not None and look.record.samples == samples
+        same_length = {
+            k: sums
+            for k, sums in enumerate(sums_of_records)
+            if sums is not None and sums.record.samples == samples
         }
-        evidence, records = np.zeros((2, edges - 1))
-        for look in some.values():
-            evidence[look.keep] += look.evidence
-            records[look.keep] += 1.0
-        tested, shown = np.flatnonzero(records), np.zeros(len(records), dtype=bool)
-        chance = [
+        evidence, counts = np.zeros((2, edges - 1))
+        for sums in same_length.values():
+            evidence[sums.keep] += sums.evidence
+            counts[sums.keep] += 1.0
+        tested = np.flatnonzero(counts)
+        significant = np.zeros(len(counts), dtype=bool)
+        chances = [
             gamma_tail(*pair)
-            for pair in zip(records[tested].tolist(), evidence[tested].tolist(), strict=True)
+            for pair in zip(counts[tested].tolist(), evidence[tested].tolist(), strict=True)
         ]
-        shown[tested] = _significant(np.array(chance))
-        for k, look in some.items():
-            own = shown[look.keep]
-            found[k] = look.only(own) if np.count_nonzero(own) >= FEWEST_BANDS else look
-    return found
+        significant[tested] = _significant(np.array(chances))
+        for k, sums in same_length.items():
+            selected = significant[sums.keep]
+            enough = np.count_nonzero(selected) >= MIN_BANDS
+            coherent[k] = sums.only(selected) if enough else sums
+    return coherent
 
 
 def _significant(chance: FloatArray) -> BoolArray:
-    """The tests that noise does not explain, at most FALSE_BANDS of them wrongly (Benjamini & Hochberg 1995)."""
+    """Return which tests noise does not explain, by their chance, shape (tests,).
+
+    At most the fraction MAX_FALSE_FRACTION of them is wrong (Benjamini & Hochberg 1995).
+    """
     order = np.sort(chance)
-    passed = order[order <= FALSE_BANDS * np.arange(1, order.size + 1) / order.size]
+    passed = order[order <= MAX_FALSE_FRACTION * np.arange(1, order.size + 1) / order.size]
     return chance <= np.max(passed, initial=-1.0)
 
 
-def _clearer(both: Sequence[_Look | None]) -> list[_Look]:
-    """The bands of a record as it is, or whitened: of the look in which the two channels agree more.
+def _clearer(pair: Sequence[_BandSums | None]) -> list[_BandSums]:
+    """Return the bands of a record as it is or whitened, whichever shows more evidence of motion.
 
-    The other look has bands in which they agree where they do not in this one: whitening hides frequencies below those
-    that it raises. These are taken where they show, by no chance, that the channels have something in common.
+    The other has bands in which the channels are correlated where they are not in this one:
+    whitening hides frequencies below those that it raises. These are added where that is
+    significant.
     """
-    looks = sorted((look for look in both if look is not None), key=lambda look: -look.whole)
-    if len(looks) < 2:
-        return looks
-    first, second = looks
+    ordered = sorted(
+        (sums for sums in pair if sums is not None), key=lambda sums: -sums.total_evidence
+    )
+    if len(ordered) < 2:
+        return ordered
+    first, second = ordered
     dropped = np.ones(len(first.edges) - 1, dtype=bool)
     dropped[first.keep] = False
-    there = np.clip(np.searchsorted(first.edges_hz, second.middle_hz) - 1, 0, dropped.size - 1)
-    others = second.only(dropped[there])
-    return [first, others] if others.sure else [first]
+    bands = np.clip(np.searchsorted(first.edges_hz, second.middle_hz) - 1, 0, dropped.size - 1)
+    additional = second.only(dropped[bands])
+    return [first, additional] if additional.significant else [first]
 
 
 def _evidence_of_motion(coherence: FloatArray, lines: FloatArray) -> FloatArray:
-    """−(n − 1) log(1 − γ²) of each band of so many lines, shape (bands,)."""
-    freedom = np.maximum(INDEPENDENT * lines - 1.0, 1.0)
+    """Return −(n − 1) log(1 − γ²) of each band, shape (bands,).
+
+    Args:
+        coherence: γ², shape (bands,).
+        lines: n of each, shape (bands,).
+    """
+    freedom = np.maximum(INDEPENDENT_FRACTION * lines - 1.0, 1.0)
     return -freedom * np.log(1.0 - np.clip(coherence, 0.0, 1.0 - 1e-12))
 
 
 def _coherence(bands: MeasuredResponse) -> FloatArray:
-    """γ² of each band, shape (bands,)."""
+    """Return γ² of each band, shape (bands,)."""
     total = 2.0 * np.sum(np.abs(bands.line_response) ** 2 * bands.line_weight, axis=1)
     return np.abs(bands.response) ** 2 / np.maximum(total, np.finfo(float).tiny)
 
 
 def uncorrelated_records(bands: MeasuredResponse) -> list[int]:
-    """Records whose response has nothing in common with their reference: what ``bands.record`` calls them.
+    """Return the records whose response and reference are uncorrelated, by index.
 
-    Of n lines without anything in common, 1 − γ² is below x with the chance 1 − x^(n − 1) (γ² the coherence), so that
-    Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials.
+    Of n lines without correlation, 1 − γ² is below x with the chance 1 − x^(n − 1) (γ² the
+    coherence), so that Σ −(n − 1) log(1 − γ²) over the bands is a sum of exponentials.
     """
-    share = _coherence(bands)
-    found = []
+    coherence = _coherence(bands)
+    uncorrelated = []
     for record in distinct(bands.record).tolist():
-        own = bands.record == record
-        statistic = float(
-            np.sum(_evidence_of_motion(share[own], np.sum(bands.line_weight[own], axis=1)))
-        )
-        if gamma_tail(float(own.sum()), statistic) > BY_CHANCE:
-            found.append(int(record))
-    return found
+        of_record = bands.record == record
+        lines = np.sum(bands.line_weight[of_record], axis=1)
+        statistic = float(np.sum(_evidence_of_motion(coherence[of_record], lines)))
+        if gamma_tail(float(of_record.sum()), statistic) > MAX_CHANCE_OF_RECORD:
+            uncorrelated.append(int(record))
+    return uncorrelated
 
 
 @functools.lru_cache(maxsize=16)
 def band_edges(samples: int, rate: float) -> FloatArray:
-    """First bin of each band and the end of the last: log-spaced, at least LINES_IN_BAND lines wide; ints as floats."""
-    edges, last = [1], int(0.45 * samples)
+    """Return the first bin of each band and the end of the last; integers as floats.
+
+    Bands are log-spaced, and at least LINES_IN_BAND lines wide.
+    """
+    edges = [1]
+    last = int(0.45 * samples)
     while edges[-1] < last:
         edges.append(max(edges[-1] + LINES_IN_BAND, int(edges[-1] * 2 ** (1 / BANDS_PER_OCTAVE))))
     edges[-1] = max(last, edges[-2] + 1) if len(edges) > 1 else last
-    if len(edges) > 2 and edges[-1] - edges[-2] < FEWEST_LINES:
-        del edges[-2]  # what is left over belongs to the band below
+    if len(edges) > 2 and edges[-1] - edges[-2] < MIN_LINES:
+        del edges[-2]  # the remainder belongs to the band below
     return np.array(edges, dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
-    """A record with its response moved back by some samples, and the bands that count.
+class _BandSums:
+    """Sums over the bands of a record whose response is moved back by its delay.
 
     Attributes:
         record: as moved.
-        spectrum: of reference and response; None for a long record, where they are made again.
+        spectrum: of reference and response; None for a long record, where they are computed again.
         edges: of all bands, in lines, shape (all + 1,).
-        keep: the bands that count, shape (bands,).
+        keep: indices of the bands that count, shape (bands,).
         total: Σ|X|² of these, shape (bands,).
         cross: Σ Y X* of these, shape (bands,).
-        evidence: that the channels have something in common, shape (bands,).
+        evidence: that the channels are correlated, shape (bands,).
     """
 
     record: Record
@@ -205,87 +239,96 @@ class _Look:
     evidence: FloatArray
 
     @property
-    def whole(self) -> float:
-        """Evidence of all bands."""
+    def total_evidence(self) -> float:
+        """Return the evidence of all bands together."""
         return float(np.sum(self.evidence))
 
     @property
-    def sure(self) -> bool:
-        """Whether the channels have something in common by no chance, in bands that were kept for that."""
-        return bool(self.keep.size) and gamma_tail(float(self.keep.size), self.whole) < SURE
+    def significant(self) -> bool:
+        """Return whether the channels are correlated by no chance, in bands selected for that."""
+        return (
+            bool(self.keep.size)
+            and gamma_tail(float(self.keep.size), self.total_evidence) < MAX_CHANCE_OF_BANDS
+        )
 
     @property
     def edges_hz(self) -> FloatArray:
-        """Of all bands, shape (all + 1,)."""
+        """Return the edges of all bands in Hz, shape (all + 1,)."""
         return np.asarray(
             self.edges * (self.record.sampling_rate_hz / self.record.samples), dtype=float
         )
 
     @property
     def middle_hz(self) -> FloatArray:
-        """Of the bands that count, shape (bands,)."""
+        """Return the middles of the bands that count in Hz, shape (bands,)."""
         return 0.5 * (self.edges_hz[self.keep] + self.edges_hz[self.keep + 1])
 
-    def only(self, some: BoolArray) -> _Look:
-        """With some of the bands that count, shape (bands,)."""
-        keep, total, cross, evidence = (
-            self.keep[some],
-            self.total[some],
-            self.cross[some],
-            self.evidence[some],
+    def only(self, selected: BoolArray) -> _BandSums:
+        """Return the sums of the bands that count and are ``selected``, shape (bands,)."""
+        return replace(
+            self,
+            keep=self.keep[selected],
+            total=self.total[selected],
+            cross=self.cross[selected],
+            evidence=self.evidence[selected],
         )
-        return replace(self, keep=keep, total=total, cross=cross, evidence=evidence)
 
     @classmethod
-    def at(cls, whole: Record, late: int) -> _Look | None:
-        """Of a record whose response comes so many samples late; None if no band holds excitation."""
-        record = aligned(whole, late)
+    def at(cls, record: Record, delay: int) -> _BandSums | None:
+        """Return the sums of a record, or None if no band holds excitation.
+
+        Args:
+            record: as measured.
+            delay: number of samples by which its response is late.
+        """
+        record = aligned(record, delay)
         reference, response = _spectra(record)
         edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
-        total, answered, cross = _sums(reference, response, edges)
-        both, counts = total * answered, np.diff(edges)
-        coherence = np.divide(power_of(cross), both, out=np.zeros_like(both), where=both > 0)
-        keep = np.flatnonzero(total / counts > LEAST_POWER * np.max(total / counts))
+        total, response_total, cross = _sums(reference, response, edges)
+        product = total * response_total
+        counts = np.diff(edges)
+        coherence = np.divide(
+            power_of(cross), product, out=np.zeros_like(product), where=product > 0
+        )
+        keep = np.flatnonzero(total / counts > MIN_RELATIVE_POWER * np.max(total / counts))
         if not keep.size:
             return None
-        for band in keep[counts[keep] > MOST_LINES].tolist():  # by the lines that are kept
-            some = response[edges[band] : edges[band + 1] : _stride(counts[band])]
+        for band in keep[counts[keep] > MAX_LINES].tolist():
+            sampled = response[edges[band] : edges[band + 1] : _stride(counts[band])]
             coherence[band] = power_of(cross[band]) / max(
-                float(np.sum(power_of(some))) * total[band], TINY
+                float(np.sum(power_of(sampled))) * total[band], TINY
             )
         lines = -(-counts[keep] // _stride(counts[keep]))
         evidence = _evidence_of_motion(coherence[keep], lines)
-        kept = (reference, response) if record.samples <= MOST_KEPT else None
-        return cls(record, kept, edges, keep, total[keep], cross[keep], evidence)
+        spectrum = (reference, response) if record.samples <= MAX_CACHED_SAMPLES else None
+        return cls(record, spectrum, edges, keep, total[keep], cross[keep], evidence)
 
-    def bands(self, index: int, late: int) -> MeasuredResponse:
-        """The response over the bands, turned back by so many samples."""
-        n, rate, counts = (
-            self.record.samples,
-            self.record.sampling_rate_hz,
-            np.diff(self.edges)[self.keep],
-        )
+    def bands(self, index: int, delay: int) -> MeasuredResponse:
+        """Return the response over the bands of the record ``index``, with its delay put back."""
+        n = self.record.samples
+        rate = self.record.sampling_rate_hz
+        counts = np.diff(self.edges)[self.keep]
         reference, response = self.spectrum or _spectra(self.record)
-        first, end = self.edges[self.keep], self.edges[self.keep + 1]
+        first = self.edges[self.keep]
+        end = self.edges[self.keep + 1]
         moments = power_of(reference[: self.edges[-1]])
         moments *= np.arange(moments.size)
         frequency = np.add.reduceat(moments, self.edges[:-1])[self.keep] / self.total * rate / n
-        place = (
-            first[:, None] + np.arange(min(np.max(counts), MOST_LINES)) * _stride(counts)[:, None]
+        lines = (
+            first[:, None] + np.arange(min(np.max(counts), MAX_LINES)) * _stride(counts)[:, None]
         )
-        there = place < end[:, None]
-        place = np.where(there, place, 0)
-        back = np.exp(
-            -2j * np.pi * frequency * (late / rate)
-        )  # lines turn as if all had the phase of their centre
+        exists = lines < end[:, None]
+        lines = np.where(exists, lines, 0)
+        # All lines of a band turn by the phase at its centre.
+        rotation = np.exp(-2j * np.pi * frequency * (delay / rate))
         return MeasuredResponse(
             frequency,
             np.sqrt(self.total).astype(complex),
-            self.cross / np.sqrt(self.total) * back,
-            np.where(there, place * (rate / n), 1.0),
-            np.where(there, reference[place] / np.sqrt(2.0), 0.0),
-            np.where(there, response[place] / np.sqrt(2.0), 0.0) * back[:, None],
-            there.astype(float),
+            self.cross / np.sqrt(self.total) * rotation,
+            np.where(exists, lines * (rate / n), 1.0),
+            np.where(exists, reference[lines] / np.sqrt(2.0), 0.0),
+            np.where(exists, response[lines] / np.sqrt(2.0), 0.0) * rotation[:, None],
+            exists.astype(float),
             np.maximum(2.0 * counts - 2.0, 1.0),
             np.full(self.keep.size, index),
             np.zeros((self.keep.size, 2)),
@@ -293,12 +336,12 @@ class _Look:
 
 
 def _stride(count: Any) -> Any:
-    """Every so many of a band's lines are kept."""
-    return -(-count // MOST_LINES)
+    """Return k where a band of so many lines is represented by each k-th of them."""
+    return -(-count // MAX_LINES)
 
 
 def _spectra(record: Record) -> tuple[ComplexArray, ComplexArray]:
-    """Spectra of reference and response under a window."""
+    """Return the windowed spectra of reference and response."""
     assert record.reference is not None
     window = hann(record.samples)
     window = record.mask.astype(float) if record.excitation == "shock" else window * record.mask
@@ -307,7 +350,7 @@ def _spectra(record: Record) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _differenced(record: Record, times: int) -> Record:
-    """The record with both channels differenced so often; their ratio stays."""
+    """Return the record with both channels differenced so often, which keeps their ratio."""
     if times == 0 or record.samples <= LINES_IN_BAND + times:
         return record
     assert record.reference is not None
@@ -323,7 +366,7 @@ def _differenced(record: Record, times: int) -> Record:
 def windowed_spectra(
     channels: Sequence[FloatArray], mask: BoolArray, window: FloatArray
 ) -> ComplexArray:
-    """Amplitudes of windowed channels without their means, shape (channels, samples // 2 + 1)."""
+    """Return the amplitudes of windowed channels about their means, shape (channels, lines)."""
     series = [about_mean(values, mask) for values in channels]
     for values in series:
         values *= window
@@ -335,7 +378,9 @@ def windowed_spectra(
 def _sums(
     reference: ComplexArray, response: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Σ|X|², Σ|Y|² and Σ Y X* over the lines of each band."""
+    """Return Σ|X|², Σ|Y|² and Σ Y X* over the lines of each band."""
     products = (power_of(reference), power_of(response), response * np.conj(reference))
-    first, second, both = (np.add.reduceat(lines[: edges[-1]], edges[:-1]) for lines in products)
-    return first, second, both
+    reference_power, response_power, cross = (
+        np.add.reduceat(lines[: edges[-1]], edges[:-1]) for lines in products
+    )
+    return reference_power, response_power, cross

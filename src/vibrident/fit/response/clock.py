@@ -9,21 +9,26 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.screening import Finding
-from vibrident.fit.response.tone_quality import FEWEST_PERIODS
-from vibrident.fit.response.tones import spectral_peak, tone_frequency, turning
+from vibrident.fit.response.sine_fit import phasors, spectral_peak, tone_frequency
+from vibrident.fit.response.tone_quality import MIN_PERIODS
 from vibrident.fit.response.transform import median
 
-#: Tones in one ratio to what is stated, that far from one; a single record may have been given a rough frequency_hz.
-#: Nominal frequencies (ISO 266) are up to 0.9 % off the exact ones.
-LEAST_RATIO, LEAST_OF_ONE = 0.015, 0.05
-#: How well a tone is located, in lines of the record's spectrum.
-LINES = 0.02
+#: Common ratio of tones to the stated frequencies, less one, beyond which the clock is suspect:
+#: nominal frequencies (ISO 266) are up to 0.9 % off the exact ones.
+MIN_OFFSET = 0.015
+#: The same for a single frequency, which may have been stated roughly.
+MIN_SINGLE_OFFSET = 0.05
+#: Uncertainty of the place of a tone, in lines of the record's spectrum.
+PLACE_UNCERTAINTY_LINES = 0.02
 #: A tone found without help is the record's tone where so little of the power is anything else.
-MOST_OTHER = 0.3
+MAX_OTHER_POWER = 0.3
 
 
 def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """Say where the sampling rate is contradicted; a start value that the tones contradict is no longer used."""
+    """Return the records and a finding where tones contradict the sampling rate.
+
+    Start values that the tones contradict are removed from the records.
+    """
     stated = [
         r
         for r in records
@@ -33,60 +38,67 @@ def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[F
     if ratio is None:
         return tuple(records), ()
     text = (
-        f"In {_named(stated)} the tone lies at {ratio:.6g} times the stated frequency_hz: the sampling rate, or "
-        "frequency_hz, is wrong by that factor."
+        f"In {_named(stated)} the tone lies at {ratio:.6g} times the stated frequency_hz: the "
+        "sampling rate, or frequency_hz, is wrong by that factor."
     )
-    kept = tuple(
+    corrected = tuple(
         dataclasses.replace(r, frequency_hz=None) if r.excitation == "sine" else r for r in records
     )
-    return kept, (Finding("clock_suspect", text),)
+    return corrected, (Finding("clock_suspect", text),)
 
 
 def _common_ratio(records: Sequence[Record]) -> float | None:
-    """The ratio of found to stated frequency that all these sine records share; None if it is one or not shared."""
-    ratios, allowed = [], []
+    """Return the ratio of measured to stated frequency that all records share.
+
+    None if it is one or not shared.
+    """
+    ratios = []
+    uncertainties = []
     for record in records:
         assert record.frequency_hz is not None
-        found = _tone(record, record.frequency_hz)
-        if found is None:
+        tone_hz = _tone(record, record.frequency_hz)
+        if tone_hz is None:
             return None
-        ratios.append(found / record.frequency_hz)
-        allowed.append(LINES / (record.duration_s * record.frequency_hz))
+        ratios.append(tone_hz / record.frequency_hz)
+        uncertainties.append(PLACE_UNCERTAINTY_LINES / (record.duration_s * record.frequency_hz))
     if not ratios:
         return None
-    ratio, doubt = float(median(np.array(ratios))), max(allowed)
-    off = abs(ratio - 1.0)
-    if off < max(
-        LEAST_RATIO if len({r.frequency_hz for r in records}) > 1 else LEAST_OF_ONE, 3 * doubt
-    ):
+    ratio = float(median(np.array(ratios)))
+    uncertainty = max(uncertainties)
+    offset = abs(ratio - 1.0)
+    several = len({r.frequency_hz for r in records}) > 1
+    if offset < max(MIN_OFFSET if several else MIN_SINGLE_OFFSET, 3 * uncertainty):
         return None
-    # They are the same where they differ by less than a tenth of their distance from one.
-    return ratio if float(np.max(np.abs(np.array(ratios) - ratio))) <= 0.1 * off + doubt else None
+    # Ratios agree where they differ by less than a tenth of their distance from one.
+    spread = float(np.max(np.abs(np.array(ratios) - ratio)))
+    return ratio if spread <= 0.1 * offset + uncertainty else None
 
 
 def _tone(record: Record, stated_hz: float) -> float | None:
-    """Frequency of the tone that most of the reference's power belongs to, Hz.
+    """Return the frequency of the tone that holds most of the power of the reference, Hz.
 
-    None where there is no such tone, or where it is another's (hum) and the record's own is heard where it should be.
+    None where there is no such tone, or where it is another (hum) and the record's tone is found at
+    the stated frequency.
     """
-    mask, rate = record.mask, record.sampling_rate_hz
+    mask = record.mask
+    rate = record.sampling_rate_hz
     motion = _without_trend(np.asarray(record.reference), mask)
     start = spectral_peak(motion, mask, rate, None)
-    if start * record.duration_s < FEWEST_PERIODS:
+    if start * record.duration_s < MIN_PERIODS:
         return None
-    found = tone_frequency(record, start) if start < rate / 2 else start
-    amplitude, rest = _without_tone(motion, mask, rate, found)
-    if np.sum(rest**2) > MOST_OTHER * np.sum(motion**2):
+    tone_hz = tone_frequency(record, start) if start < rate / 2 else start
+    amplitude, remainder = _without_tone(motion, mask, rate, tone_hz)
+    if np.sum(remainder**2) > MAX_OTHER_POWER * np.sum(motion**2):
         return None
-    if abs(found / stated_hz - 1.0) > LEAST_RATIO:
-        near = spectral_peak(rest, mask, rate, stated_hz)
-        if _without_tone(rest, mask, rate, near)[0] > 0.05 * amplitude:  # harmonics are less
+    if abs(tone_hz / stated_hz - 1.0) > MIN_OFFSET:
+        near = spectral_peak(remainder, mask, rate, stated_hz)
+        if _without_tone(remainder, mask, rate, near)[0] > 0.05 * amplitude:  # harmonics are less
             return None
-    return found
+    return tone_hz
 
 
 def _without_trend(values: FloatArray, mask: BoolArray) -> FloatArray:
-    """What is left of a series without its offset and trend, zero where it is not valid; shape (samples,)."""
+    """Return a series less its offset and trend, zero where it is not valid, shape (samples,)."""
     place = np.arange(values.size) - np.flatnonzero(mask).mean()
     level = values[mask].mean()
     slope = np.sum(place[mask] * (values[mask] - level)) / max(float(np.sum(place[mask] ** 2)), 1.0)
@@ -96,14 +108,14 @@ def _without_trend(values: FloatArray, mask: BoolArray) -> FloatArray:
 def _without_tone(
     motion: FloatArray, mask: BoolArray, rate_hz: float, frequency_hz: float
 ) -> tuple[float, FloatArray]:
-    """Amplitude of a tone, and what is left without it, shape (samples,)."""
-    wave = turning(motion.size, 2 * np.pi * frequency_hz / rate_hz) * mask
+    """Return the amplitude of a tone, and the motion without it, shape (samples,)."""
+    wave = phasors(motion.size, 2 * np.pi * frequency_hz / rate_hz) * mask
     waves = np.stack([wave.real, wave.imag])
-    parts, *_ = np.linalg.lstsq(waves @ waves.T, waves @ motion, rcond=None)
-    return float(np.hypot(*parts)), motion - parts @ waves
+    coefficients, *_ = np.linalg.lstsq(waves @ waves.T, waves @ motion, rcond=None)
+    return float(np.hypot(*coefficients)), motion - coefficients @ waves
 
 
 def _named(records: Sequence[Record]) -> str:
-    """The first three by name."""
+    """Return the names of the first three records, and how many more there are."""
     names = ", ".join(record.name for record in records[:3])
     return names + (f" and {len(records) - 3} more" if len(records) > 3 else "")

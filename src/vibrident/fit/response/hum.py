@@ -1,9 +1,10 @@
 """Tones of the response that no motion explains: mains hum.
 
-Hum is found in the residual of a prediction. It is not measured there: what initial states and parameters took of it is
-in all lines, and near a resonance or a line of the motion it cannot be told from either. So a fit is given the
-frequencies alone (:attr:`vibrident.data.records.Record.hum_hz`), and amplitude, phase and their slow change are
-unknowns of it. Mains have one frequency: a tone of two records is looked for in all.
+Hum is found in the residual of a prediction. It is not measured there: what initial states and
+parameters took of it is in all lines, and near a resonance or a line of the motion it cannot be
+separated from either. So a fit is given the frequencies alone
+(:attr:`vibrident.data.records.Record.hum_hz`), and amplitude, phase and their slow change are
+unknowns of it. Mains have one frequency: a tone of two records is assumed in all.
 """
 
 from __future__ import annotations
@@ -16,31 +17,32 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import span_of
-from vibrident.fit.response.tones import own_sine
+from vibrident.fit.response.sine_fit import response_sine
 from vibrident.fit.response.transform import hann, median, power_of, waves
 
-#: A line this many times above the median of the lines around is a tone, and none of the motion where the prediction
-#: does not stand out there.
-STANDS_OUT = 40.0
-#: Nor is one of the motion's own lines hum, however near others are, unless residual over prediction is so many times
-#: the median around.
-MORE_THAN_MOVES = 4.0
-#: Lines around on either side …
-AROUND = 40
-#: … but the nearest.
-NEAREST = 4
-#: So many lines from a line of the motion it is another.
-APART = 0.4
-#: Tones that differ by less than so many lines are one: within a resonance no record tells its place better.
-SAME = 2.0
-#: A tone is a harmonic's fundamental where it is nearer than so many times what it differs by among the records.
-HARMONIC = 15.0
+#: A line this many times above the median of the lines around is a tone, and not one of the motion
+#: where the prediction does not stand out there.
+MIN_PEAK_RATIO = 40.0
+#: Nor is a line of the motion hum, however near it is, unless residual over prediction is so many
+#: times the median around.
+MIN_MISFIT_RATIO = 4.0
+#: The lines around are those at most so far on either side …
+MAX_AROUND_LINES = 40
+#: … and farther than these.
+MIN_AROUND_LINES = 4
+#: A tone so many lines from a line of the motion is another.
+MIN_DISTANCE_LINES = 0.4
+#: Tones less than so many lines apart are one: within a resonance no record locates it better.
+MAX_SAME_LINES = 2.0
+#: A tone is the fundamental of a harmonic within so many times its scatter among the records.
+MAX_HARMONIC_SCATTER = 15.0
 #: Largest number of hum tones; more significant tones are a misfit.
-MOST_TONES = 6
-#: What is left beside a tone once it is taken out is below this part of it; of a resonance's ringing it is not.
-REMAINS = 0.01
+MAX_TONES = 6
+#: The residual at a tone that is subtracted is below this fraction of it; of a resonance's ringing
+#: it is not.
+MAX_REMAINDER = 0.01
 #: Fewest samples.
-SHORTEST = 256
+MIN_SAMPLES = 256
 
 Tones = tuple[tuple[float, ...], ...]
 
@@ -48,92 +50,120 @@ Tones = tuple[tuple[float, ...], ...]
 def hum_tones(
     records: Sequence[Record], predicted: Sequence[FloatArray], known: Tones = ()
 ) -> Tones:
-    """Frequencies of hum in each record's response, Hz.
+    """Return the frequencies of hum in the response of each record, Hz.
 
     Args:
         records: the records.
-        predicted: response that a model predicts for each, shape (samples,), NaN where it is not defined.
-        known: tones that were seen before; those that are not seen again stay.
+        predicted: response that a model predicts for each, shape (samples,), NaN where it is not
+            defined.
+        known: tones of each record from earlier searches; those that are not found again stay.
     """
-    seen = [
+    significant = [
         tone
         for index, (record, series) in enumerate(zip(records, predicted, strict=True))
-        for tone in _seen(index, record, series)
+        for tone in _residual_tones(index, record, series)
     ]
-    together, alone = _together(seen, records)
-    common = _as_harmonics(together)
+    shared, single = _shared_tones(significant, records)
+    common = _as_harmonics(shared)
     common += _fundamentals(
-        common, [*(tone.hz for tone in alone), *(hz for own in known for hz in own)], records
+        common,
+        [*(tone.hz for tone in single), *(hz for of_record in known for hz in of_record)],
+        records,
     )
-    found = []
+    hum = []
     for index, record in enumerate(records):
         line = record.sampling_rate_hz / record.samples
-        tones = [hz for hz in common if record.reference is not None and record.samples >= SHORTEST]
-        tones += [t.hz for t in alone if t.record == index and _apart(t.hz, tones, SAME * line)]
-        tones += [hz for hz in (known[index] if known else ()) if _apart(hz, tones, SAME * line)]
-        found.append(tuple(sorted(hz for hz in tones if hz < 0.5 * record.sampling_rate_hz)))
-    return tuple(found)
+        same_hz = MAX_SAME_LINES * line
+        usable = record.reference is not None and record.samples >= MIN_SAMPLES
+        tones = [hz for hz in common if usable]
+        tones += [t.hz for t in single if t.record == index and _apart(t.hz, tones, same_hz)]
+        tones += [hz for hz in (known[index] if known else ()) if _apart(hz, tones, same_hz)]
+        hum.append(tuple(sorted(hz for hz in tones if hz < 0.5 * record.sampling_rate_hz)))
+    return tuple(hum)
 
 
 def _apart(hz: float, tones: Sequence[float], least: float) -> bool:
-    return all(abs(hz - other) > least for other in tones)
+    """Return whether a frequency differs from those of all tones by more than ``least`` Hz."""
+    return all(abs(hz - tone) > least for tone in tones)
 
 
 def lacking(wanted: Tones, known: Sequence[Sequence[float]], records: Sequence[Record]) -> bool:
-    """Whether a record lacks a tone of its hum among those known: a nuisance tone stands for all within half a line."""
+    """Return whether a record lacks a tone of its hum among the known ones.
+
+    A known tone stands for all within half a line.
+    """
     return any(
-        all(abs(hz - other) * record.duration_s > 0.5 for other in own)
-        for tones, own, record in zip(wanted, known, records, strict=True)
+        all(abs(hz - known_hz) * record.duration_s > 0.5 for known_hz in known_tones)
+        for tones, known_tones, record in zip(wanted, known, records, strict=True)
         for hz in tones
     )
 
 
 @dataclass(frozen=True)
 class _Tone:
-    """A tone of a record's residual; ``weight``: how well its frequency is known."""
+    """Tone of the residual of a record.
+
+    Attributes:
+        record: index of the record.
+        hz: frequency.
+        weight: strength times squared duration, which grows with the precision of the frequency.
+    """
 
     record: int
     hz: float
     weight: float
 
 
-def _seen(index: int, record: Record, predicted: FloatArray) -> list[_Tone]:
+def _residual_tones(index: int, record: Record, predicted: FloatArray) -> list[_Tone]:
+    """Return the tones in the residual of the record ``index``.
+
+    Args:
+        index: of the record.
+        record: with its response.
+        predicted: response of a model, shape (samples,), NaN where it is not defined.
+    """
     if record.excitation == "sine" and not np.any(np.isfinite(predicted)):
-        predicted = own_sine(record)  # the model's network does not reach it
+        predicted = response_sine(record)  # the model's network does not reach it
     used = record.mask & np.isfinite(predicted)
-    if record.reference is None or used.sum() < SHORTEST:
+    if record.reference is None or used.sum() < MIN_SAMPLES:
         return []
-    whole = span_of(used)  # a window over more would cut a tone off where the prediction begins
-    residual = np.where(used, record.response - predicted, 0.0)[whole]
+    span = span_of(used)  # a window over more would cut a tone off where the prediction begins
+    residual = np.where(used, record.response - predicted, 0.0)[span]
 
-    def moving() -> FloatArray:
-        return _power(np.where(used, predicted - np.mean(predicted[used]), 0.0)[whole])
+    def motion_power() -> FloatArray:
+        return _power(np.where(used, predicted - np.mean(predicted[used]), 0.0)[span])
 
-    tones = _tones(residual, moving, used[whole], harmonics=record.excitation == "sine")
-    span = residual.size / record.sampling_rate_hz
-    return [_Tone(index, place / span, strength * span**2) for place, strength in tones]
+    tones = _tones(residual, motion_power, used[span], harmonics=record.excitation == "sine")
+    duration = residual.size / record.sampling_rate_hz
+    return [_Tone(index, place / duration, strength * duration**2) for place, strength in tones]
 
 
-def _together(
-    seen: Sequence[_Tone], records: Sequence[Record]
+def _shared_tones(
+    tones: Sequence[_Tone], records: Sequence[Record]
 ) -> tuple[list[tuple[float, float]], list[_Tone]]:
-    """Frequencies of tones that two records have, and how far these are from each other, Hz; and the other tones."""
-    left, alone = sorted(seen, key=lambda tone: -tone.weight), list[_Tone]()
-    span = [record.duration_s for record in records]
-    found: list[tuple[float, float]] = []
-    while left:
-        hz, longest = left[0].hz, span[left[0].record]
-        near = [tone for tone in left if abs(tone.hz - hz) * min(span[tone.record], longest) < SAME]
-        left = [tone for tone in left if tone not in near]
+    """Return frequency and scatter in Hz of tones that two records have, and the other tones."""
+    remaining = sorted(tones, key=lambda tone: -tone.weight)
+    durations = [record.duration_s for record in records]
+    shared: list[tuple[float, float]] = []
+    single: list[_Tone] = []
+    while remaining:
+        hz = remaining[0].hz
+        duration = durations[remaining[0].record]
+        near = [
+            tone
+            for tone in remaining
+            if abs(tone.hz - hz) * min(durations[tone.record], duration) < MAX_SAME_LINES
+        ]
+        remaining = [tone for tone in remaining if tone not in near]
         if len({tone.record for tone in near}) > 1:
-            found.append(_middle(near))
+            shared.append(_middle(near))
         else:
-            alone += near
-    return found[:MOST_TONES], alone
+            single += near
+    return shared[:MAX_TONES], single
 
 
 def _middle(tones: Sequence[_Tone]) -> tuple[float, float]:
-    """Weighted median of their frequencies, and the median of the distances from it, Hz."""
+    """Return the weighted median of the frequencies and the median distance from it, Hz."""
     hz, weight = (np.array([getattr(tone, name) for tone in tones]) for name in ("hz", "weight"))
     order = np.argsort(hz)
     middle = float(hz[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * np.sum(weight))])
@@ -141,30 +171,49 @@ def _middle(tones: Sequence[_Tone]) -> tuple[float, float]:
 
 
 def _as_harmonics(tones: Sequence[tuple[float, float]]) -> list[float]:
-    """The tones; one whose frequency is little known, as within a resonance, by a harmonic that is known better."""
-    found = []
+    """Return the frequencies of tones; a poorly known one is derived from a harmonic.
+
+    Within a resonance a frequency is poorly known; one of its harmonics may be known better.
+
+    Args:
+        tones: frequency and scatter of each, Hz.
+    """
+    frequencies_hz = []
     for hz, scatter in tones:
-        by_others = [other / k for other, own in tones for k in (2, 3) if own < scatter]
-        near = [other for other in by_others if abs(other - hz) < HARMONIC * scatter]
-        found.append(min(near, key=lambda other: abs(other - hz)) if near else hz)
-    return found
+        candidates = [
+            harmonic / k
+            for harmonic, harmonic_scatter in tones
+            for k in (2, 3)
+            if harmonic_scatter < scatter
+        ]
+        near = [c for c in candidates if abs(c - hz) < MAX_HARMONIC_SCATTER * scatter]
+        frequencies_hz.append(min(near, key=lambda c: abs(c - hz)) if near else hz)
+    return frequencies_hz
 
 
 def _fundamentals(
     common: Sequence[float], single: Sequence[float], records: Sequence[Record]
 ) -> list[float]:
-    """Fundamentals of common tones that no two records agree on, as a resonance hides them, by their harmonic."""
+    """Return the fundamentals, by their common harmonic, that no two records agree on.
+
+    A resonance may hide them.
+
+    Args:
+        common: frequencies of tones that records share, Hz.
+        single: frequencies of tones of single records, Hz.
+        records: the records.
+    """
     line = 1.0 / max(record.duration_s for record in records)
-    found: list[float] = []
-    for hz in (other / order for other in common for order in (2, 3)):
-        seen = any(abs(tone - hz) < SAME * line for tone in single)
-        if seen and _apart(hz, [*common, *found], SAME * line):
-            found.append(hz)
-    return found
+    fundamentals: list[float] = []
+    for hz in (harmonic / order for harmonic in common for order in (2, 3)):
+        in_a_record = any(abs(tone - hz) < MAX_SAME_LINES * line for tone in single)
+        if in_a_record and _apart(hz, [*common, *fundamentals], MAX_SAME_LINES * line):
+            fundamentals.append(hz)
+    return fundamentals
 
 
 def _power(signal: FloatArray) -> FloatArray:
-    """Power of the lines under Hann's window, shape (samples // 2 + 1,)."""
+    """Return the power of the lines under a Hann window, shape (samples // 2 + 1,)."""
     return power_of(np.asarray(fft.rfft(signal * hann(signal.size))))
 
 
@@ -175,97 +224,121 @@ def _tones(
     *,
     harmonics: bool,
 ) -> list[tuple[float, float]]:
-    """Places of the tones, in lines and parts of one, and how far each stands out.
+    """Return the place of each tone, in lines, and how far it stands out.
 
-    Empty if there are more than hum has, or if as much is left beside one as of a resonance's ringing.
+    Empty if there are more than hum has, or if as much remains at one as of a resonance's ringing.
+
+    Args:
+        residual: shape (samples,).
+        power_of_motion: returns the power of the lines of the predicted response.
+        used: samples that count, shape (samples,).
+        harmonics: whether the motion is a sine, whose harmonics are not hum.
     """
-    moving: FloatArray | None = None
-    places, strengths, sizes, left = np.zeros(0), list[float](), list[float](), residual
+    motion: FloatArray | None = None
+    places = np.zeros(0)
+    strengths: list[float] = []
+    sizes: list[float] = []
+    remainder = residual
     while True:
-        power = _power(left)
+        power = _power(remainder)
         peaks = _peaks(power)
-        if peaks and moving is None:
-            moving = power_of_motion()
-        place = None if moving is None else _strongest(peaks, power, moving, harmonics=harmonics)
+        if peaks and motion is None:
+            motion = power_of_motion()
+        place = None if motion is None else _strongest(peaks, power, motion, harmonics=harmonics)
         if place is None:
             return list(zip(places.tolist(), strengths, strict=True))
-        size, near = float(power[round(place)]), np.abs(places - place) < NEAREST
-        if places.size == MOST_TONES or any(
-            size > REMAINS * s for s, n in zip(sizes, near, strict=True) if n
+        size = float(power[round(place)])
+        near = np.abs(places - place) < MIN_AROUND_LINES
+        if places.size == MAX_TONES or any(
+            size > MAX_REMAINDER * s for s, n in zip(sizes, near, strict=True) if n
         ):
             return []
         if near.any():
             return list(zip(places.tolist(), strengths, strict=True))
-        places, strengths, sizes = (
-            np.append(places, place),
-            [*strengths, _above(power, round(place))],
-            [*sizes, size],
-        )
+        places = np.append(places, place)
+        strengths = [*strengths, _above(power, round(place))]
+        sizes = [*sizes, size]
         for _ in range(3):
             cosine, sine, late_cosine, late_sine = np.split(_amounts(places, used, residual, 4), 4)
-            # a cos φ + b sin φ of a tone whose place is off by d lines changes with time as 2π d (b cos φ − a sin φ).
+            # Where a place is off by d lines, a cos φ + b sin φ changes with time as
+            # 2π d (b cos φ − a sin φ).
             squares = np.maximum(cosine**2 + sine**2, np.finfo(float).tiny)
             places = places + np.clip(
                 (late_cosine * sine - late_sine * cosine) / squares / (2.0 * np.pi), -0.5, 0.5
             )
-        left = residual.copy()
-        left[used] -= (
+        remainder = residual.copy()
+        remainder[used] -= (
             _amounts(places, used, residual, 2) @ waves(places, used.size)[: 2 * places.size]
         )[used]
 
 
 def _amounts(places: FloatArray, used: BoolArray, residual: FloatArray, columns: int) -> FloatArray:
-    """Least-squares coefficients of the first so many columns a tone."""
+    """Return the least-squares coefficients of the first so many columns of each tone."""
     design = waves(places, used.size)[: columns * places.size, used].T
     return np.asarray(np.linalg.lstsq(design, residual[used], rcond=1e-9)[0], dtype=float)
 
 
 def _peaks(power: FloatArray) -> list[int]:
-    """Significant lines, the strongest first."""
-    inner, most = power[2:-2], 4 * MOST_TONES
-    largest = np.argpartition(-inner, most)[:most] if inner.size > most else np.arange(inner.size)
+    """Return the numbers of the significant lines, the strongest first."""
+    inner = power[2:-2]
+    limit = 4 * MAX_TONES
+    largest = (
+        np.argpartition(-inner, limit)[:limit] if inner.size > limit else np.arange(inner.size)
+    )
     largest = (largest[np.argsort(-inner[largest])] + 2).tolist()
     return [
         m
         for m in largest
-        if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > STANDS_OUT
+        if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > MIN_PEAK_RATIO
     ]
 
 
 def _strongest(
-    peaks: Sequence[int], power: FloatArray, moving: FloatArray, *, harmonics: bool
+    peaks: Sequence[int], power: FloatArray, motion: FloatArray, *, harmonics: bool
 ) -> float | None:
-    """Place of the first peak that is not of the motion."""
-    own = _summit(moving, int(np.argmax(moving[2:-2])) + 2) if harmonics else 0.0
-    over = power / np.maximum(moving, np.finfo(float).tiny)
+    """Return the place of the strongest peak that is not of the motion, or None.
+
+    Args:
+        peaks: numbers of the significant lines, the strongest first.
+        power: of the residual, by line.
+        motion: power of the predicted response, by line.
+        harmonics: whether the motion is a sine, whose harmonics are not hum.
+    """
+    fundamental = _summit(motion, int(np.argmax(motion[2:-2])) + 2) if harmonics else 0.0
+    relative = power / np.maximum(motion, np.finfo(float).tiny)
     for peak in peaks:
         place = _summit(power, peak)
-        if harmonics and _harmonic(place, own, power.size - 1):
+        if harmonics and _is_harmonic(place, fundamental, power.size - 1):
             continue
         tops = [m for m in (peak - 1, peak, peak + 1) if 1 < m < power.size - 2]
-        misfit = (
-            _above(over, peak) < MORE_THAN_MOVES
-        )  # of a multisine's lines close together none stands out
-        tops = [m for m in tops if moving[m] >= max(moving[m - 1], moving[m + 1])]
-        tops = [m for m in tops if misfit or _above(moving, m) > STANDS_OUT]
-        if all(abs(_summit(moving, m) - place) > APART for m in tops):
+        # Of the lines of a multisine that are close together none stands out.
+        misfit = _above(relative, peak) < MIN_MISFIT_RATIO
+        tops = [m for m in tops if motion[m] >= max(motion[m - 1], motion[m + 1])]
+        tops = [m for m in tops if misfit or _above(motion, m) > MIN_PEAK_RATIO]
+        if all(abs(_summit(motion, m) - place) > MIN_DISTANCE_LINES for m in tops):
             return place
     return None
 
 
-def _harmonic(place: float, own: float, half: int) -> bool:
-    """Whether a place is that of one of twenty harmonics of the motion's line, mirrored at half the sampling rate."""
-    order = np.arange(2, 21) * own
+def _is_harmonic(place: float, fundamental: float, half: int) -> bool:
+    """Return whether a place is that of one of twenty harmonics of the motion.
+
+    Args:
+        place: in lines.
+        fundamental: place of the motion, in lines.
+        half: number of the line at half the sampling rate, where harmonics are mirrored.
+    """
+    order = np.arange(2, 21) * fundamental
     folded = np.abs((order + half) % (2 * half) - half)
     return bool(np.any(np.abs(folded - place) < 1.0))
 
 
 def _above(power: FloatArray, peak: int) -> float:
-    """How many times a line is above the median of those around."""
+    """Return how many times a line is above the median of those around."""
     around = np.concatenate(
         [
-            power[max(peak - AROUND, 1) : max(peak - NEAREST, 1)],
-            power[peak + NEAREST + 1 : peak + AROUND],
+            power[max(peak - MAX_AROUND_LINES, 1) : max(peak - MIN_AROUND_LINES, 1)],
+            power[peak + MIN_AROUND_LINES + 1 : peak + MAX_AROUND_LINES],
         ]
     )
     return (
@@ -276,7 +349,7 @@ def _above(power: FloatArray, peak: int) -> float:
 
 
 def _summit(power: FloatArray, peak: int) -> float:
-    """Place of a peak between its lines."""
+    """Return the place of a peak between its lines."""
     low, middle, high = np.log(np.maximum(power[peak - 1 : peak + 2], np.finfo(float).tiny))
     curved = low - 2.0 * middle + high
     return (

@@ -1,4 +1,4 @@
-"""The nonparametric response: complex amplitudes of both channels at each excited frequency, and the noise there."""
+"""The nonparametric response: complex amplitudes of both channels, and the noise beside them."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.response.level import level_at_tone, levels_apart
+from vibrident.fit.response.level import level_at_tone, level_by_channel
 
-#: Smallest deviation, relative to the amplitude: interpolation between samples is not better.
-LEAST_DEVIATION = 1e-7
+#: Smallest deviation over the amplitude: interpolation between samples is not better.
+MIN_RELATIVE_DEVIATION = 1e-7
 
 ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredResponse:
-    """The response at n excited frequencies, each with K neighbouring spectral lines that hold only noise.
+    """Complex amplitudes of both channels at n excited frequencies, with K noise lines beside each.
 
-    The lines are scaled so that the mean of |line|² is the variance of the real (and of the imaginary) part of the
-    amplitude beside it. Kept for both channels and at their own frequencies, they give the variance of Y − H X for
-    any model H, whether the noise is vibration of the sensor (it then cancels) or of one channel (it does not).
+    The lines are scaled so that the mean of |line|² is the variance of the real (and of the
+    imaginary) part of the amplitude beside it. Kept for both channels and at their own frequencies,
+    they give the variance of Y − H X for any model H, whether the noise is vibration of the sensor
+    (it then cancels) or of one channel (it does not).
 
     Attributes:
         frequency_hz: shape (n,).
@@ -36,9 +37,9 @@ class MeasuredResponse:
         line_weight: one for a line that exists, zero for padding, shape (n, K).
         degrees_of_freedom: of each variance estimate, shape (n,).
         record: index of the record of each point, shape (n,).
-        distortion: harmonic distortion of both channels, (n, 2): rms of harmonics 2… over the fundamental.
-        rounding: variance of the real part of X and of Y by a converter's errors that return from period to period, so
-            that no line shows them, shape (n, 2); None for none.
+        distortion: rms of harmonics 2… over the fundamental, of both channels, shape (n, 2).
+        rounding: variance of the real part of X and of Y by a converter's errors that return from
+            period to period, so that no line shows them, shape (n, 2); None for none.
     """
 
     frequency_hz: FloatArray
@@ -55,30 +56,30 @@ class MeasuredResponse:
 
     @property
     def points(self) -> int:
-        """Number of excited frequencies n."""
+        """Return the number of excited frequencies n."""
         return int(self.frequency_hz.shape[0])
 
     def at(self, points: BoolArray) -> MeasuredResponse:
-        """Return some of the points, where ``points``, shape (n,), is true."""
+        """Return the points at which ``points``, shape (n,), is true."""
         columns: dict[str, Any] = {}
-        for each in fields(self):
-            values = getattr(self, each.name)
-            columns[each.name] = None if values is None else values[points]
+        for field in fields(self):
+            values = getattr(self, field.name)
+            columns[field.name] = None if values is None else values[points]
         return MeasuredResponse(**columns)
 
     @property
     def ratio(self) -> ComplexArray:
-        """Measured complex sensitivity Y/X, shape (n,)."""
+        """Return the measured complex sensitivity Y/X, shape (n,)."""
         return self.response / self.reference
 
     def error_deviation(
         self, model: Callable[[FloatArray], ComplexArray] | None = None
     ) -> FloatArray:
-        """Standard deviation of the real part of Y − H X, shape (n,).
+        """Return the standard deviation of the real part of Y − H X, shape (n,).
 
         Args:
-            model: complex sensitivity H at frequencies; None takes the measured ratio at each point, which is right
-                where H hardly changes between a tone and its noise lines.
+            model: complex sensitivity H at frequencies in Hz; None takes the measured ratio at each
+                point, which is right where H hardly changes between a tone and its noise lines.
         """
         h = (
             self.ratio[:, None]
@@ -86,43 +87,44 @@ class MeasuredResponse:
             else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
         )
         error = np.abs(self.line_response - h * self.line_reference) ** 2
-        through = (
+        gains = (
             (None, None)
             if model is None
             else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
         )
         ratio = self.line_hz / self.frequency_hz[:, None]
-        variance = level_at_tone(error, ratio, self.line_weight, *through)
+        variance = level_at_tone(error, ratio, self.line_weight, *gains)
         if model is not None:
             lines = (self.line_reference, self.line_response)
-            apart, holds = levels_apart(lines, h, model(self.frequency_hz), ratio, self.line_weight)
-            variance = np.where(holds, apart, variance)
+            h_at_tone = model(self.frequency_hz)
+            by_channel, holds = level_by_channel(lines, h, h_at_tone, ratio, self.line_weight)
+            variance = np.where(holds, by_channel, variance)
         if self.rounding is not None:
-            through = self.ratio if model is None else model(self.frequency_hz)
-            variance = variance + self.rounding[:, 1] + np.abs(through) ** 2 * self.rounding[:, 0]
-        floor = (LEAST_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
+            h_at_tone = self.ratio if model is None else model(self.frequency_hz)
+            variance = variance + self.rounding[:, 1] + np.abs(h_at_tone) ** 2 * self.rounding[:, 0]
+        floor = (MIN_RELATIVE_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
 
     @staticmethod
-    def join(parts: Sequence[MeasuredResponse]) -> MeasuredResponse:
-        """All points of several measurements, in order."""
-        width = max(p.line_hz.shape[1] for p in parts)
+    def join(responses: Sequence[MeasuredResponse]) -> MeasuredResponse:
+        """Return all points of several measurements, in order."""
+        width = max(p.line_hz.shape[1] for p in responses)
 
         def padded(array: NDArray, fill: float) -> NDArray:
             return np.pad(array, ((0, 0), (0, width - array.shape[1])), constant_values=fill)
 
         return MeasuredResponse(
-            np.concatenate([p.frequency_hz for p in parts]),
-            np.concatenate([p.reference for p in parts]),
-            np.concatenate([p.response for p in parts]),
-            np.concatenate([padded(p.line_hz, 1.0) for p in parts]),
-            np.concatenate([padded(p.line_reference, 0.0) for p in parts]),
-            np.concatenate([padded(p.line_response, 0.0) for p in parts]),
-            np.concatenate([padded(p.line_weight, 0.0) for p in parts]),
-            np.concatenate([p.degrees_of_freedom for p in parts]),
-            np.concatenate([p.record for p in parts]),
-            np.concatenate([p.distortion for p in parts]),
+            np.concatenate([p.frequency_hz for p in responses]),
+            np.concatenate([p.reference for p in responses]),
+            np.concatenate([p.response for p in responses]),
+            np.concatenate([padded(p.line_hz, 1.0) for p in responses]),
+            np.concatenate([padded(p.line_reference, 0.0) for p in responses]),
+            np.concatenate([padded(p.line_response, 0.0) for p in responses]),
+            np.concatenate([padded(p.line_weight, 0.0) for p in responses]),
+            np.concatenate([p.degrees_of_freedom for p in responses]),
+            np.concatenate([p.record for p in responses]),
+            np.concatenate([p.distortion for p in responses]),
             np.concatenate(
-                [np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in parts]
+                [np.zeros((p.points, 2)) if p.rounding is None else p.rounding for p in responses]
             ),
         )

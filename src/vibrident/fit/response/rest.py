@@ -1,8 +1,9 @@
 """The value of the reference at rest: its offset, separated from the motion.
 
-A recorder's offset is not an acceleration. It has no effect with a linear sensor; with a nonlinear spring it would act
-as a static load and shift the operating point. What cannot be separated from the offset of a recorder is not taken
-for acceleration: the sensor at rest, as it is mounted, is the middle of its spring.
+The offset of a recorder is not an acceleration. It has no effect with a linear sensor; with a
+nonlinear spring it would act as a static load and shift the operating point. What cannot be
+separated from the offset of a recorder is not taken for acceleration: the sensor at rest, as it is
+mounted, is the middle of its spring.
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.data.records import Record
-from vibrident.fit.response.tones import tone_frequency
+from vibrident.fit.response.sine_fit import tone_frequency
 
 
 def offset_of_reference(record: Record) -> float:
-    """Offset of the reference, in its unit.
+    """Return the offset of the reference, in its unit.
 
-    Of a sine the constant beside it by least squares, whatever part of a period the record ends with; of a shock the
-    median, as it mostly rests; of other motion the mean.
+    Of a sine it is the constant of a least-squares fit, whatever part of a period the record ends
+    with; of a shock the median, as it mostly rests; of other motion the mean.
     """
     assert record.reference is not None
     mask = record.reference_mask

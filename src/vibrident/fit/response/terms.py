@@ -1,7 +1,8 @@
-"""Terms that a sine record is fitted by: exponentials, offset and trend, without writing every term out.
+"""Terms of the fit of a sine record: exponentials, offset and trend, without a table of each.
 
-A sum over N samples with an exponential e^{pk} needs no table of N values: k = W i + j makes it a product of two tables
-of about √N values, and all exponentials together one product of matrices. Sums of exponentials alone are geometric.
+A sum over N samples with an exponential e^{pk} needs no table of N values: k = W i + j makes it a
+product of two tables of about √N values, and all exponentials together one product of matrices.
+Sums of exponentials alone are geometric.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 from vibrident.data.records import FloatArray
 from vibrident.fit.information import inverse_where_shown
 
-#: Terms are told apart where their scaled normal matrix has eigenvalues above this.
-TOLD_APART = 1e-10
+#: Terms are separable where their scaled normal matrix has eigenvalues above this.
+MIN_SCALED_EIGENVALUE = 1e-10
 
 
 class Terms(Protocol):
@@ -24,62 +25,62 @@ class Terms(Protocol):
 
     @property
     def gram(self) -> FloatArray:
-        """Their products with each other, shape (R, R)."""
+        """Return their products with each other, shape (R, R)."""
         ...
 
     def products(self, values: FloatArray) -> FloatArray:
-        """Their products with a series, shape (n,) → (R,)."""
+        """Return their products with a series, shape (n,) → (R,)."""
         ...
 
     def sum(self, amounts: FloatArray) -> FloatArray:
-        """The terms in these amounts, shape (R,) → (n,)."""
+        """Return the sum of the terms in these amounts, shape (R,) → (n,)."""
         ...
 
     def only(self, which: NDArray[np.int_]) -> Terms:
-        """Some of the terms."""
+        """Return the terms at these indices."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class WrittenOut:
-    """Terms sample by sample, zero where samples are not used.
+class TermTable:
+    """Table of terms sample by sample, zero where samples are not used.
 
     Attributes:
         rows: shape (R, n).
-        gram: of these.
+        gram: their products with each other, shape (R, R).
     """
 
     rows: FloatArray
     gram: FloatArray
 
     @classmethod
-    def of(cls, rows: FloatArray) -> WrittenOut:
-        """These rows."""
+    def of(cls, rows: FloatArray) -> TermTable:
+        """Return the terms of these rows, shape (R, n)."""
         return cls(rows, rows @ rows.T)
 
     def products(self, values: FloatArray) -> FloatArray:
-        """As :meth:`Terms.products`."""
+        """Return the products of the terms with a series, shape (n,) → (R,)."""
         return self.rows @ values
 
     def sum(self, amounts: FloatArray) -> FloatArray:
-        """As :meth:`Terms.sum`."""
+        """Return the sum of the terms in these amounts, shape (R,) → (n,)."""
         return amounts @ self.rows
 
-    def only(self, which: NDArray[np.int_]) -> WrittenOut:
-        """As :meth:`Terms.only`."""
-        return WrittenOut(self.rows[which], self.gram[np.ix_(which, which)])
+    def only(self, which: NDArray[np.int_]) -> TermTable:
+        """Return the terms at these indices."""
+        return TermTable(self.rows[which], self.gram[np.ix_(which, which)])
 
 
 @dataclass(frozen=True, eq=False)
 class Exponentials:
-    """Real and imaginary parts of e^{pk} for K exponents p, one, and a trend, over samples without a gap.
+    """Real and imaginary parts of K exponentials e^{pk}, one, and a trend, over gapless samples.
 
     Attributes:
         steps: Re, then Im, of e^{pj}, j = 0 … W − 1, shape (2 K, W).
         begins: e^{p(first + W i)}, shape (blocks, K).
         trend: shape (n,).
-        order: which of the terms Re …, Im …, one, trend are used, shape (R,).
-        gram: of these.
+        order: indices of the terms in use among Re …, Im …, one, trend, shape (R,).
+        gram: products of the terms in use with each other, shape (R, R).
     """
 
     steps: FloatArray
@@ -96,35 +97,41 @@ class Exponentials:
         trend: FloatArray,
         order: NDArray[np.int_],
     ) -> Exponentials:
-        """Over the samples from ``first`` on for which there is a trend."""
+        """Return the terms over the samples of the trend, of which ``first`` is the first.
+
+        Args:
+            exponents: p, shape (K,).
+            first: number of the first sample.
+            trend: shape (n,).
+            order: indices of the terms in use, shape (R,).
+        """
         steps, begins = _tables(exponents, first, trend.size)
-        made = cls(steps, begins, trend, order, np.zeros((0, 0)))
-        gram = _gram(exponents, first, trend, made._with_trend(trend))
+        without_gram = cls(steps, begins, trend, order, np.zeros((0, 0)))
+        gram = _gram(exponents, first, trend, without_gram._all_products(trend))
         return cls(steps, begins, trend, order, gram[np.ix_(order, order)])
 
-    def _with_trend(self, values: FloatArray) -> FloatArray:
-        """Products of all terms with a series, shape (n,) → (2 K + 2,)."""
-        sums = _summed(values, self.steps, self.begins)
+    def _all_products(self, values: FloatArray) -> FloatArray:
+        """Return the products of all terms, used or not, with a series, shape (n,) → (2 K + 2,)."""
+        sums = _exponential_products(values, self.steps, self.begins)
         return np.concatenate([sums.real, sums.imag, [np.sum(values), self.trend @ values]])
 
     def products(self, values: FloatArray) -> FloatArray:
-        """As :meth:`Terms.products`."""
-        return self._with_trend(values)[self.order]
+        """Return the products of the terms with a series, shape (n,) → (R,)."""
+        return self._all_products(values)[self.order]
 
     def sum(self, amounts: FloatArray) -> FloatArray:
-        """As :meth:`Terms.sum`."""
+        """Return the sum of the terms in these amounts, shape (R,) → (n,)."""
         count = self.begins.shape[1]
-        every = np.zeros(2 * count + 2)
-        every[self.order] = amounts
-        found = _swung(every[:count] - 1j * every[count:-2], self.steps, self.begins)[
-            : self.trend.size
-        ]
-        found += every[-2]
-        found += every[-1] * self.trend
-        return found
+        all_amounts = np.zeros(2 * count + 2)
+        all_amounts[self.order] = amounts
+        complex_amounts = all_amounts[:count] - 1j * all_amounts[count:-2]
+        series = _exponential_sum(complex_amounts, self.steps, self.begins)[: self.trend.size]
+        series += all_amounts[-2]
+        series += all_amounts[-1] * self.trend
+        return series
 
     def only(self, which: NDArray[np.int_]) -> Exponentials:
-        """As :meth:`Terms.only`."""
+        """Return the terms at these indices."""
         gram = self.gram[np.ix_(which, which)]
         return Exponentials(self.steps, self.begins, self.trend, self.order[which], gram)
 
@@ -132,21 +139,28 @@ class Exponentials:
 def products(
     values: FloatArray, exponents: NDArray[np.complex128], first: int = 0
 ) -> NDArray[np.complex128]:
-    """Σ values e^{pk} over the samples k from ``first`` on, for each of K exponents, shape (K,)."""
-    return _summed(values, *_tables(exponents, first, values.size))
+    """Return Σ values e^{pk} over the samples k from ``first`` on, shape (K,).
+
+    Args:
+        values: shape (n,).
+        exponents: p, shape (K,).
+        first: number of the first sample.
+    """
+    return _exponential_products(values, *_tables(exponents, first, values.size))
 
 
-def _swung(
+def _exponential_sum(
     amounts: NDArray[np.complex128], steps: FloatArray, begins: NDArray[np.complex128]
 ) -> FloatArray:
-    own = begins * amounts
-    return (np.concatenate([own.real, -own.imag], axis=1) @ steps).ravel()
+    """Return the real part of Σ amount e^{pk} at all samples of the blocks."""
+    blocks = begins * amounts
+    return (np.concatenate([blocks.real, -blocks.imag], axis=1) @ steps).ravel()
 
 
 def _tables(
     exponents: NDArray[np.complex128], first: int, samples: int
 ) -> tuple[FloatArray, NDArray[np.complex128]]:
-    """Steps and begins of so many samples, as :class:`Exponentials` has them."""
+    """Return the tables ``steps`` and ``begins`` of :class:`Exponentials` for so many samples."""
     width = max(int(np.sqrt(samples)), 1)
     steps: NDArray[np.complex128] = np.asarray(
         np.exp(exponents[:, None] * np.arange(width)), dtype=complex
@@ -155,33 +169,44 @@ def _tables(
     return np.concatenate([steps.real, steps.imag]), begins
 
 
-def _summed(
+def _exponential_products(
     values: FloatArray, steps: FloatArray, begins: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    (blocks, count), width = begins.shape, steps.shape[1]
-    laid = np.zeros(blocks * width)
-    laid[: values.size] = values
-    inner = laid.reshape(blocks, width) @ steps.T
+    """Return Σ values e^{pk} over the samples for each exponent, shape (K,)."""
+    blocks, count = begins.shape
+    width = steps.shape[1]
+    padded = np.zeros(blocks * width)
+    padded[: values.size] = values
+    inner = padded.reshape(blocks, width) @ steps.T
     return np.sum((inner[:, :count] + 1j * inner[:, count:]) * begins, axis=0)
 
 
 def _gram(
     exponents: NDArray[np.complex128], first: int, trend: FloatArray, with_trend: FloatArray
 ) -> FloatArray:
-    """Products of the terms Re …, Im …, one, trend with each other, given those with the trend."""
+    """Return the products of the terms Re …, Im …, one, trend, given those with the trend."""
     plus = _geometric(exponents[:, None] + exponents, first, trend.size)
     minus = _geometric(exponents[:, None] + np.conj(exponents), first, trend.size)
-    alone = _geometric(exponents, first, trend.size)
+    sums = _geometric(exponents, first, trend.size)
     gram = np.empty((with_trend.size, with_trend.size))
     gram[:-2, :-2] = in_parts(plus, minus)
-    gram[-2, :-2] = gram[:-2, -2] = np.concatenate([alone.real, alone.imag])
+    gram[-2, :-2] = gram[:-2, -2] = np.concatenate([sums.real, sums.imag])
     gram[-2, -2] = trend.size
-    gram[-1], gram[:, -1] = with_trend, with_trend
+    gram[-1] = with_trend
+    gram[:, -1] = with_trend
     return gram
 
 
 def in_parts(plus: NDArray[np.complex128], minus: NDArray[np.complex128]) -> FloatArray:
-    """Products of real and imaginary parts with each other, of those of e^{pk} with e^{qk}, and with its conjugate."""
+    """Return the products of real and imaginary parts, given those of the complex exponentials.
+
+    Args:
+        plus: products of e^{pk} with e^{qk}, shape (K, K).
+        minus: products of e^{pk} with the conjugate of e^{qk}, shape (K, K).
+
+    Returns:
+        Of the real parts, then the imaginary ones, shape (2 K, 2 K).
+    """
     mixed = 0.5 * (plus - minus).imag
     return np.block([[0.5 * (plus + minus).real, mixed], [mixed.T, 0.5 * (minus - plus).real]])
 
@@ -189,18 +214,18 @@ def in_parts(plus: NDArray[np.complex128], minus: NDArray[np.complex128]) -> Flo
 def _geometric(
     exponents: NDArray[np.complex128], first: int, samples: int
 ) -> NDArray[np.complex128]:
-    """Σ e^{pk} over ``samples`` samples from ``first`` on."""
-    one = np.abs(exponents) * samples < 1e-12
-    step = np.where(one, 1.0, np.expm1(exponents))
+    """Return Σ e^{pk} over ``samples`` samples from ``first`` on."""
+    constant = np.abs(exponents) * samples < 1e-12
+    step = np.where(constant, 1.0, np.expm1(exponents))
     return np.exp(exponents * first) * np.where(
-        one, float(samples), np.expm1(exponents * samples) / step
+        constant, float(samples), np.expm1(exponents * samples) / step
     )
 
 
 def fitted(terms: Terms, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Amounts of the terms, shape (R,), and what they leave of a series, shape (n,), by least squares."""
-    inverse = inverse_where_shown(terms.gram, TOLD_APART)
-    found = inverse @ terms.products(values)
-    # One step of refinement: normal equations lose half the digits.
-    found = found + inverse @ terms.products(values - terms.sum(found))
-    return found, values - terms.sum(found)
+    """Return the least-squares amounts of the terms, shape (R,), and the residual, shape (n,)."""
+    inverse = inverse_where_shown(terms.gram, MIN_SCALED_EIGENVALUE)
+    amounts = inverse @ terms.products(values)
+    # One step of refinement, as normal equations lose half the digits.
+    amounts = amounts + inverse @ terms.products(values - terms.sum(amounts))
+    return amounts, values - terms.sum(amounts)

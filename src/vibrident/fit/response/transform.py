@@ -13,28 +13,34 @@ from numpy.typing import NDArray
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
-#: Windows and transforms of filters are kept for signals of up to so many samples.
-MOST_KEPT = 1 << 16
-#: Fewest samples for a spectrum.
-SHORTEST = 256
-#: Lines that are worked on at once.
-AT_ONCE = 1 << 13
-#: Of an exponential distribution, median over mean.
+#: Windows and transforms of filters are cached for signals of up to so many samples.
+MAX_CACHED_SAMPLES = 1 << 16
+#: Fewest samples of a spectrum.
+MIN_SPECTRUM_SAMPLES = 256
+#: Lines that are processed at once.
+BLOCK_LINES = 1 << 13
+#: Median of an exponential distribution over its mean.
 MEDIAN_OF_POWER = float(np.log(2.0))
 
 
 def line_frequencies(
-    samples: int, sampling_rate_hz: float, part: slice = slice(None)
+    samples: int, sampling_rate_hz: float, lines: slice = slice(None)
 ) -> FloatArray:
-    """Frequency of each line in Hz, shape (samples // 2 + 1,), or of some.
+    """Return the frequency of each line in Hz, shape (samples // 2 + 1,), or of those in a slice.
 
-    The line at zero is given the next one's: a reference in velocity has no response at zero, and an offset is fitted.
+    The line at zero is given the frequency of the next: a reference in velocity has no response at
+    zero, and an offset is fitted.
     """
-    return np.maximum(np.arange(*part.indices(samples // 2 + 1)), 1) * (sampling_rate_hz / samples)
+    return np.maximum(np.arange(*lines.indices(samples // 2 + 1)), 1) * (sampling_rate_hz / samples)
 
 
 def reference_colour(record: Record, samples: int) -> FloatArray | float:
-    """Power of the reference's own noise over its mean, at the lines of so many samples; one where it is white."""
+    """Return the power of the reference's noise at each line over its mean; 1.0 where it is white.
+
+    Args:
+        record: with the order of its reference's noise.
+        samples: of the transform, with lines of shape (samples // 2 + 1,).
+    """
     order = record.reference_noise_order
     if order == 0:
         return 1.0
@@ -44,36 +50,43 @@ def reference_colour(record: Record, samples: int) -> FloatArray | float:
 
 
 def transforms(signals: Sequence[FloatArray] | FloatArray) -> NDArray[np.complex128]:
-    """Real transforms of signals of one length; of two or more side by side each takes half the time, but memory."""
-    if len(signals[0]) <= MOST_KEPT:
+    """Return the real transforms of signals of one length, shape (signals, samples // 2 + 1).
+
+    Short signals are transformed together, which halves the time of each; long ones one by one,
+    which saves memory.
+    """
+    if len(signals[0]) <= MAX_CACHED_SAMPLES:
         return np.asarray(fft.rfft(np.asarray(signals)), dtype=complex)
-    found = np.empty((len(signals), len(signals[0]) // 2 + 1), dtype=complex)
-    for row, signal in zip(found, signals, strict=True):
+    spectra = np.empty((len(signals), len(signals[0]) // 2 + 1), dtype=complex)
+    for row, signal in zip(spectra, signals, strict=True):
         row[:] = fft.rfft(signal)
-    return found
+    return spectra
 
 
 def power_of(lines: NDArray[np.complex128]) -> FloatArray:
-    """Squares of the magnitudes, without the roots that ``abs`` takes for them."""
-    found = lines.real**2
-    found += lines.imag**2
-    return found
+    """Return |line|², without the square roots that ``abs`` takes."""
+    power = lines.real**2
+    power += lines.imag**2
+    return power
 
 
 def in_blocks(lines: int) -> list[slice]:
-    """Blocks of so many lines that stay in the processor's cache."""
-    return [slice(begin, min(begin + AT_ONCE, lines)) for begin in range(0, lines, AT_ONCE)]
+    """Return blocks of so many lines that stay in the cache of the processor."""
+    return [slice(begin, min(begin + BLOCK_LINES, lines)) for begin in range(0, lines, BLOCK_LINES)]
 
 
 def about_mean(values: FloatArray, used: BoolArray) -> FloatArray:
-    """Values about the mean of those that are used, zero where they are not, shape (samples,)."""
+    """Return values about the mean of the used ones, zero elsewhere, shape (samples,)."""
     if used.all():
         return values - values.mean()
     return np.where(used, values - (values[used].mean() if used.any() else 0.0), 0.0)
 
 
 def line_counts(samples: int) -> FloatArray:
-    """How often each line counts in a sum over the whole transform, shape (samples // 2 + 1,): its conjugate too."""
+    """Return how often each line counts in a sum over the whole transform, shape (lines,).
+
+    Lines with a conjugate count twice.
+    """
     counts = np.full(samples // 2 + 1, 2.0)
     counts[0] = 1.0
     if samples % 2 == 0:
@@ -82,7 +95,10 @@ def line_counts(samples: int) -> FloatArray:
 
 
 def counts_in_band(samples: int) -> FloatArray:
-    """Return these counts, zero at line 0, which holds the offset, and above the band of the interpolation."""
+    """Return the line counts, zero outside of the usable band.
+
+    That is at line 0, which holds the offset, and above the band of the interpolation.
+    """
     counts = line_counts(samples)
     counts[:1] = 0.0
     counts[int(USABLE_BAND * samples) + 1 :] = 0.0
@@ -90,31 +106,37 @@ def counts_in_band(samples: int) -> FloatArray:
 
 
 def waves(places: Sequence[float] | FloatArray, samples: int) -> FloatArray:
-    """Cosines and sines of these places, in lines, and both growing with time; shape (4 tones, samples)."""
+    """Return cosines and sines of tones, and both growing with time, shape (4 tones, samples).
+
+    Args:
+        places: frequencies of the tones, in lines of the transform.
+        samples: number of samples.
+    """
     turn = np.arange(samples) / max(samples, 1)
     angle = 2.0 * np.pi * np.outer(np.asarray(places, dtype=float), turn)
-    found = np.concatenate([np.cos(angle), np.sin(angle)])
-    return np.concatenate([found, (turn - 0.5) * found])
+    harmonics = np.concatenate([np.cos(angle), np.sin(angle)])
+    return np.concatenate([harmonics, (turn - 0.5) * harmonics])
 
 
 def median(values: FloatArray) -> Any:
-    """As ``np.median`` along the last axis, in a sixth of its time.
+    """Return ``np.median`` along the last axis, in a sixth of its time.
 
-    That looks for two values at once, and for what is no number, for which it loads NumPy's masked arrays.
+    NumPy selects two values at once, and looks for NaN, for which it loads masked arrays.
     """
-    middle, ordered = values.shape[-1] // 2, values.copy()
+    middle = values.shape[-1] // 2
+    ordered = values.copy()
     ordered.partition(middle)
     high = ordered[..., middle]
     return high if values.shape[-1] % 2 else 0.5 * (np.max(ordered[..., :middle], axis=-1) + high)
 
 
 def hann(samples: int) -> FloatArray:
-    """Hann window, shape (samples,); do not write to it."""
-    return (_hann_kept if samples <= MOST_KEPT else _hann)(samples)
+    """Return the Hann window, shape (samples,), which is shared: do not write to it."""
+    return (_cached_hann if samples <= MAX_CACHED_SAMPLES else _hann)(samples)
 
 
 def _hann(samples: int) -> FloatArray:
-    """As ``np.hanning``, in place: of a long record each copy counts."""
+    """Return ``np.hanning``, computed in place: of a long record each copy counts."""
     window = np.arange(1.0 - samples, samples, 2.0)
     window *= np.pi
     window /= max(samples - 1, 1)
@@ -124,4 +146,4 @@ def _hann(samples: int) -> FloatArray:
     return window
 
 
-_hann_kept = functools.lru_cache(maxsize=8)(_hann)
+_cached_hann = functools.lru_cache(maxsize=8)(_hann)

@@ -12,37 +12,41 @@ REJECTION = 1e-3
 
 
 def as_chi2(squares: FloatArray, freedom: FloatArray) -> FloatArray:
-    """χ² of two degrees of freedom, as improbable as squares of two parts over variances that are estimates.
+    """Return χ² of two degrees of freedom, as improbable as squares over estimated variances.
 
-    Half of such a square q is F-distributed with 2 and ν degrees of freedom, so chance makes it larger with the
-    probability (1 + q/ν)^(−ν/2) (Fisher's combination of probabilities; Fisher 1932).
+    Half of such a square q of two parts is F-distributed with 2 and ν degrees of freedom, so chance
+    makes it larger with the probability (1 + q/ν)^(−ν/2) (Fisher 1932).
 
     Args:
         squares: q, shape (n,).
-        freedom: ν behind each variance, shape (n,).
+        freedom: ν of each variance, shape (n,).
     """
     return freedom * np.log1p(squares / freedom)
 
 
 def shrunk(freedom: FloatArray) -> FloatArray:
-    """1 − 2/ν: by so much squares over a variance of ν degrees of freedom are too large in the mean, shape (n,)."""
+    """Return 1 − 2/ν, shape (n,).
+
+    The mean of squares over a variance of ν degrees of freedom is too large by the inverse of this.
+    """
     return np.maximum(1.0 - 2.0 / freedom, 0.1)
 
 
 def probability(chi2: float, degrees: int) -> float:
-    """Chance of a χ² at least this large when the model is right."""
+    """Return the chance of a χ² at least this large when the model is right."""
     return chi2_tail(degrees, chi2) if degrees > 0 else 1.0
 
 
 def chance_of(points: FloatArray, degrees: int, beside: float = 0.0) -> float:
-    """Chance of points at least as far from a right model, by their sum or by the furthest of them (Bonferroni).
+    """Return the chance of points at least as far from a right model, by their sum or the furthest.
 
-    The sum of many points hides one that is far off, as at a resonance that the model lacks.
+    The sum of many points hides one that is far off, as at a resonance that the model lacks; the
+    furthest is judged by Bonferroni's bound.
 
     Args:
         points: χ² of two degrees of freedom each, shape (n,).
         degrees: of freedom of all, less the parameters that were fitted.
-        beside: χ² of what else is judged with them.
+        beside: χ² of other quantities that are judged together with the points.
     """
     if degrees <= 0:
         return 1.0

@@ -1,1 +1,1 @@
-"""Where a fit begins: a search in the nonparametric response, from everywhere at once."""
+"""Start values of a fit: a search in the nonparametric response, from everywhere at once."""

@@ -1,7 +1,7 @@
-"""A few bins of the records, by which places of a grid are compared.
+"""A few bins of the records, at which places of a grid are compared.
 
 Initial states and drift are projected out of response and forced response, so nothing leaks, and a
-few bins say as much as all.
+few bins carry as much information as all.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.look import Look
 
-#: Bins of all records together, and of one at least and at most.
+#: Number of bins of all records together …
 ALL_BINS = 1000
+#: … and fewest and most of one record.
 MIN_BINS = 24
 MAX_BINS = 600
-#: Of each part of the band those bins that say most.
-BINS_A_PART = 4
+#: Number of bins, those with most information, in each interval of the band.
+BINS_PER_INTERVAL = 4
 
 
 @dataclass(frozen=True, eq=False)
 class CoarseRows:
-    """Segments of one sampling rate at bins of their own.
+    """Segments of one sampling rate, each at its chosen bins.
 
     Attributes:
         bins: the segments.
@@ -48,52 +49,54 @@ class CoarseRows:
     def freed(
         self, networks: DiscreteTransfer, factors: ComplexArray | None = None
     ) -> ComplexArray:
-        """Return forced responses and response, less what nuisance columns could imitate, times the root weight.
+        """Return weighted forced responses and response, with the nuisance columns projected out.
 
         Args:
-            networks: of G places with T trials each, in leading axes (G, T); trials of a place have one denominator.
+            networks: of G places with T trials each, in leading axes (G, T); trials of a place have
+                one denominator.
             factors: of the inputs at each place, shape (R, G, K); None: one.
 
         Returns:
-            The forced responses, and the response last, shape (R, G, T + 1, K).
+            The forced responses, and the response last, times the root of the weights, shape (R, G,
+                T + 1, K).
         """
         places, trials = networks.denominator.shape[:2]
         powers = networks.denominator.shape[2]
         segments, bins = self.weight.shape
         w = self.bins.shifted[:, None] ** np.arange(powers)[:, None]
-        over = 1.0 / combined(networks.denominator[:, 0], w)[:, :, None]
+        inverse = 1.0 / combined(networks.denominator[:, 0], w)[:, :, None]
         inputs = (w[:, :, None] * self.bins.inputs[:, None]).reshape(segments, -1, bins)
         forced = combined(networks.numerator.reshape(places * trials, inputs.shape[1]), inputs)
-        states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * over
-        nuisances = [states, self.bins.unmoved[:, None]]
+        states = ((1.0 + self.bins.shifted[:, None]) * w[:, :-1])[:, None] * inverse
+        nuisances = [states, self.bins.fixed_nuisances[:, None]]
         if self.bins.edges:
-            nuisances.append(states * over)
-        behind = over if factors is None else over * factors[:, :, None]
-        own = [
-            forced.reshape(segments, places, trials, bins) * behind,
+            nuisances.append(states * inverse)
+        scale = inverse if factors is None else inverse * factors[:, :, None]
+        signals = [
+            forced.reshape(segments, places, trials, bins) * scale,
             self.bins.response[:, None, None],
         ]
-        every = [
-            np.broadcast_to(each, (segments, places, *each.shape[2:]))
-            for each in (*nuisances, *own)
+        columns = [
+            np.broadcast_to(column, (segments, places, *column.shape[2:]))
+            for column in (*nuisances, *signals)
         ]
-        rows = np.concatenate(every, axis=2)
+        rows = np.concatenate(columns, axis=2)
         flat = rows.reshape(segments, places * rows.shape[2], bins)
         rows = self.bins.where_used(flat).reshape(rows.shape)
         rows *= np.sqrt(self.weight)[:, None, None]
         normal = products(rows, rows)
-        count = sum(each.shape[2] for each in nuisances)
+        count = sum(column.shape[2] for column in nuisances)
         amounts = normal[:, :, count:, :count] @ inverse_where_shown(normal[:, :, :count, :count])
         return rows[:, :, count:] - (amounts @ rows.view(float)[:, :, :count]).view(complex)
 
 
 class _Row(NamedTuple):
-    """A segment at bins of its own.
+    """Segment at its chosen bins.
 
     Attributes:
         group: of the segment.
-        row: its place there.
-        response: its transform, samples that are left out filled in, shape (K,).
+        row: its index there.
+        response: its transform, with omitted samples filled in, shape (K,).
         weight: of the bins, shape (K,).
         bins: those chosen.
     """
@@ -106,7 +109,7 @@ class _Row(NamedTuple):
 
 
 def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
-    """Choose the bins that say most, of as many records as there is room for."""
+    """Return the bins with most information, of as many records as there is room for."""
     weights = [look.weights_in(group) for group in band.groups]
     rows = [
         _Row(group, row, response[: group.grid.bins], weight[row], np.arange(0))
@@ -115,59 +118,63 @@ def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
         if (response := group.response[row] if group.used is None else look.filled.get(number))
         is not None
     ]
-    if not rows:  # no segment is whole, nor has enough bins to be filled in: all of their bins
+    if not rows:  # no segment is complete or can be filled in: all of their bins
         return [
             CoarseRows(group, weight, np.broadcast_to(group.grid.frequency_hz, weight.shape))
             for group, weight in zip(band.groups, weights, strict=True)
         ]
-    if len(rows) > (most := ALL_BINS // MIN_BINS):
-        rows = [rows[place] for place in np.linspace(0, len(rows) - 1, most).astype(int)]
+    if len(rows) > (limit := ALL_BINS // MIN_BINS):
+        rows = [rows[place] for place in np.linspace(0, len(rows) - 1, limit).astype(int)]
     width = int(np.clip(ALL_BINS // len(rows), MIN_BINS, MAX_BINS))
-    alike: dict[tuple[float, float], list[_Row]] = {}
+    by_step: dict[tuple[float, float], list[_Row]] = {}
     for row in rows:
-        bins = _telling_bins(row.weight * power_of(row.response), width)
-        alike.setdefault(row.group.step, []).append(row._replace(bins=bins))
-    return [_joined(parts) for parts in alike.values()]
+        bins = _informative_bins(row.weight * power_of(row.response), width)
+        by_step.setdefault(row.group.step, []).append(row._replace(bins=bins))
+    return [_joined(step_rows) for step_rows in by_step.values()]
 
 
-def _telling_bins(information: FloatArray, width: int) -> NDArray[np.int_]:
-    """Return the bins with the most information in each of equal parts of a logarithmic band."""
+def _informative_bins(information: FloatArray, width: int) -> NDArray[np.int_]:
+    """Return the bins with the most information in equal intervals of a logarithmic band."""
     last = len(information)
     if last - 1 <= width:
         return np.arange(1, last)
-    edges = np.unique(np.geomspace(1, last, width // BINS_A_PART + 1).astype(int))
+    edges = np.unique(np.geomspace(1, last, width // BINS_PER_INTERVAL + 1).astype(int))
     chosen = [
-        begin + np.argsort(-information[begin:end], kind="stable")[:BINS_A_PART]
+        begin + np.argsort(-information[begin:end], kind="stable")[:BINS_PER_INTERVAL]
         for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     ]
     bins = np.concatenate(chosen)
-    if bins.size < width:  # narrow parts have fewer bins than they may
-        others = np.setdiff1d(np.arange(1, last), bins)
-        more = others[np.argsort(-information[others], kind="stable")[: width - bins.size]]
-        bins = np.concatenate([bins, more])
+    if bins.size < width:  # narrow intervals have fewer bins than they may
+        not_chosen = np.setdiff1d(np.arange(1, last), bins)
+        additional = not_chosen[
+            np.argsort(-information[not_chosen], kind="stable")[: width - bins.size]
+        ]
+        bins = np.concatenate([bins, additional])
     return np.sort(bins)
 
 
 def _joined(rows: Sequence[_Row]) -> CoarseRows:
-    """Join rows of one sampling rate; shorter ones end with bins of weight zero."""
-    most = max(len(row.bins) for row in rows)
-    columns = max(row.group.unmoved.shape[1] for row in rows)
+    """Return rows of one sampling rate joined; shorter ones end with bins of weight zero."""
+    width = max(len(row.bins) for row in rows)
+    columns = max(row.group.fixed_nuisances.shape[1] for row in rows)
     first = rows[0].group
     count = len(rows)
-    inputs = np.zeros((count, first.inputs.shape[1], most), complex)
-    response = np.zeros((count, most), complex)
-    shifted = np.ones((count, most), complex)
-    unmoved = np.zeros((count, columns, most), complex)
-    weight = np.zeros((count, most))
-    frequency_hz = np.ones((count, most))
+    inputs = np.zeros((count, first.inputs.shape[1], width), complex)
+    response = np.zeros((count, width), complex)
+    shifted = np.ones((count, width), complex)
+    fixed_nuisances = np.zeros((count, columns, width), complex)
+    weight = np.zeros((count, width))
+    frequency_hz = np.ones((count, width))
     for place, row in enumerate(rows):
         size = len(row.bins)
-        own = row.group.at(row.row, row.bins)
-        inputs[place, :, :size] = own.inputs[0]
+        at_bins = row.group.at(row.row, row.bins)
+        inputs[place, :, :size] = at_bins.inputs[0]
         response[place, :size] = row.response[row.bins]
-        shifted[place, :size] = own.shifted[0]
-        unmoved[place, : own.unmoved.shape[1], :size] = own.unmoved[0]
+        shifted[place, :size] = at_bins.shifted[0]
+        fixed_nuisances[place, : at_bins.fixed_nuisances.shape[1], :size] = at_bins.fixed_nuisances[
+            0
+        ]
         weight[place, :size] = row.weight[row.bins]
         frequency_hz[place, :size] = row.group.grid.frequency_hz[row.bins]
-    joined = Bins(first.step, inputs, response, shifted, unmoved, first.edges)
+    joined = Bins(first.step, inputs, response, shifted, fixed_nuisances, first.edges)
     return CoarseRows(joined, weight, frequency_hz)

@@ -1,4 +1,4 @@
-"""The delay that records tell before any model."""
+"""The delay between the channels, estimated before any model."""
 
 from __future__ import annotations
 
@@ -12,27 +12,40 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.problem.band import Band
 
-#: A delay is looked for at so many places a period of the highest frequency.
+#: A delay is searched at so many places a period of the highest frequency.
 PER_PERIOD = 8
-#: Of delays that differ by a factor of two, the longer must fit better by this part: a record that
-#: recurs fits as well a period later.
-LONGER = 2e-3
-#: Spacing of frequencies that bins of records of several lengths are brought to, a part of a bin.
-FINE = 8
+#: Of delays that differ by a factor of two, the longer must fit better by this fraction: a motion
+#: that recurs fits as well a period later.
+MIN_GAIN_PER_OCTAVE = 2e-3
+#: Divisions of a bin to which frequencies of records of several lengths are rounded.
+DIVISIONS = 8
 
 
-def beside_peak(values: FloatArray, place: int) -> float:
-    """Return where a parabola through a maximum and its neighbours peaks, in places from it."""
+def peak_shift(values: FloatArray, place: int) -> float:
+    """Return the offset of the peak of a parabola through a maximum and its neighbours.
+
+    Args:
+        values: shape (n,).
+        place: index of the maximum.
+
+    Returns:
+        In indices, from −0.5 to 0.5.
+    """
     if not 0 < place < len(values) - 1:
         return 0.0
-    before, here, after = values[place - 1 : place + 2]
-    bend = 2.0 * here - before - after
+    before, top, after = values[place - 1 : place + 2]
+    bend = 2.0 * top - before - after
     return float(np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) if bend > 0.0 else 0.0
 
 
 def preferred(agreement: FloatArray, periods: FloatArray) -> FloatArray:
-    """Return the agreement at delays, in periods, less what a longer one must be better by."""
-    return agreement * (1.0 - LONGER * np.log2(1.0 + np.abs(periods)))
+    """Return the agreement at delays, reduced by what a longer delay must gain.
+
+    Args:
+        agreement: shape (…, D).
+        periods: the delays in periods, shape (D,).
+    """
+    return agreement * (1.0 - MIN_GAIN_PER_OCTAVE * np.log2(1.0 + np.abs(periods)))
 
 
 def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> float:
@@ -48,19 +61,19 @@ def rough_delay(band: Band, heard: Mapping[int, BoolArray], high: float) -> floa
     """
     longest = max(group.grid.samples / group.grid.rate_hz for group in band.groups)
     grids = {(group.grid.samples, group.grid.rate_hz) for group in band.groups}
-    fine = 1 if len(grids) == 1 else FINE
-    spacing_hz = 1.0 / (fine * longest)
-    size = max(group.grid.frequency_hz[-1] for group in band.groups)
-    phases = np.zeros(int(size / spacing_hz) + 2, complex)
+    divisions = 1 if len(grids) == 1 else DIVISIONS
+    spacing_hz = 1.0 / (divisions * longest)
+    top_hz = max(group.grid.frequency_hz[-1] for group in band.groups)
+    phases = np.zeros(int(top_hz / spacing_hz) + 2, complex)
     for group in band.groups:
-        common = windowed(group.response) * windowed(group.inputs[:, 0]).conj()
-        common *= np.stack([heard[number][1:-1] for number in group.segments])
-        common /= np.maximum(np.abs(common), np.finfo(float).tiny)
+        cross = windowed(group.response) * windowed(group.inputs[:, 0]).conj()
+        cross *= np.stack([heard[number][1:-1] for number in group.segments])
+        cross /= np.maximum(np.abs(cross), np.finfo(float).tiny)
         places = np.round(group.grid.frequency_hz[1:-1] / spacing_hz).astype(int)
-        np.add.at(phases, places, np.sum(common, axis=0))
+        np.add.at(phases, places, np.sum(cross, axis=0))
     length = fast_length(2 * PER_PERIOD * len(phases))
     agreement = np.abs(fft.ifft(phases, length))
-    late = np.arange(length) / (length * spacing_hz)
-    late = np.where(late > 0.5 / spacing_hz, late - 1.0 / spacing_hz, late)
-    agreement = np.where(np.abs(late) <= 0.5 * longest, agreement, 0.0)
-    return float(late[np.argmax(preferred(agreement, late * high))])
+    delays_s = np.arange(length) / (length * spacing_hz)
+    delays_s = np.where(delays_s > 0.5 / spacing_hz, delays_s - 1.0 / spacing_hz, delays_s)
+    agreement = np.where(np.abs(delays_s) <= 0.5 * longest, agreement, 0.0)
+    return float(delays_s[np.argmax(preferred(agreement, delays_s * high))])

@@ -1,7 +1,7 @@
-"""Where the search for a cubic stiffness begins: at what the third harmonics of the sine records say.
+"""Start value of a cubic stiffness, from the third harmonics of the sine records.
 
-At the linear fit the network's derivative by the stiffness is known, sample by sample. Its part at three times the
-excitation belongs to the stiffness alone, for any linear parameters:
+At the linear fit the network's derivative by the stiffness is known, sample by sample. Its
+component at three times the excitation belongs to the stiffness alone, for any linear parameters:
 
     k3 = Re Σ J*(3f) r(3f) / Σ |J(3f)|²,   J = ∂y/∂k3, r the residual, summed over the sine records.
 """
@@ -19,28 +19,33 @@ from vibrident.physics.network.sensitivity import Normal
 def with_harmonic_start(
     problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray
 ) -> FloatArray:
-    """Coordinates ``z`` with the stiffness that the harmonics say; ``z`` itself without sine records.
+    """Return coordinates with the stiffness that the third harmonics indicate.
 
     Args:
         problem: the records.
         normal: normal equations at ``z``, where the stiffness is zero.
         evidence: with the tones of the sine records.
         z: shape (p,).
+
+    Returns:
+        Shape (p,); ``z`` itself without sine records.
     """
     if evidence.tones is None:
         return z
     index = [spec.kind for spec in problem.layout.model.parameters].index("inverse_square")
-    predicted, slopes = problem.by_record(normal.response), problem.by_record(normal.columns[index])
-    product, power = 0.0, 0.0
-    for owner, frequency in zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True):
-        record = problem.records[owner]
+    predicted = problem.by_record(normal.response)
+    slopes = problem.by_record(normal.columns[index])
+    product = 0.0
+    power = 0.0
+    for number, frequency in zip(evidence.tones.record, evidence.tones.frequency_hz, strict=True):
+        record = problem.records[number]
         if 3.0 * frequency > 0.4 * record.sampling_rate_hz:
             continue  # the record hardly shows it
-        used = record.mask & np.isfinite(predicted[owner])
+        used = record.mask & np.isfinite(predicted[number])
         turn = np.exp(-6j * np.pi * frequency * record.time_s[used]) * np.hanning(int(used.sum()))
-        slope = np.sum(slopes[owner][used] * turn)
+        slope = np.sum(slopes[number][used] * turn)
         product += float(
-            np.real(np.conj(slope) * np.sum((record.response - predicted[owner])[used] * turn))
+            np.real(np.conj(slope) * np.sum((record.response - predicted[number])[used] * turn))
         )
         power += float(np.abs(slope) ** 2)
     return z if power == 0.0 else z + np.eye(len(z))[index] * (product / power)

@@ -1,4 +1,4 @@
-"""What records say before any model: the noise of their bins, and the band of their motion."""
+"""Noise of the bins and band of the motion, estimated before any model."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
-#: A bin shows motion where the response's power is so many times the noise.
-HEARD = 10.0
-#: Part of its weight that a bin without motion keeps, so that the equations stay regular.
+#: A bin shows motion where the power of the response is so many times the noise.
+MIN_MOTION_RATIO = 10.0
+#: Fraction of its weight that a bin without motion keeps, so that the equations stay regular.
 MIN_WEIGHT = 1e-9
 
 
@@ -29,11 +29,10 @@ class Look:
     Attributes:
         levels: power of the noise of each bin, by number of the segment, shape (K,) each.
         heard: samples, and bins at which motion shows in the response, by number of the segment.
-        band_hz: lowest and highest frequency at which response and reference have something in
-            common.
+        band_hz: lowest and highest frequency at which response and reference are coherent.
         weights: of the bins in another noise, by number of the segment; empty: in this one.
-        filled: response with samples that are left out filled in, by number of the segments that
-            have such, shape (K,) each.
+        filled: response with omitted samples filled in, by number of the segments that have such,
+            shape (K,) each.
     """
 
     levels: Mapping[int, FloatArray]
@@ -44,7 +43,7 @@ class Look:
 
     @property
     def count(self) -> float:
-        """Number of bins at which motion shows."""
+        """Return the number of bins at which motion shows."""
         return float(sum(np.sum(heard) for _, heard in self.heard.values()))
 
     def levels_in(self, group: Group) -> FloatArray:
@@ -63,7 +62,7 @@ class Look:
         return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
 
     def levelled(self) -> Look:
-        """Return the same with one level of noise in each record, the median of what is heard."""
+        """Return the look with one level of noise in each record, the median where motion shows."""
         levels = {}
         for number, level in self.levels.items():
             heard = self.heard[number][1]
@@ -77,72 +76,75 @@ class Look:
 
 
 def look_at(band: Band) -> Look:
-    """Measure the noise of each group, and the band of the motion."""
+    """Return the noise of each group, and the band of the motion."""
     levels: dict[int, FloatArray] = {}
-    audible: dict[int, tuple[int, BoolArray]] = {}
+    heard_bins: dict[int, tuple[int, BoolArray]] = {}
     shown: list[FloatArray] = []
-    everywhere: list[FloatArray] = []
+    all_bins: list[FloatArray] = []
     filled: dict[int, ComplexArray] = {}
     for group in band.groups:
-        seen = _seen_in(group)
-        heard = power_of(seen.response) > HEARD * seen.level
-        if group.grid.driven:  # what leaks over from elsewhere is no motion
-            heard &= seen.moving
-            # Of few bins all that is known of the noise is that it is no more than everything.
-            heard |= ~seen.has_enough_bins[:, None]
+        measured = _measured(group)
+        heard = power_of(measured.response) > MIN_MOTION_RATIO * measured.level
+        if group.grid.driven:  # leakage from other bins is no motion
+            heard &= measured.moving
+            # Few bins only bound the noise by the power of everything.
+            heard |= ~measured.has_enough_bins[:, None]
         heard &= group.grid.counts > 0.0
         samples = group.grid.samples
-        audible |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
-        levels |= zip(group.segments, seen.level, strict=True)
+        heard_bins |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
+        levels |= zip(group.segments, measured.level, strict=True)
         if group.used is not None and group.grid.driven:
             root_share = np.sqrt(np.mean(group.used, axis=1, keepdims=True))
-            every = zip(
-                group.segments, seen.response / root_share, seen.has_enough_bins, strict=True
+            rows = zip(
+                group.segments,
+                measured.response / root_share,
+                measured.has_enough_bins,
+                strict=True,
             )
-            filled |= {number: row for number, row, enough in every if enough}
+            filled |= {number: row for number, row, enough in rows if enough}
         frequency = group.grid.frequency_hz
-        everywhere.append(frequency[[group.grid.first, group.grid.last - 1]])
+        all_bins.append(frequency[[group.grid.first, group.grid.last - 1]])
         # Free motion is where it is heard.
-        moving = seen.moving[seen.has_enough_bins] if group.grid.driven else heard
+        moving = measured.moving[measured.has_enough_bins] if group.grid.driven else heard
         moving = moving & (group.grid.counts > 0.0)
         places = 1 + np.flatnonzero(np.any(moving[:, 1:], axis=0))
         if places.size:
             shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])
     span = np.concatenate(shown) if shown else np.zeros(0)
-    span = span if span.size else np.concatenate(everywhere)
-    return Look(levels, audible, (float(np.min(span)), float(np.max(span))), filled=filled)
+    span = span if span.size else np.concatenate(all_bins)
+    return Look(levels, heard_bins, (float(np.min(span)), float(np.max(span))), filled=filled)
 
 
 def loud_bins(band: Band) -> dict[int, BoolArray]:
-    """Return where both channels are loud, by number of the segment; (K,) each.
+    """Return where both channels are loud, by number of the segment, shape (K,) each.
 
-    Loud is what stands above the quietest part of the band. A motion that is heard late has
-    nothing in common with its cause within a few bins, as the phase between them turns.
+    Loud bins exceed the quietest interval of the band. A response that comes late is not coherent
+    with its cause within a few bins, as the phase between them turns.
     """
     loud: dict[int, BoolArray] = {}
     for group in band.groups:
-        both = np.ones((len(group.segments), group.grid.bins), dtype=bool)
+        both_loud = np.ones((len(group.segments), group.grid.bins), dtype=bool)
         for rows in (group.response, group.inputs[:, 0]):
             power = np.zeros(rows.shape)
             power[:, 1:-1] = power_of(windowed(rows))
             blocks = max((group.grid.last - 1) // BLOCK_BINS, 1)
-            parts = np.array_split(power[:, 1 : group.grid.last - 1], blocks, axis=1)
-            quiet = np.min([np.mean(part, axis=1) for part in parts], axis=0)
-            both &= power > HEARD * quiet[:, None]
-        both |= ~np.any(both, axis=1, keepdims=True)  # the motion is everywhere
-        loud |= zip(group.segments, both, strict=True)
+            intervals = np.array_split(power[:, 1 : group.grid.last - 1], blocks, axis=1)
+            quiet = np.min([np.mean(interval, axis=1) for interval in intervals], axis=0)
+            both_loud &= power > MIN_MOTION_RATIO * quiet[:, None]
+        both_loud |= ~np.any(both_loud, axis=1, keepdims=True)  # the motion is everywhere
+        loud |= zip(group.segments, both_loud, strict=True)
     return loud
 
 
-class _Seen(NamedTuple):
-    """What a group says without a model.
+class _MotionAndNoise(NamedTuple):
+    """Motion and noise in a group, without a model.
 
     Attributes:
-        response: at the bins, samples that are left out filled in, of power as of those used,
+        response: at the bins, with omitted samples filled in, scaled to the power of those used,
             shape (R, K).
         level: power of the noise of each bin, shape (R, K).
         moving: bins that move with the reference, shape (R, K).
-        has_enough_bins: whether these tell noise from motion, shape (R,).
+        has_enough_bins: whether the bins suffice to separate noise from motion, shape (R,).
     """
 
     response: ComplexArray
@@ -151,32 +153,33 @@ class _Seen(NamedTuple):
     has_enough_bins: BoolArray
 
 
-def _seen_in(group: Group) -> _Seen:
-    """Return what a group says, each segment with samples left out by itself."""
+def _measured(group: Group) -> _MotionAndNoise:
+    """Return motion and noise of a group, segments with omitted samples one by one."""
     motions = [group.inputs[:, 0]] if group.grid.driven else []
     if group.used is None:
-        return _seen(group.response, motions, None)
-    inner = slice(
-        0, (group.grid.samples + 1) // 2
-    )  # at half the sampling rate nothing tells a phase
-    every = [
-        _seen(
+        return _measured_rows(group.response, motions, None)
+    # The bin at half the sampling rate has no phase.
+    inner = slice(0, (group.grid.samples + 1) // 2)
+    by_row = [
+        _measured_rows(
             group.response[row : row + 1, inner],
             [motion[row : row + 1, inner] for motion in motions],
             used[None],
         )
         for row, used in enumerate(group.used)
     ]
-    response, level, moving, enough = (np.concatenate(rows) for rows in zip(*every, strict=True))
-    beyond = ((0, 0), (0, group.grid.bins - response.shape[1]))
+    response, level, moving, enough = (np.concatenate(rows) for rows in zip(*by_row, strict=True))
+    padding = ((0, 0), (0, group.grid.bins - response.shape[1]))
     response, level, moving = (
-        np.pad(rows, beyond, mode="edge") for rows in (response, level, moving)
+        np.pad(rows, padding, mode="edge") for rows in (response, level, moving)
     )
-    return _Seen(response, level, moving, enough)
+    return _MotionAndNoise(response, level, moving, enough)
 
 
-def _seen(response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArray | None) -> _Seen:
-    """Return what segments say.
+def _measured_rows(
+    response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArray | None
+) -> _MotionAndNoise:
+    """Return motion and noise of segments.
 
     Args:
         response: shape (R, K).
@@ -189,20 +192,21 @@ def _seen(response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArr
     if columns is None:
         mean = np.mean(power_of(response[:, 1:]), axis=1, keepdims=True)
         level = np.broadcast_to(mean, response.shape)
-        return _Seen(response, level, np.zeros(response.shape, dtype=bool), enough)
-    whole = response if used is None else columns.filled(response, used)
-    level, moving = columns.incoherent_level(whole)
-    response = whole * np.sqrt(share)
+        return _MotionAndNoise(response, level, np.zeros(response.shape, dtype=bool), enough)
+    filled = response if used is None else columns.filled(response, used)
+    level, moving = columns.incoherent_level(filled)
+    response = filled * np.sqrt(share)
     for motion in motions:
-        # Noise of the reference is not in the response; at a lone tone it shows in nothing else.
-        beside = SmoothColumns.beside([whole], _shape(whole), share)
-        assert beside is not None
-        felt, _ = beside.incoherent_level(motion)
-        level = level + felt * _gain_squared(response, motion)
-    return _Seen(response, level, moving, enough)
+        # Noise of the reference is not in the response; at a single tone it shows in nothing else.
+        response_columns = SmoothColumns.beside([filled], _shape(filled), share)
+        assert response_columns is not None
+        reference_level, _ = response_columns.incoherent_level(motion)
+        level = level + reference_level * _gain_squared(response, motion)
+    return _MotionAndNoise(response, level, moving, enough)
 
 
 def _shape(rows: ComplexArray) -> tuple[int, int]:
+    """Return the numbers of records and bins."""
     records, bins = rows.shape
     return records, bins
 

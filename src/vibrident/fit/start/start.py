@@ -1,9 +1,10 @@
 """Start values from the nonparametric response alone: no user ever gives one.
 
-The best and most different of a grid (:mod:`vibrident.fit.start.candidates`) go down the logarithm of the magnitude,
-which neither delay nor sign can spoil, side by side (:mod:`vibrident.fit.start.search`), fewer of them further. The
-phases then say sign and delay, over hundreds of periods of the highest frequency, and what is left goes down the
-residual that the estimators make small. Nothing is compiled.
+The best and most different places of a grid (:mod:`vibrident.fit.start.candidates`) descend on the
+logarithm of the magnitude, which neither delay nor sign can spoil, side by side
+(:mod:`vibrident.fit.start.search`), fewer of them further. The phases then determine sign and
+delay, over hundreds of periods of the highest frequency, and the remaining candidates descend on
+the residual that the estimators minimise. Nothing is compiled.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.problem import FrequencyProblem
-from vibrident.fit.start.candidates import LEAST_DEVIATION, candidates, likely, with_guesses
+from vibrident.fit.start.candidates import MIN_DEVIATION, candidates, likely, with_guesses
 from vibrident.fit.start.rational import two_modes
 from vibrident.fit.start.search import (
-    LEAST,
+    MIN_POSITIVE,
     LogCoordinates,
     Population,
     TargetFRF,
@@ -31,29 +32,37 @@ from vibrident.fit.start.search import (
 )
 from vibrident.physics.models import SensorModel
 
-#: Most points of the search, and of the last step.
-MOST_POINTS, MOST_FINAL_POINTS = 200, 800
-#: Combinations of cores with add-ons that go on after some steps, and those that are brought to an end.
-SECOND, LAST = 12, 6
-#: Steps of the first stage, of all combinations; of the stages between; and of the last.
-FEW_STEPS, STEPS, LAST_STEPS = 6, 25, 40
+#: Most points of the search …
+MAX_POINTS = 200
+#: … and of its last descent.
+MAX_FINAL_POINTS = 800
+#: Combinations of cores with add-ons that go on after some steps …
+SECOND_CANDIDATES = 12
+#: … and to the end.
+LAST_CANDIDATES = 6
+#: Steps of the first descent, of all combinations; of those between; and of the last.
+FIRST_STEPS = 6
+STEPS = 25
+LAST_STEPS = 40
 #: Candidates on their way that differ by less in every coordinate are one.
-APART = 0.15
+MIN_DISTANCE = 0.15
 #: Optima that differ by less in every coordinate are one.
-SAME = 1e-3
-#: A delay is looked for over so many periods of the highest frequency either way, at so many places in each.
-PERIODS, PER_PERIOD = 400, 8
+MIN_OPTIMUM_DISTANCE = 1e-3
+#: A delay is searched over so many periods of the highest frequency either way …
+PERIODS = 400
+#: … at so many places in each.
+PER_PERIOD = 8
 #: Optima whose costs differ by less fit alike: then the shorter delay is taken.
-ALIKE = 9.0
+MAX_COST_DIFFERENCE = 9.0
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where an estimator begins, and the way there from the grid.
+    """Start of an estimator, and the path to it from the grid.
 
     Attributes:
         values: parameters near the optimum, by name, in physical units.
-        costs: cost at each iterate of the way.
+        costs: cost at each iterate of the path.
         equations: number of residuals.
         path: parameters at each iterate.
         others: other optima, by cost, with their costs.
@@ -67,34 +76,40 @@ class Start:
 
 
 def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.inf) -> Start:
-    """The best fit of the nonparametric response from all candidates.
+    """Return the best fit of the nonparametric response from all candidates.
 
-    Nonlinear parameters have no influence on the response to small signals, and start at zero. A start value stated in
-    the problem is used unchanged. ``most``: cost above which a fit is of no use; once it is clear that none is below,
-    the search ends.
+    Nonlinear parameters have no influence on the response to small signals, and start at zero. A
+    start value stated in the problem is used unchanged.
+
+    Args:
+        problem: the nonparametric response.
+        model: the sensor model.
+        most: cost above which a fit is of no use; once it is clear that none is below, the search
+            ends.
 
     Raises:
         NotConverged: no candidate leads to a finite fit, or to one of use.
     """
     sought = sought_response(problem)
-    final = sought.few(MOST_FINAL_POINTS)
+    final = sought.few(MAX_FINAL_POINTS)
     chart = _chart(problem, model.linear, final)
     scale = problem.points / max(final.frequency_hz.size, 1)
     if problem.start is not None:
         u, sign = chart.place(dict(problem.start))
-        known = descend(chart, u[None], np.array([sign]), differences(final), 0)
+        stated = descend(chart, u[None], np.array([sign]), differences(final), 0)
         return Start(
             dict(problem.start),
-            (scale * float(known.cost[0]),),
+            (scale * float(stated.cost[0]),),
             problem.equations,
             (dict(problem.start),),
         )
     front = _optima(problem, chart, sought, final, most / problem.points)
-    rows = _finite(front, LAST, SAME)
+    rows = _finite(front, LAST_CANDIDATES, MIN_OPTIMUM_DISTANCE)
     if chart.model.shares:
         rows = _likeliest_first(rows, front, chart, final)
-    alone = np.ptp(final.frequency_hz) == 0.0
-    first, *others = _shortest_delay_first(rows, front, chart.model, 0.0 if alone else np.pi)
+    single_frequency = np.ptp(final.frequency_hz) == 0.0
+    longer_rad = 0.0 if single_frequency else np.pi
+    first, *others = _shortest_delay_first(rows, front, chart.model, longer_rad)
 
     def named(u: FloatArray, row: int) -> dict[str, float]:
         return dict.fromkeys(model.parameter_names, 0.0) | chart.named(
@@ -111,13 +126,18 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
 
 
 def _chart(problem: FrequencyProblem, model: SensorModel, points: TargetFRF) -> LogCoordinates:
+    """Return the coordinates of the search at these points."""
     return LogCoordinates(
         model, problem.quantity, points.frequency_hz, 1.0 / (2.0 * np.pi * problem.band_hz[1])
     )
 
 
 def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
-    """The best rows as of :meth:`Population.best`, at least one."""
+    """Return the best rows as of :meth:`Population.best`, at least one.
+
+    Raises:
+        NotConverged: no row has a finite cost.
+    """
     rows = front.best(count, apart)
     if not rows.size:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
@@ -127,15 +147,23 @@ def _finite(front: Population, count: int, apart: float = 0.0) -> np.ndarray:
 def _shortest_delay_first(
     rows: np.ndarray, front: Population, model: SensorModel, longer: float
 ) -> list[int]:
-    """Return the rows in order of cost; of those that fit as well as the best, one of a short delay.
+    """Return the rows in order of cost; of those that fit as well as the best, a short delay first.
 
-    ``longer``: than the shortest, in rad at the highest frequency. At one frequency half a period more
-    with the other sign fits exactly as well, so that only the shortest will do.
+    At one frequency half a period more with the other sign fits exactly as well, so that only the
+    shortest will do.
+
+    Args:
+        rows: in order of cost.
+        front: the candidates.
+        model: theirs.
+        longer: by which a delay may exceed the shortest, in rad at the highest frequency.
     """
     if not model.has_delay:
         return rows.tolist()
     index = [spec.kind for spec in model.parameters].index("time")
-    alike = [row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + ALIKE]
+    alike = [
+        row for row in rows.tolist() if front.cost[row] <= front.cost[rows[0]] + MAX_COST_DIFFERENCE
+    ]
     delays = np.abs(front.u[alike, index])  # rad at the highest frequency
     first = alike[int(np.argmax(delays <= np.min(delays) + longer))]
     return [first, *(row for row in rows.tolist() if row != first)]
@@ -144,12 +172,14 @@ def _shortest_delay_first(
 def _likeliest_first(
     rows: np.ndarray, front: Population, chart: LogCoordinates, final: TargetFRF
 ) -> np.ndarray:
-    """The rows by χ² + log det(1 + JᵀJ): how likely the data are, not how well they fit (Laplace's approximation).
+    """Return the rows by χ² + log det(1 + JᵀJ), the likelihood of the data.
 
-    Somewhere in the band a mode of hardly any width or size follows a line of the noise, and fits better than the right
-    one that is seen by its tail alone. Of all places, widths and sizes that it could have, only one does so.
+    It is Laplace's approximation. Somewhere in the band a mode of hardly any width or size follows
+    a line of the noise, and fits better than the right one that shows by its tail alone. Of all
+    places, widths and sizes that it could have, only one does so.
     """
-    u, sign = front.u[rows], front.sign[rows]
+    u = front.u[rows]
+    sign = front.sign[rows]
     information = information_at(chart, u, sign, differences(final))
     occam = np.linalg.slogdet(np.eye(u.shape[1]) + information)[1]
     score = front.cost[rows] + np.where(np.isfinite(occam), occam, 0.0)
@@ -157,11 +187,11 @@ def _likeliest_first(
 
 
 def sought_response(problem: FrequencyProblem) -> TargetFRF:
-    """What the search needs of a problem; points without response are left out."""
+    """Return the response of a problem for the search; points without response are left out."""
     usable = np.abs(problem.response) > 0
     phase = np.asarray(problem.data[4]) if problem.polar else problem.relative_deviation
     tiny = np.finfo(float).tiny
-    found = TargetFRF(
+    target = TargetFRF(
         np.asarray(problem.data[0]),
         problem.response,
         np.maximum(problem.relative_deviation, tiny),
@@ -169,7 +199,7 @@ def sought_response(problem: FrequencyProblem) -> TargetFRF:
         problem.has_phase,
         problem.polar,
     )
-    return found.at(np.flatnonzero(usable))
+    return target.at(np.flatnonzero(usable))
 
 
 def _optima(
@@ -179,22 +209,37 @@ def _optima(
     final: TargetFRF,
     most: float,
 ) -> Population:
-    """Where the candidates end, judged by the points ``final``; ``most``: cost for each point, as of `_aligned`."""
-    some = sought.few(MOST_POINTS)
-    near = chart.at(some)
-    u = candidates(some, near, problem.band_hz)
+    """Return where the candidates end, judged at the points ``final``.
+
+    Args:
+        problem: the nonparametric response.
+        chart: coordinates at the points ``final``.
+        sought: the response.
+        final: points by which the end is judged.
+        most: cost for each point, as of :func:`_aligned`.
+    """
+    points = sought.few(MAX_POINTS)
+    near = chart.at(points)
+    u = candidates(points, near, problem.band_hz)
     sign = np.ones(len(u))
-    coarse = descend(near, u, sign, magnitudes(some, LEAST_DEVIATION), FEW_STEPS)
-    rows = coarse.best(SECOND, APART)
-    fine = descend(near, coarse.u[rows], sign[rows], magnitudes(some, LEAST_DEVIATION), STEPS)
-    _require_use(fine, most * some.frequency_hz.size)
-    # Where magnitudes say little, or a zero may lie on either side, they lead astray: the first ones go on beside.
-    kept = np.concatenate([fine.u[fine.best(LAST, APART)], u[:32]])
-    return _aligned(kept, chart, some, final, problem.longest_delay_s, most)
+    coarse = descend(near, u, sign, magnitudes(points, MIN_DEVIATION), FIRST_STEPS)
+    rows = coarse.best(SECOND_CANDIDATES, MIN_DISTANCE)
+    fine = descend(near, coarse.u[rows], sign[rows], magnitudes(points, MIN_DEVIATION), STEPS)
+    _require_use(fine, most * points.frequency_hz.size)
+    # Where magnitudes carry little information, or a zero may lie on either side, they mislead: the
+    # first candidates go on, too.
+    selected = np.concatenate([fine.u[fine.best(LAST_CANDIDATES, MIN_DISTANCE)], u[:32]])
+    return _aligned(selected, chart, points, final, problem.longest_delay_s, most)
 
 
 def _require_use(front: Population, most: float) -> None:
-    """Raise where all costs are above ``most``: later stages have no larger deviations, and so no smaller costs."""
+    """Refuse to go on where all costs are above ``most``.
+
+    Later stages have no larger deviations, and so no smaller costs.
+
+    Raises:
+        NotConverged: no candidate is of use.
+    """
     if not np.any(front.cost <= most):
         raise NotConverged("No start value gives a fit of use: are the columns and units right?")
 
@@ -202,63 +247,80 @@ def _require_use(front: Population, most: float) -> None:
 def extended(
     problem: FrequencyProblem, model: SensorModel, values: Mapping[str, float], most: float = np.inf
 ) -> Start:
-    """The best fit of a response by a model that extends one whose values are known.
+    """Return the best fit of a response by a model that extends one whose values are known.
 
-    The search begins at these values and at the guesses of what they lack. ``most``: as of :func:`find_start`.
+    The search begins at these values and at the guesses of the missing ones.
+
+    Args:
+        problem: the nonparametric response.
+        model: the extended model.
+        values: of the smaller model, by name.
+        most: as of :func:`find_start`.
 
     Raises:
         NotConverged: no candidate leads to a finite fit, or to one of use.
     """
     sought = sought_response(problem)
-    some = sought.few(MOST_POINTS)
-    chart = _chart(problem, model, some)
+    points = sought.few(MAX_POINTS)
+    chart = _chart(problem, model, points)
     known = {name: values.get(name, 0.0) for name in model.parameter_names}
-    # From zero a logarithm does not return: what ended there begins at each place of its grid.
+    # A logarithm does not return from zero: a parameter that ended there begins at each place of
+    # its grid.
     ended = [
         {spec.name: value}
         for spec in model.parameters
-        if spec.kind == "positive" and known[spec.name] < LEAST and isinstance(spec.grid, tuple)
+        if spec.kind == "positive"
+        and known[spec.name] < MIN_POSITIVE
+        and isinstance(spec.grid, tuple)
         for value in spec.grid
     ]
-    here = np.array([chart.place(known | other)[0] for other in ended or [{}]])
-    lacking = [name for name in model.parameter_names if name not in values]
-    kept = likely(with_guesses(here, model, problem.band_hz, lacking), len(here), some, chart)
+    cores = np.array([chart.place(known | restart)[0] for restart in ended or [{}]])
+    missing = [name for name in model.parameter_names if name not in values]
+    combined = with_guesses(cores, model, problem.band_hz, missing)
+    selected = likely(combined, len(cores), points, chart)
     front = _aligned(
-        kept, chart, some, some, problem.longest_delay_s, most / problem.points, last=1
+        selected, chart, points, points, problem.longest_delay_s, most / problem.points, last=1
     )
-    row, scale = int(_finite(front, 1)[0]), problem.points / max(some.frequency_hz.size, 1)
-    found = chart.named(front.u, front.sign, row)
-    return Start(found, (scale * float(front.cost[row]),), problem.equations, (found,))
+    row = int(_finite(front, 1)[0])
+    scale = problem.points / max(points.frequency_hz.size, 1)
+    best = chart.named(front.u, front.sign, row)
+    return Start(best, (scale * float(front.cost[row]),), problem.equations, (best,))
 
 
 def _aligned(
-    kept: FloatArray,
+    selected: FloatArray,
     chart: LogCoordinates,
-    some: TargetFRF,
+    points: TargetFRF,
     final: TargetFRF,
     longest_delay_s: float,
     most: float,
-    last: int = LAST,
+    last: int = LAST_CANDIDATES,
 ) -> Population:
-    """Where candidates of the right magnitude end, with the signs and delays that line up their phases.
+    """Return where candidates of the right magnitude end, with signs and delays that align phases.
 
-    ``chart``: coordinates at the points ``final``, by which the end is judged; ``most``: cost for each point above
-    which a fit is of no use; ``last``: number of those that are brought to an end.
+    Args:
+        selected: coordinates of the candidates, shape (C, P).
+        chart: coordinates at the points ``final``.
+        points: of the search.
+        final: points by which the end is judged.
+        longest_delay_s: that the data could show.
+        most: cost for each point above which a fit is of no use.
+        last: number of candidates of the last descent.
     """
-    if not some.has_phase:
-        return descend(chart, kept, np.ones(len(kept)), differences(final), LAST_STEPS)
-    near = chart.at(some)
-    turned, sign = _with_sign_and_delay(kept, near, some, longest_delay_s)
-    begun = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), FEW_STEPS)
-    rows = begun.best(SECOND, APART)
-    turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, some)
-    aligned = descend(near, turned, sign, logarithms(some, LEAST_DEVIATION), STEPS)
-    _require_use(aligned, most * some.frequency_hz.size)
-    rows = aligned.best(LAST, APART)
+    if not points.has_phase:
+        return descend(chart, selected, np.ones(len(selected)), differences(final), LAST_STEPS)
+    near = chart.at(points)
+    turned, sign = _with_sign_and_delay(selected, near, points, longest_delay_s)
+    begun = descend(near, turned, sign, logarithms(points, MIN_DEVIATION), FIRST_STEPS)
+    rows = begun.best(SECOND_CANDIDATES, MIN_DISTANCE)
+    turned, sign = _with_two_modes(begun.u[rows], begun.sign[rows], near, points)
+    aligned = descend(near, turned, sign, logarithms(points, MIN_DEVIATION), STEPS)
+    _require_use(aligned, most * points.frequency_hz.size)
+    rows = aligned.best(LAST_CANDIDATES, MIN_DISTANCE)
     closer = descend(
-        near, aligned.u[rows], aligned.sign[rows], logarithms(some, LEAST_DEVIATION / 100.0), STEPS
+        near, aligned.u[rows], aligned.sign[rows], logarithms(points, MIN_DEVIATION / 100.0), STEPS
     )
-    _require_use(closer, most * some.frequency_hz.size)
+    _require_use(closer, most * points.frequency_hz.size)
     rows = np.argsort(closer.cost, kind="stable")[:last]
     return descend(chart, closer.u[rows], closer.sign[rows], differences(final), LAST_STEPS)
 
@@ -266,25 +328,29 @@ def _aligned(
 def _with_two_modes(
     u: FloatArray, sign: FloatArray, chart: LogCoordinates, sought: TargetFRF
 ) -> tuple[FloatArray, FloatArray]:
-    """The candidates, and for a model with a second mode what linear algebra makes of the first ones' delays."""
+    """Return the candidates, with those of linear algebra for a model with a second mode.
+
+    Linear algebra takes the delays of the first candidates.
+    """
     if len(chart.model.oscillators) != 2 or not chart.model.shares:
         return u, sign
-    found = [
+    additional = [
         chart.place(v)
         for row in range(min(3, len(u)))
         for v in two_modes(sought, chart.model, chart.quantity, chart.named(u, sign, row))
     ]
-    places, signs = [p for p, _ in found], [s for _, s in found]
+    places = [place for place, _ in additional]
+    signs = [place_sign for _, place_sign in additional]
     return np.concatenate([u, *(p[None] for p in places)]), np.concatenate([sign, np.array(signs)])
 
 
 def _with_sign_and_delay(
     u: FloatArray, chart: LogCoordinates, sought: TargetFRF, longest_delay_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The candidates with the signs, and the delays, that line their phases up."""
+    """Return the candidates with the signs, and the delays, that align their phases."""
     model = chart.model
     response = chart.response(u, np.ones(len(u)))
-    weight = 1.0 / np.maximum(sought.deviation, LEAST_DEVIATION) ** 2
+    weight = 1.0 / np.maximum(sought.deviation, MIN_DEVIATION) ** 2
     turn = sought.response / response
     turn = weight * turn / np.abs(turn)
     if not model.has_delay:
@@ -298,9 +364,11 @@ def _with_sign_and_delay(
     )
     turns[0] = np.exp(2j * np.pi * periods[0] * sought.frequency_hz / highest)
     sums = np.real(np.cumprod(turns, axis=0) @ turn.T)  # (delays, C)
-    # Of alignments that differ by less than 0.2 % for each doubling, the shorter delay is likelier.
+    # Of alignments that differ by less than 0.2 % for each doubling of the delay, the shorter is
+    # likelier.
     preferred = np.abs(sums) * (1.0 - 2e-3 * np.log2(1.0 + np.abs(periods)))[:, None]
-    places, signs = [], []
+    places = []
+    signs = []
     for row in range(len(u)):
         for delay in _peaks(preferred[:, row]):
             moved = u[row].copy()
@@ -311,9 +379,9 @@ def _with_sign_and_delay(
 
 
 def _peaks(values: FloatArray) -> list[int]:
-    """The three highest of the local maxima."""
-    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])
-    peaks = np.flatnonzero(inner) + 1
+    """Return the indices of the three highest local maxima."""
+    is_peak = (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])
+    peaks = np.flatnonzero(is_peak) + 1
     if not peaks.size:
         return [int(np.argmax(values))]
     return peaks[np.argsort(-values[peaks], kind="stable")[:3]].tolist()

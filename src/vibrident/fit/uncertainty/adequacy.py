@@ -20,7 +20,7 @@ from vibrident.fit.response.verdict import REJECTION, as_chi2, chance_of, shrunk
 from vibrident.fit.uncertainty.factors import Factors
 
 if TYPE_CHECKING:
-    from vibrident.fit.decay.beside import DecayDeviation
+    from vibrident.fit.decay.deviations import DecayDeviation
 
 #: The model's complex sensitivity over frequency.
 Response = Callable[[FloatArray], ComplexArray]

@@ -143,7 +143,7 @@ def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
 
 
 def effects_of(calibration: Calibration) -> list[SystematicEffect]:
-    """Return the stated effects: the reference, known responses of the channels, then the others."""
+    """Return the stated effects: the reference, known responses of channels, then the others."""
     relative = calibration.reference_standard_uncertainty
     reference = (
         [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []

@@ -25,9 +25,9 @@ from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.noise.averages import NEAREST_BINS, averaged_bins
 from vibrident.fit.noise.profile import slow_profile
-from vibrident.fit.response.bands import LEAST_POWER, band_edges
-from vibrident.fit.response.response import LEAST_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import SHORTEST, hann, power_of
+from vibrident.fit.response.bands import MIN_RELATIVE_POWER, band_edges
+from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
+from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, hann, power_of
 
 #: A factor whose real part has a larger standard deviation than this is left out.
 MAX_DEVIATION = 0.5
@@ -91,7 +91,7 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     cross_information = -taken[2]
     determinant = real_information * imaginary_information - cross_information**2
     trace = real_information + imaginary_information
-    shows = (power > LEAST_POWER * strongest) & (
+    shows = (power > MIN_RELATIVE_POWER * strongest) & (
         determinant > MIN_EIGENVALUE_RATIO * trace**2 / 4.0
     )
     shows &= trace * MAX_DEVIATION**2 > 2.0
@@ -113,7 +113,7 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     )
     unweighted = np.minimum(1.0, variance * flat / bins.samples)
     variance_limit = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
-    variance_limit = np.maximum(variance_limit, LEAST_DEVIATION**2 * strongest) / np.maximum(
+    variance_limit = np.maximum(variance_limit, MIN_RELATIVE_DEVIATION**2 * strongest) / np.maximum(
         power, 1e-300
     )
     variance_raised = np.maximum(variance * power_ratio, variance_limit)
@@ -133,7 +133,7 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
 
 def noise_freedom(bins: Weighed) -> float:
     """Return the degrees of freedom of the noise level at a bin."""
-    if bins.count < SHORTEST:
+    if bins.count < MIN_SPECTRUM_SAMPLES:
         return max(bins.count - 2.0 - len(bins.nuisances), 2.0)
     return 4.0 * (averaged_bins(bins.residual.size) - NEAREST_BINS) * FREE_SHARE
 

@@ -24,7 +24,7 @@ from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.rounding import (
     DITHERED,
-    FEW,
+    MAX_VALUES,
     TRIALS,
     repeated_errors,
     rounding_errors,
@@ -82,7 +82,9 @@ def _is_single_synchronous_sine(
         return False
     turns = float(points.frequency_hz[point_indices[0]]) / record.sampling_rate_hz
     channels = record.response, np.asarray(record.reference)
-    return any(0 < repeated_errors(values, record.mask, turns)[0] < FEW for values in channels)
+    return any(
+        0 < repeated_errors(values, record.mask, turns)[0] < MAX_VALUES for values in channels
+    )
 
 
 def _motion_numbers(

@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.data.records import FloatArray, Quantity, Record
 from vibrident.data.sources.source import Chunk
-from vibrident.fit.response.tones import tone_frequency
+from vibrident.fit.response.sine_fit import tone_frequency
 from vibrident.result import Result
 from vibrident.use.tracking.causes import LENGTH, Cause, cause
 from vibrident.use.tracking.effects import CarriedEffects

@@ -1,4 +1,4 @@
-"""Free decays among records with a reference: their free part, and what they say of a model fitted to all."""
+"""Free decays among records with a reference: their free motion and deviation from a model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.data.records import FloatArray, Record
 from vibrident.data.screening import Finding
-from vibrident.fit.decay.examine import Parts, change_of, parts_of, weighed
+from vibrident.fit.decay.examine import MotionMisfit, change_of, misfits_of, weighed
 from vibrident.fit.decay.motion import DecayFit, DecayProblem, free_motion
 from vibrident.fit.decay.release import free_stretch
 from vibrident.physics.models import SensorModel
@@ -18,38 +18,47 @@ from vibrident.physics.models import SensorModel
 
 @dataclass(frozen=True)
 class DecayDeviation:
-    """A free decay against a model."""
+    """Deviation of a free decay from a model.
 
-    record: str  # its name
-    parts: Parts  # χ² of its stretches of time; initial state, offset and drift are the decay's own
-    natural_frequency_hz: float  # that the decay alone has
-    damping_ratio: float  # the same
+    Attributes:
+        record: name of the record.
+        parts: misfit by stretches of time; initial state, offset and drift are fitted to the decay.
+        natural_frequency_hz: of the decay alone.
+        damping_ratio: of the decay alone.
+    """
+
+    record: str
+    parts: MotionMisfit
+    natural_frequency_hz: float
+    damping_ratio: float
 
     @property
     def words(self) -> str:
-        """What the decay says, for a message."""
+        """Return the oscillator of the decay alone, for a message."""
         return (
-            f"the free decay {self.record} alone has natural frequency {self.natural_frequency_hz:.5g} Hz and damping "
-            f"ratio {self.damping_ratio:.3g}"
+            f"the free decay {self.record} alone has natural frequency "
+            f"{self.natural_frequency_hz:.5g} Hz and damping ratio {self.damping_ratio:.3g}"
         )
 
 
 def free_parts(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """The records with each decay cut to where it moves freely, and what changes with a decay's amplitude."""
-    kept, findings = [], []
+    """Return the records with each decay cut to its free motion, and findings of its changes."""
+    cut = []
+    findings = []
     for record in records:
         if record.excitation != "decay":
-            kept.append(record)
+            cut.append(record)
             continue
-        own = _own(record)
-        kept.append(_cut(record, own.stretches[0].first))
-        change = change_of(own)
+        decay = _separate_fit(record)
+        cut.append(_cut(record, decay.stretches[0].first))
+        change = change_of(decay)
         if change is not None:
             findings.append(Finding("nonlinear", change.words))
-    return tuple(kept), tuple(findings)
+    return tuple(cut), tuple(findings)
 
 
 def _cut(record: Record, first: int) -> Record:
+    """Return a decay without the samples before its free motion, and without a reference."""
     if first == 0:
         return record if record.reference is None else replace(record, reference=None)
     history = record.provenance.then(f"{first} samples before the free motion left out")
@@ -66,25 +75,28 @@ def _cut(record: Record, first: int) -> Record:
 def decay_deviations(
     records: Sequence[Record], model: SensorModel, values: Mapping[str, float]
 ) -> tuple[DecayDeviation, ...]:
-    """How far each decay is from a linear model with these parameters; records that are no decays are passed over."""
+    """Return how far each decay is from a linear model with these parameters.
+
+    Records that are no decays are left out; empty for a nonlinear model.
+    """
     if not model.is_linear or model.core.oscillator is None:
         return ()
-    found = []
+    deviations = []
     for record in (r for r in records if r.excitation == "decay"):
-        own = _own(record)
-        stretch = own.stretches[0]
-        more = _other_motion(model, values, stretch.time_s)
+        decay = _separate_fit(record)
+        stretch = decay.stretches[0]
+        further = _other_motion(model, values, stretch.time_s)
         natural, damping = (values[name] for name in model.core.oscillator)
-        problem = DecayProblem.about([replace(stretch, more=more)], natural, damping)
-        (parts,) = parts_of(DecayFit(problem, problem.coordinates.first))
-        found.append(DecayDeviation(record.name, parts, *own.values))
-    return tuple(found)
+        problem = DecayProblem.about([replace(stretch, further_columns=further)], natural, damping)
+        (misfit,) = misfits_of(DecayFit(problem, problem.coordinates.first))
+        deviations.append(DecayDeviation(record.name, misfit, *decay.values))
+    return tuple(deviations)
 
 
 def _other_motion(
     model: SensorModel, values: Mapping[str, float], time_s: FloatArray
 ) -> FloatArray | None:
-    """Free motion of a model's further poles, shape (samples, n); None if it has no further poles."""
+    """Return the free motion of a model's further poles, shape (samples, n); None without any."""
     columns = []
     for addon in reversed(model.add_ons):
         if addon.corner:
@@ -96,6 +108,6 @@ def _other_motion(
 
 
 @functools.lru_cache(maxsize=32)
-def _own(record: Record) -> DecayFit:
-    """The separate fit of a decay, used to judge the model."""
+def _separate_fit(record: Record) -> DecayFit:
+    """Return the separate fit of a decay, by which the model is judged."""
     return weighed(free_stretch(record))
