@@ -157,9 +157,8 @@ def levenberg_marquardt(
         gain_ratio = gain / promised_gain if promised_gain > 0.0 else -np.inf
         gain_ratio = gain_ratio if np.isfinite(gain_ratio) else -np.inf
         if gain_ratio >= 0.01:  # of what the linear residual promises
-            foretells = abs(gain - current.promised(step, curvature)) < abs(
-                gain - current.promised(step, no_curvature)
-            )
+            misses = [abs(gain - current.promised(step, c)) for c in (curvature, no_curvature)]
+            foretells = misses[0] < misses[1]
             curvature = secant(curvature, step, current.gradient - trial.gradient, trial.matrix)
             curvature_used = curvature if foretells else no_curvature
             current = trial
@@ -174,9 +173,8 @@ def levenberg_marquardt(
     converged = has_converged()
     status = "converged" if converged else f"stopped after {max_evaluations} evaluations"
     path = np.array([point.z for point in iterates])
-    return Trace(
-        "levenberg-marquardt", converged, status, tuple(point.cost for point in iterates), path
-    )
+    costs = tuple(point.cost for point in iterates)
+    return Trace("levenberg-marquardt", converged, status, costs, path)
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,7 +132,7 @@ def _period(regime: Piece, rate_hz: float) -> int:
 def _may_have_changed(calibration: Calibration, result: Result) -> bool:
     """Return whether a fit is doubtful, and of one record of steady motion."""
     records = calibration.records
-    if len(records) != 1 or records[0].excitation not in STEADY or result.estimator != "ipnn":
+    if len(records) != 1 or records[0].excitation not in STEADY:
         return False
     return bool(DOUBTS & set(result.warning_codes)) and records[0].optical is None
 

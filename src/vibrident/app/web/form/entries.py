@@ -188,7 +188,7 @@ class Bands(Rows):
     def __init__(self, table: Sequence[Sequence[float]], unit: tuple[str, float]) -> None:
         bands = [{**band, "value": band["value"] * unit[1]} for band in bands_of(table)]
         self.unit = unit[0]
-        with ui.element("div").classes("bands") as self.frame:
+        with ui.element("div").classes("by-frequency") as self.frame:
             super().__init__(phrase("Band"), BANDS, bands or [{}])
 
     @property
