@@ -46,6 +46,9 @@ def test_each_regime_is_found_with_its_time_and_what_stays_the_same(name, rng):
     assert units < 4.0
     assert periods < 2.0
     assert result.warning_codes[0] == "regimes"
+    assert [finding.time_s for finding in result.findings] == [
+        regime["from_s"] for regime in result.settings["regimes"][1:]
+    ]
     regimes = [each["parameters"] for each in result.settings["regimes"]]
     same = {name for name in regimes[0] if len({each[name]["value"] for each in regimes}) == 1}
     assert same == common

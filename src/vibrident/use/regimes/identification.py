@@ -17,7 +17,7 @@ from vibrident.fit.judge.document import Uncertainty, document, own_rows
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import model_of
 from vibrident.physics.naming import in_words
-from vibrident.result import Result, ResultWarning
+from vibrident.result import Finding, Result, ResultWarning
 from vibrident.use.regimes.change_time import change_sample
 from vibrident.use.regimes.pieces import Piece, cut, find_regimes, joined, piece_samples
 from vibrident.use.regimes.shared import share
@@ -169,9 +169,23 @@ def _result(found: _Regimes, scope: Uncertainty) -> Result:
     ]
     common = [name for name, is_one in zip(names, shared.is_shared, strict=True) if is_one]
     text = _words(fitted, regimes, common, longest)
+    changes = tuple(
+        Finding(
+            "regimes",
+            record.name,
+            regime["from_s"],
+            before.chance_beside(behind),
+            dict.fromkeys(names, 0.0),  # what is stated is that of one regime
+            text,
+        )
+        for regime, (before, behind) in zip(
+            regimes[1:], itertools.pairwise(found.pieces), strict=True
+        )
+    )
     return replace(
         result,
         settings={**result.settings, "regimes": regimes},
+        findings=(*changes, *result.findings),
         warnings=(ResultWarning("regimes", text), *result.warnings),
     )
 

@@ -64,12 +64,16 @@ class Piece:
 
     def agrees_with(self, other: Piece) -> bool:
         """Return whether noise explains how far the parameters of two pieces are apart."""
+        return self.chance_beside(other) > FALSE_CHANGE
+
+    def chance_beside(self, other: Piece) -> float:
+        """Return the chance that noise parts the parameters of two pieces as far."""
         size = np.maximum(np.abs(self.values), np.abs(other.values))
         scale = np.where(size > 0.0, size, 1.0)
         difference = (self.values - other.values) / scale
         covariance = (self.covariance + other.covariance) / np.outer(scale, scale)
         squares = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
-        return chi2_tail(float(difference.size), squares) > FALSE_CHANGE
+        return chi2_tail(float(difference.size), squares)
 
     def joined_with(self, other: Piece) -> Piece:
         """Return both as one, by their weighted mean."""
