@@ -202,7 +202,7 @@ _SOURCES = {
     ("gain",): phrase("To include it, add a source of kind gain under “{step}”, and identify again."),
     ("phase",): phrase("To include it, add a source of kind phase or timing under “{step}”, and identify again."),
     ("gain", "phase"): phrase(
-        "To include it, add sources of the kinds gain and phase (or timing) under “{step}”, and identify again."
+        "To include it, add sources of kind gain and kind phase (or timing) under “{step}”, and identify again."
     ),
 }
 

@@ -174,7 +174,9 @@ def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     cores = [
         name for name, core in CORES.items() if name != present[0] and len(core.parameters) > 1
     ]
-    one_more = [[core, *present[1:]] for core in cores] + [[*present, name] for name in additional]
+    # Cores come last: an add-on may do the same, and keeps the names of the parameters.
+    one_more = [[*present, name] for name in additional]
+    one_more += [[core, *present[1:]] for core in cores]
     with_delay = [
         [*present, name, delay]
         for delay in delays
