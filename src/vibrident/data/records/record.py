@@ -238,6 +238,18 @@ class Record:
         """Samples of the reference that may be used as input; shape (samples,)."""
         return self.mask if self.reference_valid is None else self.reference_valid
 
+    def part(self, span: slice, step: str) -> Record:
+        """Return some consecutive samples as a record; ``step``: for the provenance."""
+        return replace(
+            self,
+            reference=None if self.reference is None else self.reference[span],
+            response=self.response[span],
+            valid=self.mask[span],
+            reference_valid=None if self.reference_valid is None else self.reference_valid[span],
+            start_time_s=self.start_time_s + span.start * self.sampling_interval_s,
+            provenance=self.provenance.then(step),
+        )
+
     def without(self, bad: BoolArray, reason: str) -> Record:
         """Return the record with the samples in ``bad`` (shape (samples,)) marked as not valid."""
         reference = None if self.reference_valid is None else self.reference_valid & ~bad

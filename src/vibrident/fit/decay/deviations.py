@@ -59,16 +59,11 @@ def free_parts(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Fin
 
 def _cut(record: Record, first: int) -> Record:
     """Return a decay without the samples before its free motion, and without a reference."""
+    alone = record if record.reference is None else replace(record, reference=None)
     if first == 0:
-        return record if record.reference is None else replace(record, reference=None)
-    history = record.provenance.then(f"{first} samples before the free motion left out")
-    return replace(
-        record,
-        reference=None,
-        response=record.response[first:],
-        valid=record.mask[first:],
-        start_time_s=record.start_time_s + first / record.sampling_rate_hz,
-        provenance=history,
+        return alone
+    return alone.part(
+        slice(first, record.samples), f"{first} samples before the free motion left out"
     )
 
 

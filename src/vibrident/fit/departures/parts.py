@@ -7,7 +7,6 @@ own, or the samples of a nonlinear model. Their noise is not read yet.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.departures.signals import MAX_SAMPLES_AT_ONCE
+from vibrident.fit.departures.signals import MAX_SAMPLES_AT_ONCE, Part
 from vibrident.fit.descent.settle import InNoise
 from vibrident.fit.descent.weighed import MAX_LOST
 from vibrident.fit.estimators import Estimate
@@ -34,67 +33,17 @@ MAX_PIECES = 4
 DIFFERENCE_STEP = 1e-5
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A record, or a piece of it, of which the noise is not read yet.
-
-    Attributes:
-        record: the record.
-        span: its samples, n in number.
-        used: samples that count, shape (n,).
-        residual: of the fit, shape (K,).
-        bins: response to the reference, shape (K,).
-        motion: response as the fit has it, in time, shape (n,).
-        columns: of the response's slopes with the coordinates, shape (p, K).
-        nuisance: columns of the nuisance parameters, shape (m, K).
-        pull: shift of the fit's coordinates by those of the record, shape (P, p); None: the same.
-        turns: of the record's sine from sample to sample; None for other motion.
-    """
-
-    record: Record
-    span: slice
-    used: BoolArray
-    residual: ComplexArray
-    bins: ComplexArray
-    motion: FloatArray
-    columns: ComplexArray
-    nuisance: ComplexArray
-    pull: FloatArray | None = None
-    turns: float | None = None
-
-    @property
-    def beside(self) -> ComplexArray:
-        """Return the columns that are no noise, shape (q, K)."""
-        if self.pull is None:
-            return self.nuisance
-        return np.concatenate([self.nuisance, self.columns])  # a misfit of the tone is no noise
-
-    @property
-    def floor(self) -> float:
-        """Return the lower limit of the noise."""
-        largest = float(np.max(np.abs(self.record.response[self.span])))
-        return (np.finfo(float).eps * largest) ** 2
-
-    @property
-    def alike(self) -> tuple[float, ...]:
-        """Return what parts have in common whose noise is read together."""
-        counts = (
-            self.used.size,
-            self.residual.size,
-            len(self.beside),
-            self.record.reference_noise_order,
-        )
-        return self.record.sampling_rate_hz, *counts, self.pull is None, self.turns is None
-
-
 def at_once(parts: Iterable[Part]) -> Iterator[list[Part]]:
     """Yield the parts in lists of as many as are worked on at once."""
     batch = list[Part]()
+    samples = 0
     for part in parts:
         batch.append(part)
-        if sum(batched.used.size for batched in batch) >= MAX_SAMPLES_AT_ONCE:
+        samples += part.used.size
+        if samples >= MAX_SAMPLES_AT_ONCE:
             yield batch
             batch = []
+            samples = 0
     if batch:
         yield batch
 

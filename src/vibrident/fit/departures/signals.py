@@ -1,4 +1,4 @@
-"""A record's signals at the estimate, by their bins."""
+"""Residual, motion and slopes of a record at the estimate, by their bins, and their noise."""
 
 from __future__ import annotations
 
@@ -30,25 +30,19 @@ MAX_SAMPLES_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
-    """Signals of a record, or a piece of it, by the bins of their transforms.
+class Part:
+    """A record, or a piece of it, of which the noise is not read yet.
 
     Attributes:
         record: the record.
         span: its samples, n in number.
         used: samples that count, shape (n,).
-        residual: of the fit, shape (bins,).
-        predicted: response to the reference that recurs with the record, shape (bins,).
+        residual: of the fit, shape (K,).
+        predicted: response to the reference that recurs with the record, shape (K,).
         series: response as the fit has it, its free motion included, shape (n,).
-        jacobian: of the response with the coordinates, shape (p, bins).
-        transfer: of the sensor, shape (bins,).
-        nuisance: columns of the nuisance parameters, shape (q, bins).
-        spectrum: of the noise; that of the reference, over |H|².
-        one_sided: how often a bin counts, shape (bins,).
-        motion: as the reading of the noise sees it.
-        floor: lower limit of the noise.
-        pull: shift of the fit's coordinates by those of the record, shape (P, p); None where these
-            are the same.
+        jacobian: of the response with the coordinates, shape (p, K).
+        nuisance: columns of the nuisance parameters, shape (m, K).
+        pull: shift of the fit's coordinates by those of the record, shape (P, p); None: the same.
         turns: of the record's sine from sample to sample; None for other motion.
     """
 
@@ -59,23 +53,61 @@ class Signals:
     predicted: ComplexArray
     series: FloatArray
     jacobian: ComplexArray
-    transfer: ComplexArray
     nuisance: ComplexArray
-    spectrum: NoiseSpectrum
-    one_sided: FloatArray
-    motion: Motion
-    floor: float
     pull: FloatArray | None = None
     turns: float | None = None
 
     @property
+    def columns_beside_noise(self) -> ComplexArray:
+        """Return the columns that are no noise, shape (q, K)."""
+        if self.pull is None:
+            return self.nuisance
+        return np.concatenate([self.nuisance, self.jacobian])  # a misfit of the tone is no noise
+
+    @property
+    def floor(self) -> float:
+        """Return the lower limit of the noise."""
+        largest = float(np.max(np.abs(self.record.response[self.span])))
+        return (np.finfo(float).eps * largest) ** 2
+
+    @property
+    def alike(self) -> tuple[float, ...]:
+        """Return what parts have in common whose noise is read together."""
+        counts = (
+            self.used.size,
+            self.residual.size,
+            len(self.columns_beside_noise),
+            self.record.reference_noise_order,
+        )
+        return self.record.sampling_rate_hz, *counts, self.pull is None, self.turns is None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Signals(Part):
+    """A part in its noise.
+
+    Its slopes are those at the most likely motion, and tones of hum are among its nuisances.
+
+    Attributes:
+        transfer: of the sensor, shape (K,).
+        spectrum: of the noise; that of the reference, over |H|².
+        one_sided: how often a bin counts, shape (K,).
+        motion: as the reading of the noise sees it.
+    """
+
+    transfer: ComplexArray
+    spectrum: NoiseSpectrum
+    one_sided: FloatArray
+    motion: Motion
+
+    @property
     def counted(self) -> BoolArray:
-        """Return which bins count, shape (bins,)."""
+        """Return which bins count, shape (K,)."""
         return np.asarray(self.one_sided > 0.0)
 
     @property
     def level(self) -> FloatArray:
-        """Return the power of the noise, a sample, at the bins, shape (bins,)."""
+        """Return the power of the noise, a sample, at the bins, shape (K,)."""
         return self.spectrum.psd
 
     def in_noise_beside(self, columns: ComplexArray) -> Signals:

@@ -22,12 +22,11 @@ from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.parts import (
     MAX_PIECE_SAMPLES,
     MAX_PIECES,
-    Part,
     at_once,
     parts_of,
     tones_of,
 )
-from vibrident.fit.departures.signals import Signals, grouped, most_likely
+from vibrident.fit.departures.signals import Part, Signals, grouped, most_likely
 from vibrident.fit.departures.stack import group_of
 from vibrident.fit.descent.weighed import freed
 from vibrident.fit.descent.weighting import is_steep
@@ -167,7 +166,7 @@ def _signals_of_alike(
     input_colour = passed * colour
     motions = [
         Motion(
-            part.bins,
+            part.predicted,
             float(part.used.sum()),
             last,
             input_colour,
@@ -188,43 +187,24 @@ def _signals_of_alike(
         parts, motions, _read_noise(parts, one_sided, motions), strict=True
     ):
         spectrum = reading.spectrum
-        columns = part.columns
+        jacobian = part.jacobian
         if part.pull is not None:
             spectrum = replace(spectrum, psd=beside_leakage(spectrum.psd, motion.lines))
         share = spectrum.input_noise_at * passed / spectrum.psd
         nuisance = np.concatenate([part.nuisance, reading.hum])
         if part.pull is not None:
             # Less the tone itself, and less free motion, which is not the reference's.
-            motion_beside_tone = freed(part.bins - columns[0], nuisance, one_sided)
+            motion_beside_tone = freed(part.predicted - jacobian[0], nuisance, one_sided)
             motion_beside_tone = most_likely(
                 motion_beside_tone, reading.residual, share, spectrum.psd * motion.count
             )
             motion_beside_tone[_bins_of_tone(part)] = 0.0
             nuisance = np.concatenate([nuisance, slopes() * motion_beside_tone])
         elif evidence.model.is_linear and np.any(share):
-            columns = columns + slopes() * (share * reading.residual)
-        signals_of_part = (
-            part.residual,
-            part.bins,
-            part.motion,
-            columns,
-            transfer,
-            nuisance,
-            spectrum,
-            one_sided,
-        )
-        signals.append(
-            Signals(
-                part.record,
-                part.span,
-                part.used,
-                *signals_of_part,
-                motion,
-                part.floor,
-                part.pull,
-                part.turns,
-            )
-        )
+            jacobian = jacobian + slopes() * (share * reading.residual)
+        in_noise = {"jacobian": jacobian, "nuisance": nuisance, "transfer": transfer}
+        in_noise |= {"spectrum": spectrum, "one_sided": one_sided, "motion": motion}
+        signals.append(Signals(**vars(part) | in_noise))
     return signals
 
 
@@ -257,7 +237,9 @@ def _read_noise(
     """Return the noise of parts of one length and rate, again where hum or steep noise leaks."""
     residuals, columns = (
         np.stack(rows)
-        for rows in zip(*((part.residual, part.beside) for part in parts), strict=True)
+        for rows in zip(
+            *((part.residual, part.columns_beside_noise) for part in parts), strict=True
+        )
     )
     weight = np.broadcast_to(one_sided, residuals.shape)
     noise = residuals - Nuisances.in_weight(columns, weight).imitated(residuals[:, None])[:, 0]
@@ -288,7 +270,7 @@ def _read_beside_hum(
         ]
 
     hum = hum_at(tones)
-    noise = freed(part.residual, np.concatenate([part.beside, hum]), weight)
+    noise = freed(part.residual, np.concatenate([part.columns_beside_noise, hum]), weight)
     (spectrum,) = noise_spectra(noise[None], [motion], [part.floor])
     all_tones = with_tones(tones, spectrum.tones)
     return _Reading(noise, hum if all_tones == tones else hum_at(all_tones), spectrum)

@@ -216,18 +216,17 @@ def _with_channels(
     """Return a part of a record with other channels, and what was done to it."""
     lost = record.samples - (inside.stop - inside.start)
     said = f"{_said(chain, band_hz)}; {lost} samples at the ends left out"
-    return replace(
+    filtered_record = replace(
         record,
-        reference=reference.samples[inside],
-        response=response.samples[inside] / chain.scale,
-        valid=response.valid[inside],
-        reference_valid=reference.valid[inside],
-        start_time_s=record.start_time_s + inside.start * record.sampling_interval_s,
+        reference=reference.samples,
+        response=response.samples / chain.scale,
+        valid=response.valid,
+        reference_valid=reference.valid,
         band_hz=(max(band_hz[0], LOWEST_HZ), band_hz[1]),
-        provenance=record.provenance.then(said),
         reference_full_scale=None,
         response_full_scale=None,
     )
+    return filtered_record.part(inside, said)
 
 
 def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Filter, float]:

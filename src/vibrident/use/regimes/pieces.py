@@ -15,7 +15,7 @@ import numpy as np
 
 from vibrident.base.errors import VibridentError
 from vibrident.base.tails import chi2_tail
-from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.estimators import choose
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.optimise import silent
@@ -85,23 +85,10 @@ class Piece:
         return replace(self, span=span, values=values, covariance=covariance)
 
 
-def cut_record(record: Record, span: slice) -> Record:
-    """Return a part of a record as a record."""
-    begin_s = record.start_time_s + span.start / record.sampling_rate_hz
-    return replace(
-        record,
-        reference=None if record.reference is None else record.reference[span],
-        response=record.response[span],
-        valid=record.mask[span],
-        reference_valid=None if record.reference_valid is None else record.reference_valid[span],
-        start_time_s=begin_s,
-        provenance=record.provenance.then(f"samples {span.start} to {span.stop - 1} of it"),
-    )
-
-
 def cut(calibration: Calibration, span: slice) -> Calibration:
     """Return a calibration of one record with a part of it."""
-    return replace(calibration, records=(cut_record(calibration.records[0], span),))
+    step = f"samples {span.start} to {span.stop - 1} of it"
+    return replace(calibration, records=(calibration.records[0].part(span, step),))
 
 
 def piece_samples(samples: int) -> int:
