@@ -31,7 +31,7 @@ from vibrident.data.known.unsure import (
 )
 
 #: Error between the points of a table, of log response, from which it is a source of uncertainty.
-LEAST_BETWEEN = 1e-5
+MIN_BETWEEN_POINTS = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ class KnownResponse:
         }
         effects = tabulated_effects(source, table.frequency_hz, sizes, correlation_octaves)
         between = table.between_points()
-        if np.max(np.abs(between)) > LEAST_BETWEEN:
+        if np.max(np.abs(between)) > MIN_BETWEEN_POINTS:
             name = f"{source}, between its points"
             effects += (effect_of(name, "gain", table.frequency_hz, between),)
         band_hz = float(table.frequency_hz[0]), float(table.frequency_hz[-1])

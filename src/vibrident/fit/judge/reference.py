@@ -19,42 +19,52 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.response.response import ComplexArray
 
-#: Natural frequencies to begin from: so many, from and to these multiples of the band's ends.
-PLACES, REACH = 8, (0.3, 2.0)
-DAMPINGS, MIN_DAMPING, MAX_DAMPING = (0.03, 0.7), 1e-4, 2.0
-#: Evaluations for each beginning, and for those that are brought to their end.
-FEW_ROUNDS, MANY_ROUNDS, FINISHED = 6, 60, 2
+#: Natural frequencies to begin from.
+PLACES = 8
+#: The lowest and the highest of them, as parts of the ends of the band.
+REACH = (0.3, 2.0)
+#: Damping ratios to begin from, and their limits.
+DAMPINGS = (0.03, 0.7)
+MIN_DAMPING = 1e-4
+MAX_DAMPING = 2.0
+#: Evaluations for each beginning, and for the best of them.
+MAX_ROUGH_EVALUATIONS = 6
+MAX_EVALUATIONS = 60
+#: Beginnings that are followed to their end.
+FINAL_STARTS = 2
 #: Deviation, in its standard deviation, from which a point counts as wild.
 WILD = 3.0
-#: Part of what the model leaves that may be left of it.
-LEFT = 0.25
-#: Degrees of freedom that must be left.
-FEWEST_FREE = 6
+#: Part of what the model leaves that an explanation may leave.
+MAX_REMAINING_SHARE = 0.25
+#: Degrees of freedom that must remain.
+MIN_FREEDOM = 6
 
 
 def with_reference_named(fitted: Fitted) -> Fitted:
     """Return the fit, its message with the response of the reference that would explain it."""
-    text = _said(fitted)
+    text = _explanation(fitted)
     if not text:
         return fitted
     judgement = replace(fitted.judgement, lack_of_fit=f"{fitted.judgement.lack_of_fit} {text}")
     return replace(fitted, judgement=judgement)
 
 
-def _said(fitted: Fitted) -> str:
-    evidence, adequacy = fitted.evidence, fitted.judgement.adequacy
+def _explanation(fitted: Fitted) -> str:
+    """Return the sentence that names the reference as a cause; empty where it is none."""
+    evidence = fitted.evidence
+    adequacy = fitted.judgement.adequacy
     stated = (
         "reference" in evidence.calibration.known_responses
         or evidence.calibration.quantity == "drive"
     )
     optical = any(record.optical is not None for record in evidence.records)
-    few = 2 * len(adequacy.frequency_hz) - len(fitted.estimate.z) < FEWEST_FREE
+    few = 2 * len(adequacy.frequency_hz) - len(fitted.estimate.z) < MIN_FREEDOM
     if fitted.adequate or stated or optical or few or not evidence.model.is_linear:
         return ""
-    found = _oscillator_that_explains(fitted)
-    if found is None:
+    oscillator = _oscillator_that_explains(fitted)
+    if oscillator is None:
         return ""
-    natural_hz, damping = found
+    natural_hz, damping = oscillator
     return (
         "A reference with a response of its own would explain them, an oscillator of about "
         f"{plain(natural_hz, 2)} Hz with damping {plain(damping, 2)}: if it is a sensor, state its "
@@ -69,25 +79,27 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     """
     from scipy.optimize import least_squares  # slow to load
 
-    coordinates, adequacy = fitted.estimate.coordinates, fitted.judgement.adequacy
-    hz, quantity = adequacy.frequency_hz, fitted.evidence.quantity
-    own = fitted.estimate.z
+    coordinates = fitted.estimate.coordinates
+    adequacy = fitted.judgement.adequacy
+    hz = adequacy.frequency_hz
+    quantity = fitted.evidence.quantity
+    z = fitted.estimate.z
     lowest, highest = (
         float(part * end) for part, end in zip(REACH, (hz.min(), hz.max()), strict=True)
     )
-    ends = np.array([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
+    limits = np.array([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
     bounds = [
-        np.append(np.full(len(own), sign * np.inf), np.log(end))
-        for sign, end in zip((-1, 1), ends, strict=True)
+        np.append(np.full(len(z), sign * np.inf), np.log(limit))
+        for sign, limit in zip((-1, 1), limits, strict=True)
     ]
-    tried = []
+    ends = []
     for above in (True, False):
 
         def residual(x: FloatArray, above: bool = above) -> FloatArray:
-            values = coordinates.values(x[: len(own)])
+            values = coordinates.values(x[: len(z)])
             response = np.asarray(coordinates.model.frequency_response(values, hz, quantity))
-            left = adequacy.measured * _oscillator(hz, x[len(own) :], above=above) / response
-            error = np.log(left) / adequacy.relative_deviation
+            ratio = adequacy.measured * _oscillator(hz, x[len(z) :], above=above) / response
+            error = np.log(ratio) / adequacy.relative_deviation
             return np.nan_to_num(
                 np.concatenate([error.real, error.imag]), nan=1e9, posinf=1e9, neginf=-1e9
             )
@@ -101,16 +113,16 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
                 )
 
         places = itertools.product(np.geomspace(lowest, highest, PLACES + 2)[1:-1], DAMPINGS)
-        begun = [descended(np.append(own, np.log(place)), FEW_ROUNDS) for place in places]
-        begun.sort(key=lambda fit: fit.cost)
-        tried += [descended(fit.x, MANY_ROUNDS) for fit in begun[:FINISHED]]
-    best = min(tried, key=lambda fit: fit.cost)
+        starts = [descended(np.append(z, np.log(place)), MAX_ROUGH_EVALUATIONS) for place in places]
+        starts.sort(key=lambda fit: fit.cost)
+        ends += [descended(fit.x, MAX_EVALUATIONS) for fit in starts[:FINAL_STARTS]]
+    best = min(ends, key=lambda fit: fit.cost)
     model = np.asarray(coordinates.model.frequency_response(fitted.values, hz, quantity))
     before = np.log(adequacy.measured / model) / adequacy.relative_deviation
     parts = np.concatenate([before.real, before.imag]) / WILD
-    if not best.cost < LEFT * 0.5 * WILD**2 * float(np.sum(np.log1p(parts**2))):
+    if not best.cost < MAX_REMAINING_SHARE * 0.5 * WILD**2 * float(np.sum(np.log1p(parts**2))):
         return None
-    natural_hz, damping = np.exp(best.x[len(own) :])
+    natural_hz, damping = np.exp(best.x[len(z) :])
     return float(natural_hz), float(damping)
 
 

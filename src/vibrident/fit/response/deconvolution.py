@@ -45,7 +45,7 @@ END_PART = 0.02
 #: Lower end of a band that begins at rest.
 LOWEST_HZ = 1e-12
 #: Periods that a record holds of the lowest frequency of a ratio that is not settled there.
-FEWEST_PERIODS = 2.0
+MIN_PERIODS = 2.0
 #: Part of a ratio by which it may differ from that at rest, which is then reached within a record.
 SETTLED = 1e-3
 #: Factors at least and at most by which the lower end is raised in a round.
@@ -243,7 +243,7 @@ def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Fi
     reference, known = record.reference, chain.band_hz
     assert reference is not None
     samples, rate_hz = record.samples, record.sampling_rate_hz
-    longest = FEWEST_PERIODS / record.duration_s
+    longest = MIN_PERIODS / record.duration_s
     low = known[0] if _is_settled(chain, longest) else max(known[0], stated, longest)
     for _ in range(MAX_ROUNDS):
         cut = low > 0.0 and _moves_below(reference, record.reference_mask, low * record.duration_s)
