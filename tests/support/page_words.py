@@ -34,37 +34,38 @@ def _constants(node: ast.AST) -> Iterator[str]:
         yield from _constants(node.orelse)
 
 
-def said() -> set[str]:
-    """Return each sentence that a module of the page gives to ``say``, directly or by a name."""
-    found = set()
+def _calls(*functions: str) -> Iterator[tuple[ast.Call, dict[str, set[str]]]]:
+    """Yield each call of functions in a module of the page, with the texts of the module's names."""
     for module in _page():
-        names: dict[str, set[str]] = {}
+        texts: dict[str, set[str]] = {}
         for node in ast.walk(tree(module)):
             for target, value in _assigned(node):
-                names.setdefault(target, set()).update(_constants(value))
+                texts.setdefault(target, set()).update(_constants(value))
         for node in ast.walk(tree(module)):
-            if isinstance(node, ast.Call) and _name(node) in SAYING:
-                for argument in node.args:
-                    found |= set(_constants(argument))
-                    for part in ast.walk(argument):
-                        if isinstance(part, ast.Name):
-                            found |= names.get(part.id, set())
-    return {text for text in found if re.search("[A-Za-z]{2}", text)}
+            if isinstance(node, ast.Call) and _name(node) in functions:
+                yield node, texts
+
+
+def said() -> set[str]:
+    """Return each sentence that a module of the page gives to ``say``, directly or by a name."""
+    sentences = set()
+    for call, texts in _calls(*SAYING):
+        for argument in call.args:
+            sentences |= set(_constants(argument))
+            for part in ast.walk(argument):
+                if isinstance(part, ast.Name):
+                    sentences |= texts.get(part.id, set())
+    return {text for text in sentences if re.search("[A-Za-z]{2}", text)}
 
 
 def with_values() -> set[str]:
     """Return each sentence that a module gives to ``phrase`` with values, to be said when finished."""
-    found = set()
-    for module in _page():
-        names: dict[str, set[str]] = {}
-        for node in ast.walk(tree(module)):
-            for target, value in _assigned(node):
-                names.setdefault(target, set()).update(_constants(value))
-        for node in ast.walk(tree(module)):
-            if isinstance(node, ast.Call) and _name(node) == "phrase" and node.keywords:
-                first = node.args[0]
-                found |= names.get(first.id, set()) if isinstance(first, ast.Name) else {*_constants(first)}
-    return found
+    sentences = set()
+    for call, texts in _calls("phrase"):
+        if call.keywords:
+            first = call.args[0]
+            sentences |= texts.get(first.id, set()) if isinstance(first, ast.Name) else {*_constants(first)}
+    return sentences
 
 
 def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
