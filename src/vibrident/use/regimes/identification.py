@@ -176,7 +176,7 @@ def _result(found: _Regimes, scope: Uncertainty) -> Result:
             regime["from_s"],
             before.chance_beside(behind),
             dict.fromkeys(names, 0.0),  # what is stated is that of one regime
-            text,
+            f"{record.name}: The sensor changed at {plain(regime['from_s'], 5)} s.",
         )
         for regime, (before, behind) in zip(
             regimes[1:], itertools.pairwise(found.pieces), strict=True
