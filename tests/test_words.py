@@ -1,0 +1,117 @@
+"""The words of the sources: names that say what they hold, docstrings that stand alone."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+import pytest
+from tests.support.sources import SOURCES, modules, tree
+
+#: Names that a reader must look up: a variable, argument or function says what it holds or does.
+RIDDLES = frozenset(
+    [
+        "asked",
+        "beside",
+        "comes",
+        "found",
+        "given",
+        "goes",
+        "holds",
+        "it",
+        "kept",
+        "left",
+        "made",
+        "one",
+        "other",
+        "others",
+        "own",
+        "rest",
+        "said",
+        "seen",
+        "some",
+        "stands",
+        "taken",
+        "them",
+        "these",
+        "thing",
+        "things",
+        "those",
+        "told",
+        "which",
+        "whole",
+    ]
+)
+#: First words of docstrings that only make sense beside the name that they explain.
+FRAGMENT_OPENINGS = frozenset(
+    [
+        "As",
+        "At",
+        "By",
+        "For",
+        "From",
+        "How",
+        "In",
+        "Of",
+        "One",
+        "That",
+        "These",
+        "Those",
+        "To",
+        "What",
+        "When",
+        "Where",
+        "Whether",
+        "Which",
+        "Who",
+        "With",
+    ]
+)
+#: Openings of constants' names that do not say which bound they are of which quantity.
+VAGUE_BOUNDS = ("MOST_", "LEAST_")
+MAX_LINE_LENGTH = 100
+#: Rooms whose words are mended.
+ROOMS = ()
+
+Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+
+
+def names_of(node: ast.AST) -> Iterator[str]:
+    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+        yield node.id
+    elif isinstance(node, ast.arg):
+        yield node.arg
+    elif isinstance(node, Definition):
+        yield node.name
+
+
+def complaints_about(node: ast.AST) -> Iterator[str]:
+    for name in names_of(node):
+        if name.strip("_") in RIDDLES:
+            yield f"{name} does not say what it holds"
+        if name.lstrip("_").startswith(VAGUE_BOUNDS):
+            yield f"{name}: MAX_ or MIN_, the quantity and its unit"
+    if isinstance(node, Definition | ast.Module):
+        opening = (ast.get_docstring(node) or "Return").split()[0].strip(",.:;")
+        if opening in FRAGMENT_OPENINGS:
+            yield f"a docstring that opens with {opening} does not stand alone"
+    if isinstance(node, ast.Assign):
+        pair = isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
+        if pair:
+            yield "two assignments in a line"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_name_and_no_docstring_is_a_riddle(room):
+    complaints = []
+    for module, path in modules().items():
+        if path.relative_to(SOURCES / "vibrident").parts[0] != room:
+            continue
+        for node in ast.walk(tree(module)):
+            line = getattr(node, "lineno", 1)
+            complaints += [f"{path}:{line}: {complaint}" for complaint in complaints_about(node)]
+        for number, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if len(text) > MAX_LINE_LENGTH:
+                complaints.append(f"{path}:{number}: {len(text)} characters")
+    if complaints:
+        pytest.fail("\n".join(complaints), pytrace=False)
