@@ -11,6 +11,7 @@ from docsite.excitations import excitations
 from docsite.executed import PROGRAMS
 from docsite.first_steps import first_steps
 from docsite.models import models
+from docsite.walkthrough import PAGES
 
 MADE: Mapping[str, Callable[[], str]] = {
     "index.md": first_steps,
@@ -21,4 +22,9 @@ MADE: Mapping[str, Callable[[], str]] = {
     "api.md": api,
 }
 #: Everything that is not in git; pages with pictures among it.
-MADE_PAGES = (*MADE, "gallery/index.md", *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))))
+MADE_PAGES = (
+    *MADE,
+    *PAGES,
+    "gallery/index.md",
+    *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))),
+)
