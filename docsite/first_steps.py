@@ -13,4 +13,4 @@ def first_steps() -> str:
     """Return the README with its links turned to the pages of this site."""
     title, *sections = re.split(r"^(?=## )", _README.read_text(encoding="utf-8"), flags=re.MULTILINE)
     kept = [section for section in sections if not section.startswith(tuple(f"## {name}" for name in _LEFT_OUT))]
-    return re.sub(r"\]\(docs/", "](", title + "".join(kept))
+    return re.sub(r"\]\(docs/", "](", title + "".join(kept)).replace("](studies/", "](../studies/")
