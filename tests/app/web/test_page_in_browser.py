@@ -19,7 +19,7 @@ from vibrident.app.workflow import real
 
 def shell(folder: Path, shown: str) -> dict:
     """Run the command that the page shows."""
-    printed(*shlex.split(shown)[1:], "--no-plots", "--out", "out", folder=folder)
+    printed(*shlex.split(shown)[1:], "--no-pictures", "--out", "out", folder=folder)
     return json.loads((folder / "out" / "result.json").read_text())
 
 

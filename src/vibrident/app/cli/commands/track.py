@@ -37,7 +37,7 @@ def track(
     store: str | None = option(
         "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{WALK:.0%} a year"
     ),
-    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+    pictures: bool = flag("--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True),
 ) -> None:
     """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor changes.
 
@@ -53,7 +53,7 @@ def track(
     with _live() as tell:
         made, written = run(asked, tell)
     show_made(made)
-    if not no_plots:
+    if pictures:
         from vibrident.show import plots
 
         written.append(plots.save(made.figures[0], folder / "track.png"))
