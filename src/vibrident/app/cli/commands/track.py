@@ -26,7 +26,7 @@ def track(
     folder: Path = option("--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")),
     follow: bool = flag("--follow", help="The record's file grows: go on as it does, and after an interruption."),
     stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
-    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from tcp=HOST:PORT, or a plug-in."),
+    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from a source of another package."),
     idle: float | None = between("--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"),
     every: float | None = between(
         "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
