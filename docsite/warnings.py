@@ -7,6 +7,7 @@ and the build ends where that does not name the warning.
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 import tempfile
 import textwrap
@@ -22,6 +23,7 @@ from vibrident.base.warning_kinds import WARNINGS
 
 TEMPLATES = Path(__file__).parent / "pages" / "warnings"
 MAX_COLUMNS = 76  # of printed text, which does not scroll sideways then
+_COMMANDS = re.compile(r"^```sh\nvibrident (.*?)\n```$", re.MULTILINE | re.DOTALL)
 _EXAMPLE = re.compile(r"```python\n(.*?)```\n*", re.DOTALL)
 
 
@@ -44,7 +46,8 @@ def page(code: str, folder: Path) -> str:
     text = f"# `{code}`\n\n**{title}.** {meaning}\n\n## What to do\n\n{action}\n\n{causes.strip()}"
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / f"{code}.py"
-        path.write_text(f"# %% [markdown]\n{_commented(text)}\n# %%\n{example}", encoding="utf-8")
+        source = f"# %% [markdown]\n{_commented(text)}\n# %% [check]\n{_preparation(causes)}\n# %%\n{example}"
+        path.write_text(source, encoding="utf-8")
         cells = executed.run(path)
     for output in (output for cell in cells for output in cell.get("outputs", ()) if "text" in output):
         output["text"] = "\n".join(textwrap.fill(line, MAX_COLUMNS) for line in output["text"].splitlines())
@@ -60,6 +63,17 @@ def program(code: str) -> tuple[str, str, str]:
     """Return what a template says before its example, the example, and what it says after it."""
     before, example, after = _EXAMPLE.split((TEMPLATES / f"{code}.md").read_text(encoding="utf-8"))
     return before, example, after
+
+
+def _preparation(causes: str) -> str:
+    """Return the program that runs the commands shown before an example, quietly."""
+    calls = [
+        f"subprocess.run({['-m', 'vibrident', *shlex.split(command)]!r}, **quiet)"
+        for command in _COMMANDS.findall(causes)
+    ]
+    calls = [call.replace("run([", "run([sys.executable, ") for call in calls]
+    quiet = 'quiet = {"check": True, "stdout": subprocess.DEVNULL}'
+    return "\n".join(["import subprocess, sys", quiet, *calls])
 
 
 def _commented(text: str) -> str:

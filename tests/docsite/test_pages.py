@@ -7,15 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import yaml
+from docsite.hooks import MADE_LINK
 from docsite.made import MADE_PAGES
+from docsite.schemas import SCHEMAS
 from tests.support.sources import ROOT
 
 MAX_LINE = 100
 MAX_CELL = 200
 MAX_LINES = 2500
-MENU = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
-SITE = MENU["site_url"]
 DOCS = ROOT / "docs"
 
 
@@ -59,15 +58,18 @@ def test_lines_and_cells_are_short(page):
 
 @pytest.mark.parametrize("page", named([*PAGES, *OTHERS]))
 def test_links_lead_to_files(page):
-    """Also on GitHub, where made pages are linked by the address of the site."""
+    """Also on GitHub, where made pages are named without a link."""
     for target in links(page):
-        path, _, _ = target.partition("#")
-        if path.startswith(SITE):
-            name = path.removeprefix(SITE).replace(".html", ".md")
-            assert name in ("", *MADE_PAGES) or (DOCS / name).is_file(), target
-        elif path and "://" not in path:
+        path = target.partition("#")[0]
+        if path and "://" not in path:
             assert (page.parent / path).exists(), target
             assert not is_made((page.parent / path).resolve()), f"{target} is no file of the repository"
+
+
+@pytest.mark.parametrize("page", named([*PAGES, *OTHERS]))
+def test_made_pages_are_named_by_their_path(page):
+    for _, target in MADE_LINK.findall(page.read_text(encoding="utf-8")):
+        assert target.partition("#")[0] in (*MADE_PAGES, *SCHEMAS), target
 
 
 @pytest.mark.parametrize("page", named(sorted((ROOT / "studies").glob("*.md"))))
