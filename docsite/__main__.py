@@ -8,14 +8,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from docsite import executed, gallery, schemas, walkthrough
+from docsite import executed, gallery, schemas, studies, walkthrough, warnings
 from docsite.made import MADE
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main() -> None:
-    """Write every made page and schema, then pages with pictures: gallery, walkthroughs, tutorials."""
+    """Write every made page and schema, then pages with pictures: gallery, tutorials and warnings."""
     if names := sys.argv[1:]:
         executed.write(DOCS, names)
         return
@@ -27,6 +27,8 @@ def main() -> None:
     gallery.write(DOCS / "gallery")
     walkthrough.write(DOCS)
     executed.write(DOCS)
+    warnings.write(DOCS)
+    studies.write(DOCS)
 
 
 main()

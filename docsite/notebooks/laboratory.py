@@ -109,7 +109,7 @@ print(f"if independent {alone:.1f}")
 # With the common chain taken out, the change is plain.
 #
 # This sensor was never taken off its exciter. In a laboratory it is; what that changes is
-# found by [repeats](guide.md#repeats-and-temperature). [The history](history.md) does the
+# found by [repeats](repeats.md). [The history](history.md) does the
 # comparison for every sensor.
 #
 # ## The certificate

@@ -72,12 +72,12 @@ axis.grid(alpha=0.3)
 
 # %% [markdown]
 # Forty draws show a u that is wrong by a fifth. They do not show one that is wrong by a
-# twentieth: the [benchmarks](bench.md) have hundreds of draws.
+# twentieth: the [benchmarks](studies.md) have hundreds of draws.
 #
 # ## Does it depend on the estimator?
 #
 # Three estimators see the same draw: least squares on the inverse response (`lsm`, the
-# comparison in the [paper](paper.md)), maximum likelihood in frequency (`ml`), and the
+# comparison in the [paper](studies.md)), maximum likelihood in frequency (`ml`), and the
 # network on the samples (`ipnn`).
 
 # %%

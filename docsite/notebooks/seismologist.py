@@ -92,7 +92,7 @@ for hz, *values in zip(frequency, theirs, ours):
 # ## Ground motion from the coil
 #
 # An event shakes the simulated ground. The coil feels it, with a noise of 1 µV.
-# [`correct`](guide.md) restores the acceleration, with a standard uncertainty for each
+# [`correct`](correct.md) restores the acceleration, with a standard uncertainty for each
 # sample.
 
 # %%
