@@ -14,8 +14,8 @@ import numpy as np
 
 import vibrident
 
-# In twelve steps the resonance falls by a quarter and the damping by half; the
-# sensitivity rises by 5 %. The first record is the calibration.
+# In twelve steps the resonance falls by a quarter and the damping by half.
+# The sensitivity rises by 5 %. The first record is the calibration.
 drift = np.linspace(0, 1, 13)
 sensors = [
     {
@@ -25,7 +25,8 @@ sensors = [
     }
     for part in drift
 ]
-samples, rate_hz = 16000, 20e3
+samples = 16000
+rate_hz = 20e3
 rng = np.random.default_rng(1)
 hz = np.fft.rfftfreq(samples, 1 / rate_hz)
 model = vibrident.parse_model("accelerometer")
@@ -87,12 +88,13 @@ def modulus_margin(loop):
     return float(np.min(np.abs(1 + loop(1j * w)))) if stable else 0.0
 
 
-def fastest_integrator(rest):
+def fastest_integrator(plant):
     """Return the crossover in Hz that leaves a margin of 0.5."""
-    low, high = 1.0, 3000.0
+    low = 1.0
+    high = 3000.0
     for _ in range(40):
         middle = np.sqrt(low * high)
-        if modulus_margin(2 * np.pi * middle / s * rest) >= 0.5:
+        if modulus_margin(2 * np.pi * middle / s * plant) >= 0.5:
             low = middle
         else:
             high = middle

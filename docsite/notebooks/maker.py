@@ -80,8 +80,10 @@ print(table.status.value_counts().to_string())
 # %%
 import textwrap
 
-for row in table[table.status == "refused"].itertuples():
-    print(textwrap.fill(f"{row.calibration}: {row.message}", 76))
+(refused,) = table[table.status == "refused"].itertuples()
+print(refused.calibration)
+for line in refused.message.splitlines():
+    print(textwrap.fill(line, 76, subsequent_indent=" " * 12))
 
 # %% [markdown]
 # The broken cable is a row, and not an end of the run.

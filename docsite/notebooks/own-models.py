@@ -19,8 +19,12 @@ rate = 2 * np.pi * 35.0
 convective = [[-rate]], [rate], [0.1]
 
 # A loudspeaker: states are position and velocity of the cone, and the current.
-force, resistance, inductance = 6.0, 6.4, 1.5e-3  # N/A, Ω, H
-mass, loss, stiffness = 0.02, 1.1, 3000.0  # kg, N s/m, N/m
+force = 6.0  # N/A
+resistance = 6.4  # Ω
+inductance = 1.5e-3  # H
+mass = 0.02  # kg
+loss = 1.1  # N s/m
+stiffness = 3000.0  # N/m
 loudspeaker = (
     [
         [0, 1, 0],
@@ -40,13 +44,17 @@ cone_truth = {
 }
 
 # A geophone: states are position and velocity of the mass, and the current.
-constant, moving, coil, load, henry = 27.0, 0.011, 395.0, 1000.0, 0.6
+constant = 27.0  # V/(m/s)
+moving_mass = 0.011  # kg
+coil = 395.0  # Ω
+load = 1000.0  # Ω
+coil_inductance = 0.6  # H
 w = 2 * np.pi * 10.0
 geophone = (
     [
         [0, 1, 0],
-        [-(w**2), -2 * 0.25 * w, -constant / moving],
-        [0, constant / henry, -(coil + load) / henry],
+        [-(w**2), -2 * 0.25 * w, -constant / moving_mass],
+        [0, constant / coil_inductance, -(coil + load) / coil_inductance],
     ],
     [0, 1, 0],
     [0, 0, load],
@@ -54,8 +62,8 @@ geophone = (
 coil_truth = {
     "constant": constant * load / (coil + load),
     "fn": 10.0,
-    "coil_damping": constant**2 / (moving * (coil + load)),
-    "coil_time": henry / (coil + load),
+    "coil_damping": constant**2 / (moving_mass * (coil + load)),
+    "coil_time": coil_inductance / (coil + load),
 }
 
 truths = {
@@ -202,8 +210,8 @@ print("sensor       parameter     true         error / u")
 errors = {}
 for sensor, truth in truths.items():
     for name, true in truth.items():
-        found = results[sensor].parameters[name]
-        error = (found.value - true) / found.standard_uncertainty
+        parameter = results[sensor].parameters[name]
+        error = (parameter.value - true) / parameter.standard_uncertainty
         errors[sensor, name] = error
         print(f"{sensor:13}{name:14}{true:<13.5g}{error:+.1f}")
 

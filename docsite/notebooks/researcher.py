@@ -108,10 +108,12 @@ wrong = vibrident.identify(swaying, model="accelerometer")
 right = vibrident.identify(swaying, model="accelerometer+mode2")
 sensitivity = 1.02 / 9.80665  # of the simulated sensor, V/(m/s²)
 for each in (wrong, right):
-    found = each.parameters["sensitivity"]
+    parameter = each.parameters["sensitivity"]
     print(each.model)
-    print(f"    off by    {100 * (found.value / sensitivity - 1):+.3f} %")
-    u = found.standard_uncertainty / found.value
+    print(
+        f"    off by    {100 * (parameter.value / sensitivity - 1):+.3f} %"
+    )
+    u = parameter.standard_uncertainty / parameter.value
     print(f"    u         {100 * u:.3f} %")
     print(f"    χ²/ν      {each.fit.chi2_reduced:.3g}")
     print(f"    warnings  {', '.join(each.warning_codes) or 'none'}")
@@ -125,5 +127,6 @@ assert 0.8 < np.sqrt(np.mean(errors**2)) < 1.2
 assert 0.88 < np.mean(np.abs(errors) < 2) <= 1.0
 assert "lack_of_fit" in wrong.warning_codes
 assert not right.warning_codes
-found = right.parameters["sensitivity"]
-assert abs(found.value - sensitivity) < 4 * found.standard_uncertainty
+parameter = right.parameters["sensitivity"]
+error = parameter.value - sensitivity
+assert abs(error) < 4 * parameter.standard_uncertainty
