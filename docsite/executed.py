@@ -167,8 +167,9 @@ def page(cells: list[NotebookNode], folder: Path, name: str) -> str:
                 written.append(f'<div class="output">{data["text/html"]}</div>')
             else:
                 written.append(f"```text\n{data['text/plain'].strip()}\n```")
-    title, rest = written[0].split("\n", 1)
-    return "\n\n".join([title, f"*[This page as a Jupyter notebook]({name}.ipynb)*", rest, *written[1:]]) + "\n"
+    title, _, introduction = written[0].partition("\n")
+    download = f"*[This page as a Jupyter notebook]({name}.ipynb)*"
+    return "\n\n".join([title, download, introduction, *written[1:]]) + "\n"
 
 
 def _shown_code(cell: NotebookNode) -> str:
