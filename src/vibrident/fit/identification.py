@@ -135,7 +135,10 @@ def _fit_drive(
         plain = Fitted.from_evidence(evidence, chosen, progress)
         if plain.adequate:
             return plain
-        held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
+        # The hold turns the phase by half a sample: what explains most of the motion is near.
+        near = plain.values if plain.judgement.explained > 0.5 else None
+        held = Fitted.from_evidence(replace(evidence, start=near), stairs, progress)
+        held = fit_stairs(replace(held, evidence=evidence))
         return held if held.adequate else plain
     held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
     if held.adequate or chosen is stairs:
