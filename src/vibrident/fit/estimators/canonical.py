@@ -52,7 +52,9 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
             begin,
             values=canonical(model, begin.values),
             path=tuple(canonical(model, values_at) for values_at in begin.path),
-            others=tuple((canonical(model, values_at), cost) for values_at, cost in begin.others),
+            other_optima=tuple(
+                (canonical(model, values_at), cost) for values_at, cost in begin.other_optima
+            ),
         )
     return replace(
         estimate,

@@ -56,8 +56,8 @@ class ResidualCandidate:
 
     def args(self, lanes: np.ndarray) -> tuple[Any, ...]:
         """Return the arguments of the residual over the lanes chosen, shape (M,)."""
-        first, *others = self.problem.data
-        data = (first._replace(weight=first.weight * lanes), *others)
+        first, *remaining = self.problem.data
+        data = (first._replace(weight=first.weight * lanes), *remaining)
         return (
             self.coordinates,
             self.problem.layout,
