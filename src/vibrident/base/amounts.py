@@ -23,7 +23,10 @@ def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
 
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {"u": -6, "μ": -6}
+_EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {
+    "u": -6,
+    "μ": -6,
+}
 
 #: Powers of ten that engineers write before each unit: 475 mHz or km/s² are not used.
 _NATURAL = {
@@ -80,11 +83,18 @@ def scaled(unit: str, size: float) -> Scale:
         factor and unit; the factor is 1 where no prefix is natural for the unit.
     """
     lead = re.match(r"[A-Za-zµμΩ]+", unit)
-    if lead is None or unit[lead.end() : lead.end() + 1] in ("^", "²", "³") or not math.isfinite(size) or size == 0:
+    if (
+        lead is None
+        or unit[lead.end() : lead.end() + 1] in ("^", "²", "³")
+        or not math.isfinite(size)
+        or size == 0
+    ):
         return Scale(1.0, pretty(unit))
-    symbol, present = lead.group(), 0
+    symbol = lead.group()
+    present = 0
     if symbol not in _NATURAL and symbol[:1] in _EXPONENTS:
-        present, symbol = _EXPONENTS[symbol[0]], symbol[1:]
+        present = _EXPONENTS[symbol[0]]
+        symbol = symbol[1:]
     if symbol not in _NATURAL:
         return Scale(1.0, pretty(unit))
     decade = math.floor(math.log10(abs(size)) + 1e-9) + present
@@ -92,7 +102,9 @@ def scaled(unit: str, size: float) -> Scale:
     wanted = min(max(3 * math.floor(decade / 3), lowest), highest)
     if symbol == "Hz" and 0 <= decade < 4:  # 4096 Hz reads better than 4.096 kHz
         wanted = 0
-    return Scale(10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :]))
+    return Scale(
+        10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :])
+    )
 
 
 def amount(value: float, unit: str, digits: int = 5) -> str:

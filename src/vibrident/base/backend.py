@@ -17,15 +17,22 @@ from vibrident.base.errors import InputError
 from vibrident.base.extras import library
 
 TRUSTED = "0.10.1"
-FIRST_FAULTY, LAST_FAULTY = (0, 10, 2), (0, 12, 0, 1)
-MOST_MAPS = 40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
+FIRST_FAULTY = (0, 10, 2)
+LAST_FAULTY = (0, 12, 0, 1)
+MOST_MAPS = (
+    40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
+)
 LEAST_ERROR = 1e-12  # largest relative error of sound arithmetic
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
 
 def _with_cure(flags: str, version: str) -> str:
     """XLA's flags with the one that a faulty version needs; XLA ends a process whose flags it does not know."""
-    faulty = FIRST_FAULTY <= tuple(int(part) for part in version.split(".") if part.isdigit()) <= LAST_FAULTY
+    faulty = (
+        FIRST_FAULTY
+        <= tuple(int(part) for part in version.split(".") if part.isdigit())
+        <= LAST_FAULTY
+    )
     return f"{flags} {_CURE}".strip() if faulty and _CURE not in flags else flags
 
 
@@ -78,7 +85,8 @@ def arithmetic_error() -> float:
     ``jit`` of ``sum(vmap(A @ x))`` in float64 against NumPy; 0 to a few ulp where JAX is sound, 1e235 or NaN where not.
     """
     rng = np.random.default_rng(20240501)
-    matrix, vectors = rng.standard_normal((3, 3)), rng.standard_normal((512, 3))
+    matrix = rng.standard_normal((3, 3))
+    vectors = rng.standard_normal((512, 3))
     computed = jax.jit(lambda a, x: jnp.sum(jax.vmap(lambda v: a @ v)(x), axis=0))(matrix, vectors)
     expected = np.sum(vectors @ matrix.T, axis=0)
     error = np.max(np.abs(np.asarray(computed) - expected)) / np.max(np.abs(expected))

@@ -43,9 +43,21 @@ class InputError(VibridentError):
         remedy: what the user can do about it.
     """
 
-    problem, expected, found, where, remedy = _Text(), _Text(), _Text(), _Text(), _Text()
+    problem = _Text()
+    expected = _Text()
+    found = _Text()
+    where = _Text()
+    remedy = _Text()
 
-    def __init__(self, problem: str, *, expected: str = "", found: str = "", where: str = "", remedy: str = "") -> None:
+    def __init__(
+        self,
+        problem: str,
+        *,
+        expected: str = "",
+        found: str = "",
+        where: str = "",
+        remedy: str = "",
+    ) -> None:
         self.problem = problem
         self.expected = expected
         self.found = found
@@ -54,7 +66,9 @@ class InputError(VibridentError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        return "\n".join([self.problem, *(f"  {label + ':':<10}{text}" for label, text in self.parts)])
+        return "\n".join(
+            [self.problem, *(f"  {label + ':':<10}{text}" for label, text in self.parts)]
+        )
 
     @property
     def parts(self) -> list[tuple[str, str]]:
@@ -79,7 +93,11 @@ class InputError(VibridentError):
 
 
 def did_you_mean(
-    name: str, known: Iterable[str], otherwise: str = "choose one of the expected", *, likeness: float = 0.6
+    name: str,
+    known: Iterable[str],
+    otherwise: str = "choose one of the expected",
+    *,
+    likeness: float = 0.6,
 ) -> str:
     """The remedy for an unknown name: the nearest known one, in either case, if one is similar."""
     by_lower = {other.lower(): other for other in known}

@@ -13,7 +13,9 @@ from html import escape
 from typing import Any
 
 MARK = "\N{REPLACEMENT CHARACTER}"  # in place of what cannot be seen
-_JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"  # unseen, but part of words in some scripts
+_JOINERS = (
+    "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"  # unseen, but part of words in some scripts
+)
 #: A spreadsheet takes a cell that begins so for a formula.
 _FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # and their full-width forms
 _MARKDOWN = re.compile(r"([\\`*_\[\]<>~$|])|(&)(?=[#\w])|(:)(?=//)|(?<=www)(\.)", re.IGNORECASE)
@@ -34,7 +36,10 @@ def lines(text: object) -> str:
 def _seen(text: str) -> str:
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c in _JOINERS or unicodedata.category(c) == "Zs" else MARK for c in text)
+    return "".join(
+        c if c.isprintable() or c in _JOINERS or unicodedata.category(c) == "Zs" else MARK
+        for c in text
+    )
 
 
 def c_comment(text: object) -> str:
@@ -75,7 +80,9 @@ def plotly(text: object) -> str:
 
 def markdown(text: object) -> str:
     """For a table's cell, a heading or a part of a line of Markdown, with GitHub's extensions."""
-    return _MARKDOWN.sub(lambda found: _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}"), one_line(text))
+    return _MARKDOWN.sub(
+        lambda found: _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}"), one_line(text)
+    )
 
 
 def markdown_paragraph(text: object) -> str:
@@ -102,4 +109,6 @@ def csv_cell(text: object) -> str:
 
 def terminal(text: object) -> str:
     """For a terminal: line ends and tabs, and no other control."""
-    return "\n".join("\t".join(_seen(part) for part in line.split("\t")) for line in str(text).split("\n"))
+    return "\n".join(
+        "\t".join(_seen(part) for part in line.split("\t")) for line in str(text).split("\n")
+    )

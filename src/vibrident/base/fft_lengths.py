@@ -14,7 +14,8 @@ FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)
 
 def fast_length(least: int) -> int:
     """Smallest 2^a 3^b 5^c at or above ``least``: a length with a fast FFT."""
-    best, fives = 2 ** max(0, (least - 1).bit_length()), 1
+    best = 2 ** max(0, (least - 1).bit_length())
+    fives = 1
     while fives < best:
         threes = fives
         while threes < best:

@@ -27,7 +27,9 @@ def whole(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def unwritable(error: OSError, where: object, remedy: str = "give another ⟦export.folder⟧, or make room") -> InputError:
+def unwritable(
+    error: OSError, where: object, remedy: str = "give another ⟦export.folder⟧, or make room"
+) -> InputError:
     """The error of an output that cannot be written."""
     return InputError(
         "The output cannot be written.",

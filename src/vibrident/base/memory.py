@@ -19,7 +19,9 @@ ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
 #: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor of 10 at most;
 #: float64 takes four times the room of 16 bit.
 EXPANSION = 64
-_SHARE_OF_FREE = 1 / 3  # of the free memory for a file's numbers; scaling and the rest need as much again
+_SHARE_OF_FREE = (
+    1 / 3
+)  # of the free memory for a file's numbers; scaling and the rest need as much again
 _MEGABYTE = 1_000_000
 LONG = 2**18  # records longer than this return unused memory to the system at once
 _KEPT = 64 << 20  # freed bytes that a process keeps
@@ -39,7 +41,8 @@ def use_one_thread() -> None:
 
 
 _limited = threading.Lock()
-_inside, _limit = 0, contextlib.ExitStack()
+_inside = 0
+_limit = contextlib.ExitStack()
 
 
 @contextlib.contextmanager
@@ -112,8 +115,13 @@ def most_bytes(file_bytes: int) -> float:
 def free_bytes() -> float:
     """Free memory within the limits of this process; infinite if the system does not tell."""
     free = math.inf
-    with contextlib.suppress(OSError, ValueError, StopIteration), open("/proc/meminfo", encoding="ascii") as stream:
-        free = 1024.0 * int(next(line for line in stream if line.startswith("MemAvailable")).split()[1])
+    with (
+        contextlib.suppress(OSError, ValueError, StopIteration),
+        open("/proc/meminfo", encoding="ascii") as stream,
+    ):
+        free = 1024.0 * int(
+            next(line for line in stream if line.startswith("MemAvailable")).split()[1]
+        )
     with contextlib.suppress(ImportError, OSError, ValueError):
         import resource
 

@@ -11,7 +11,10 @@ NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of one decade,
 #: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far below the distance
 #: of nominal and exact values.
 SAME = 1e-4
-REFERENCES_HZ = (160.0, 1.0)  # where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
+REFERENCES_HZ = (
+    160.0,
+    1.0,
+)  # where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,8 @@ def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> 
     """
     if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
         return ()
-    first, last = (math.floor(10 * math.log10(low_hz)) - 1, math.ceil(10 * math.log10(high_hz)) + 1)
+    first = math.floor(10 * math.log10(low_hz)) - 1
+    last = math.ceil(10 * math.log10(high_hz)) + 1
     literal = _literal(f for f in measured_hz if f and f > 0)
     found = []
     for n in range(first, last + 1):
@@ -100,7 +104,10 @@ def reference(
             return at_nominal, "as stated"
         if low_hz * (1 - SAME) <= stated_hz <= high_hz * (1 + SAME):
             return Nominal(stated_hz, stated_hz), "as stated"
-        return None, f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band"
+        return (
+            None,
+            f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band",
+        )
     for number, wanted in enumerate(REFERENCES_HZ):
         for item in available:
             if item.nominal_hz == wanted:

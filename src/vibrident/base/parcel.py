@@ -83,9 +83,15 @@ def _plain(value: Any, buffers: list[memoryview]) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, list | tuple):
-        return ["list" if isinstance(value, list) else "tuple", *(_plain(item, buffers) for item in value)]
+        return [
+            "list" if isinstance(value, list) else "tuple",
+            *(_plain(item, buffers) for item in value),
+        ]
     if isinstance(value, Mapping):
-        return ["mapping", *([_plain(key, buffers), _plain(item, buffers)] for key, item in value.items())]
+        return [
+            "mapping",
+            *([_plain(key, buffers), _plain(item, buffers)] for key, item in value.items()),
+        ]
     if isinstance(value, PurePath):
         return ["path", str(value)]
     if isinstance(value, bytes | bytearray):
@@ -97,7 +103,9 @@ def _plain(value: Any, buffers: list[memoryview]) -> Any:
         return ["array", whole.dtype.str, list(value.shape), whole.nbytes]
     kind = type(value)
     if is_dataclass(value) and kind.__module__.startswith(_PACKAGE):
-        filled = [[f.name, _plain(getattr(value, f.name), buffers)] for f in fields(value) if f.init]
+        filled = [
+            [f.name, _plain(getattr(value, f.name), buffers)] for f in fields(value) if f.init
+        ]
         return ["dataclass", kind.__module__, kind.__qualname__, filled]
     raise TypeError(f"a {kind.__module__}.{kind.__qualname__} cannot be sent")
 

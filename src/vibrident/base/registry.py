@@ -65,8 +65,12 @@ class Registry(Generic[T]):
         where: str,
         error: type[InputError] = InputError,
     ) -> None:
-        self.kind, self.group, self.where = kind, group, where
-        self._folders, self._classes, self._error = folders, classes, error
+        self.kind = kind
+        self.group = group
+        self.where = where
+        self._folders = folders
+        self._classes = classes
+        self._error = error
         self._loaded: dict[str, T] = {}
         self._problems: dict[str, str] = {}
         self._given: list[str] = []  # names of objects given by Python
@@ -77,7 +81,9 @@ class Registry(Generic[T]):
         found = {}
         for folder in self._folders:
             for file in (_ROOT / folder).glob("[!_]*.py"):
-                found[file.stem.replace("_", "-")] = f"vibrident.{folder.replace('/', '.')}.{file.stem}"
+                found[file.stem.replace("_", "-")] = (
+                    f"vibrident.{folder.replace('/', '.')}.{file.stem}"
+                )
         return dict(sorted(found.items()))
 
     @functools.cached_property
@@ -91,12 +97,16 @@ class Registry(Generic[T]):
 
     @functools.cached_property
     def _points(self) -> list[EntryPoint]:
-        return sorted(installed().get(self.group, ()), key=lambda point: (point.name, _package(point)))
+        return sorted(
+            installed().get(self.group, ()), key=lambda point: (point.name, _package(point))
+        )
 
     def names(self) -> tuple[str, ...]:
         """Every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
         installed_names = (*self._built_in, *self._added)
-        return tuple(name for name in (*installed_names, *self._given) if name not in self._problems)
+        return tuple(
+            name for name in (*installed_names, *self._given) if name not in self._problems
+        )
 
     def __contains__(self, name: object) -> bool:
         return name in self.names()
@@ -202,15 +212,21 @@ class Registry(Generic[T]):
         try:
             self._loaded[point.name] = self._checked(point.name, point.load())
         except (Exception, SystemExit) as error:  # loading a foreign package may raise any error
-            problem = str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
+            problem = (
+                str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
+            )
             self._problems[point.name] = " ".join(problem.split())
-            _log.warning(PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line)
+            _log.warning(
+                PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line
+            )
 
     def _checked(self, name: str, found: Any) -> T:
         classes = tuple(map(pkgutil.resolve_name, self._classes))
         if not isinstance(found, classes):
             wanted = " or ".join(path.replace(":", ".") for path in self._classes)
-            raise _Unusable(f"expected an object of {wanted}, found one of {type(found).__qualname__}")
+            raise _Unusable(
+                f"expected an object of {wanted}, found one of {type(found).__qualname__}"
+            )
         if found.name != name:
             raise _Unusable(f"its entry point is called {name!r}, the object {found.name!r}")
         return found
@@ -221,7 +237,9 @@ class Registry(Generic[T]):
         found = []
         for point in self._points:
             taken = self._added.get(point.name) is not point
-            problem = f"the name {point.name!r} is taken" if taken else self._problems.get(point.name, "")
+            problem = (
+                f"the name {point.name!r} is taken" if taken else self._problems.get(point.name, "")
+            )
             found.append(PlugIn(self.group, point.name, _package(point), problem))
         return found
 
@@ -236,7 +254,11 @@ def installed() -> dict[str, list[EntryPoint]]:
     from importlib.metadata import entry_points
 
     points = entry_points()
-    return {group: list(points.select(group=group)) for group in points.groups if group.startswith("vibrident.")}
+    return {
+        group: list(points.select(group=group))
+        for group in points.groups
+        if group.startswith("vibrident.")
+    }
 
 
 def _package(point: EntryPoint) -> str:

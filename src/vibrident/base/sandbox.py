@@ -37,7 +37,8 @@ class Ready:
     """
 
     def __init__(self, prepare: Callable[[], None], wrapper: Sequence[str] = ()) -> None:
-        self._prepare, self._wrapper = prepare, wrapper
+        self._prepare = prepare
+        self._wrapper = wrapper
         self._waiting: Process | None = None
         self._lock = threading.Lock()
         self._closed = False
@@ -52,9 +53,12 @@ class Ready:
     def run(self, function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
         """As the function ``run``."""
         with self._lock:
-            process, self._waiting = self._waiting, None
+            process = self._waiting
+            self._waiting = None
         try:
-            return _run(process or Process(self._prepare, wrapper=self._wrapper), function, args, limits)
+            return _run(
+                process or Process(self._prepare, wrapper=self._wrapper), function, args, limits
+            )
         finally:
             self.prepare()
 
@@ -62,12 +66,15 @@ class Ready:
         """End the waiting process and start no other."""
         with self._lock:
             self._closed = True
-            process, self._waiting = self._waiting, None
+            process = self._waiting
+            self._waiting = None
         if process is not None:
             process.close()
 
 
-def _run(process: Process, function: Callable[..., _T], args: tuple[Any, ...], limits: Limits) -> _T:
+def _run(
+    process: Process, function: Callable[..., _T], args: tuple[Any, ...], limits: Limits
+) -> _T:
     try:
         with process:
             return process.call(function, *args, limits=limits)
@@ -84,7 +91,10 @@ def _refusal(death: Died, limits: Limits) -> InputError:
             remedy="export the data again, or in another format such as CSV",
         )
     expected, found = {
-        "memory": (f"{(limits.memory_bytes or 0) / 1e6:.0f} MB of memory", "a file that needs more"),
+        "memory": (
+            f"{(limits.memory_bytes or 0) / 1e6:.0f} MB of memory",
+            "a file that needs more",
+        ),
         "time": (f"{limits.seconds:.3g} s", "a file that takes longer"),
     }[death.reason]
     return InputError(

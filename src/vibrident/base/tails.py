@@ -52,8 +52,11 @@ def student_quantile(degrees: float, chance: float) -> float:
     """Value that Student's t of so many degrees of freedom stays below with a chance of one half or more."""
     if not degrees > 0.0:
         return math.nan
-    outside, t = 2.0 * (1.0 - chance), 1.0
-    for _ in range(100):  # Newton's steps on a function that is convex here: from below, never too far
+    outside = 2.0 * (1.0 - chance)
+    t = 1.0
+    for _ in range(
+        100
+    ):  # Newton's steps on a function that is convex here: from below, never too far
         density = math.exp(
             _log_gamma_ratio(0.5 * degrees) - 0.5 * (degrees + 1.0) * math.log1p(t * t / degrees)
         ) / math.sqrt(math.pi * degrees)
@@ -78,7 +81,8 @@ def _beta_below(a: float, b: float, x: float, rest: float) -> float:
 def _beta_steps(a: float, b: float, x: float, off: float) -> Iterator[tuple[float, float]]:
     """Numerators and denominators of Didonato & Morris' fraction (1992, eq. 9)."""
     for m in range(1, MOST):
-        before, behind = a + 2 * m - 1.0, a + 2 * m + 1.0
+        before = a + 2 * m - 1.0
+        behind = a + 2 * m + 1.0
         above = m * (a + m - 1.0) / before * ((a + b + m - 1.0) / before) * (b - m) * x * x
         yield above, m + m * (b - m) * x / before + (a + m) * (off + 1.0 + m * (2.0 - x)) / behind
 
@@ -99,12 +103,15 @@ def _continued(first: float, steps: Iterator[tuple[float, float]]) -> float:
 def _gamma_density(a: float, x: float) -> float:
     """x^a e^(−x) / Γ(a + 1), without a difference of large numbers."""
     off = (x - a) / a
-    return math.exp(a * (_log_of(x / a, off) - off) - _stirling_rest(a)) / math.sqrt(2.0 * math.pi * a)
+    return math.exp(a * (_log_of(x / a, off) - off) - _stirling_rest(a)) / math.sqrt(
+        2.0 * math.pi * a
+    )
 
 
 def _beta_density(a: float, b: float, x: float, y: float) -> float:
     """x^a y^b / B(a, b) with y = 1 − x, without a difference of large numbers."""
-    n, off = a + b, b * x - a * y
+    n = a + b
+    off = b * x - a * y
     rest = _stirling_rest(n) - _stirling_rest(a) - _stirling_rest(b)
     power = a * _log_of(x * n / a, off / a) + b * _log_of(y * n / b, -off / b)
     return math.exp(power + rest) * math.sqrt(a * b / (2.0 * math.pi * n))
@@ -126,4 +133,6 @@ def _stirling_rest(a: float) -> float:
 def _log_gamma_ratio(a: float) -> float:
     """Log Γ(a + 1/2) − log Γ(a)."""
     half = a + 0.5
-    return a * math.log1p(0.5 / a) + 0.5 * math.log(a) - 0.5 + _stirling_rest(half) - _stirling_rest(a)
+    return (
+        a * math.log1p(0.5 / a) + 0.5 * math.log(a) - 0.5 + _stirling_rest(half) - _stirling_rest(a)
+    )

@@ -6,9 +6,15 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]  # what a calibration file can state
+StatedKind = Literal[
+    "gain", "timing", "phase", "mounting", "clock"
+]  # what a calibration file can state
 EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding", "edges", "clocks"]
-_UNITS: dict[EffectKind, str] = {"timing": "s", "phase": "rad", "edges": "s"}  # the others are relative
+_UNITS: dict[EffectKind, str] = {
+    "timing": "s",
+    "phase": "rad",
+    "edges": "s",
+}  # the others are relative
 
 
 @dataclass(frozen=True)
@@ -23,7 +29,9 @@ class SystematicEffect:
     kind: EffectKind
     standard_uncertainty: float  # in ``unit``
     frequency_hz: float | None = None  # of a mounting effect; None otherwise
-    degrees_of_freedom: float = math.inf  # behind the standard uncertainty; infinite where it is taken as known
+    degrees_of_freedom: float = (
+        math.inf
+    )  # behind the standard uncertainty; infinite where it is taken as known
     # frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where that has no formula
     pattern: tuple[tuple[float, float, float], ...] = field(default=(), repr=False)
 
@@ -37,7 +45,9 @@ class SystematicEffect:
 class Capability:
     """The least expanded uncertainty (k = 2) that a laboratory may state over a band (CMC; ILAC-P14)."""
 
-    quantity: Literal["magnitude", "phase"]  # of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad)
+    quantity: Literal[
+        "magnitude", "phase"
+    ]  # of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad)
     expanded_uncertainty: float  # relative, or in rad
     # from_hz, to_hz: the band, both ends included
     from_hz: float = 0.0

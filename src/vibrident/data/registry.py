@@ -8,9 +8,17 @@ from vibrident.base.registry import Registry
 
 #: ``vibrident.data.io.reader.Reader`` objects; their names are for messages, a file's ending finds them.
 READERS: Registry[Any] = Registry(
-    "reader", "vibrident.readers", ("data/io/formats",), ("vibrident.data.io.reader:Reader",), "file ending"
+    "reader",
+    "vibrident.readers",
+    ("data/io/formats",),
+    ("vibrident.data.io.reader:Reader",),
+    "file ending",
 )
 #: ``vibrident.data.sources.source.Source`` objects.
 SOURCES: Registry[Any] = Registry(
-    "source", "vibrident.sources", ("data/sources/kinds",), ("vibrident.data.sources.source:Source",), "⟦track.source⟧"
+    "source",
+    "vibrident.sources",
+    ("data/sources/kinds",),
+    ("vibrident.data.sources.source:Source",),
+    "⟦track.source⟧",
 )

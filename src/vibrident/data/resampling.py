@@ -17,7 +17,9 @@ HALF_LENGTH = 2 * HALF
 PASS_BAND = 0.45  # of the slower rate
 DOUBTFUL = 2 * HALF_LENGTH  # samples at either end of evened ones, as nothing is known beyond
 _BLOCK = 1 << 14  # stamps that are evened at once
-_OVERLAP = 4 * HALF_LENGTH  # beside a block; what lies beyond moves its inner values by less than 1e-9
+_OVERLAP = (
+    4 * HALF_LENGTH
+)  # beside a block; what lies beyond moves its inner values by less than 1e-9
 _MAX_ITERATIONS = 500  # of conjugate gradients; some 40 are usual
 _TOLERANCE = 1e-10  # of conjugate gradients, relative
 _RIDGE = 1e-10  # keeps values beyond the stamps at zero
@@ -78,5 +80,7 @@ def _solve(values: FloatArray, positions: FloatArray) -> FloatArray:
     level = float(np.mean(values))  # a constant needs no unknowns beyond the ends
     squared = aslinearoperator(transposed) * aslinearoperator(matrix)
     normal = squared + aslinearoperator(_RIDGE * eye_array(size, format="csr"))
-    solution, _ = cg(normal, transposed @ (values - level), rtol=_TOLERANCE, maxiter=_MAX_ITERATIONS)
+    solution, _ = cg(
+        normal, transposed @ (values - level), rtol=_TOLERANCE, maxiter=_MAX_ITERATIONS
+    )
     return level + solution[half + 1 : half + 1 + count]

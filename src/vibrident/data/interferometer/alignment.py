@@ -32,8 +32,14 @@ from vibrident.data.interferometer.survey import BLOCK
 HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * 0.1)))
 LOST = HALF_FILTER + 1  # samples lost at either end
 OF_SINE = 16.0, 1 << 14  # fewest samples that are kept of a period of a sine, and of a record of it
-OF_OTHERS = 6.0, 1 << 10  # fewest of a period of the highest frequency of other motion, and of a record of it …
-BESIDE_GAPS = 48.0, 1 << 17  # … and where light is lost: filters for a lower rate reach further over a pulse
+OF_OTHERS = (
+    6.0,
+    1 << 10,
+)  # fewest of a period of the highest frequency of other motion, and of a record of it …
+BESIDE_GAPS = (
+    48.0,
+    1 << 17,
+)  # … and where light is lost: filters for a lower rate reach further over a pulse
 FINER = 2.5  # fewest samples of the displacement for each of a slower response
 
 
@@ -48,13 +54,20 @@ def _derivative_filter() -> FloatArray:
     window = np.kaiser(2 * HALF_FILTER + 1, BETA)
     asked = wanted.copy()
     for _ in range(8):  # the window smooths the target, so the target is raised where it is curved
-        impulse = np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1] * window
-        given = np.real(np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER)))
+        impulse = (
+            np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1]
+            * window
+        )
+        given = np.real(
+            np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER))
+        )
         asked += np.where(frequency <= PASS, wanted - given, 0.0)
     return np.asarray(impulse)
 
 
-def accelerated(displacement: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, BoolArray]:
+def accelerated(
+    displacement: FloatArray, valid: BoolArray, rate_hz: float
+) -> tuple[FloatArray, BoolArray]:
     """Acceleration and its validity, both ``LOST`` samples shorter at either end.
 
     ``displacement``: shape (n,), m; ``valid``: shape (n,).
@@ -106,7 +119,9 @@ def finer(rate_hz: float, response_hz: float) -> int:
     return max(int(rate_hz / (FINER * response_hz)), 1)
 
 
-def together(found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float) -> Aligned:
+def together(
+    found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float
+) -> Aligned:
     """Displacement and response at the same instants.
 
     If both are recorded together they pass the same filter, whose response cancels.
@@ -114,15 +129,23 @@ def together(found: Demodulated, optical: Signals, response: Signals, every: int
     ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one signal, its first sample
     at time zero; ``every``: decimation of the response; ``delay_s``: the optical channel comes later by this.
     """
-    blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
-    values = decimated((block[0].astype(float, copy=False) for block in blocks), response.samples, every)
-    rate, first = response.rate_hz / every, lost_at_an_end(every) / response.rate_hz
+    blocks = (
+        response.block(s, min(s + BLOCK, response.samples))
+        for s in range(0, response.samples, BLOCK)
+    )
+    values = decimated(
+        (block[0].astype(float, copy=False) for block in blocks), response.samples, every
+    )
+    rate = response.rate_hz / every
+    first = lost_at_an_end(every) / response.rate_hz
     time = first + np.arange(values.shape[0]) / rate
     wanted = ((time + delay_s - optical.first_s) * optical.rate_hz - found.first) / found.factor
     spacing = optical.rate_hz / found.factor / rate
     count = min(values.shape[0], found.displacement_m.shape[0])
     if abs(spacing - 1.0) < 1e-9 and abs(float(wanted[0])) < 1e-6:
-        return _whole(found.displacement_m[:count], values[:count], found.valid[:count], rate, first)
+        return _whole(
+            found.displacement_m[:count], values[:count], found.valid[:count], rate, first
+        )
     kept, displacement, valid = _moved(found.displacement_m, found.valid, wanted, spacing)
     return _whole(displacement, values[kept], valid, rate, first + kept.start / rate)
 
@@ -136,12 +159,15 @@ def _moved(
     kept = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
     at = wanted[kept]
     bad = np.concatenate([[0], np.cumsum(~valid)])
-    low, high = np.floor(at).astype(int) - half, np.floor(at).astype(int) + half + 2
+    low = np.floor(at).astype(int) - half
+    high = np.floor(at).astype(int) + half + 2
     sound = bad[np.minimum(high, valid.shape[0])] == bad[np.maximum(low, 0)]
     return kept, at_positions(values, at, spacing) if at.size else np.zeros(0), sound
 
 
-def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float) -> Aligned:
+def _whole(
+    displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float
+) -> Aligned:
     if displacement.shape[0] < 8 or not valid.any():
         raise InputError(
             "Too little of the record is left beside the ends of the filters.",

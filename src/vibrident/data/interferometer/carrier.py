@@ -23,11 +23,15 @@ WHOLE = 5.0  # … and so much: a cyclic error of order 4 has sidebands five tim
 CLEAR = 0.1  # … where the noise of the phase, rad, stays below this
 LEAST = 0.8  # least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
 MOST_OF_ALL = 1.0 / 32.0  # … but over that of the signal at most this …
-MOST_OF_SHOCK = 1.0 / 8.0  # … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+MOST_OF_SHOCK = (
+    1.0 / 8.0
+)  # … and for a shock, whose pulse short filters keep apart from the ends of a record, this
 ROOM = 0.8  # usable part of the room beside the carrier
 
 
-def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, most: float) -> tuple[Signals, float]:
+def mixed_down(
+    raw: Signals, near_hz: float, response_hz: float, where: str, most: float
+) -> tuple[Signals, float]:
     """A heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
 
     ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of the sensor's
@@ -49,7 +53,14 @@ def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, mos
     length = min(PIECE, raw.samples)
     starts = np.linspace(0, raw.samples - length, 48).astype(int)
     pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
-    power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
+    power = (
+        np.abs(
+            np.fft.rfft(
+                (pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1])
+            )
+        )
+        ** 2
+    )
     low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
     least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
     whole = min(0.5 * WHOLE * (high - low), _clear(np.mean(power, axis=0), half))
@@ -59,11 +70,15 @@ def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, mos
     factor = int(np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2)))
     cycles = carrier_hz / raw.rate_hz
     kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
-    offset = float(pieces.mean()) * kernel.sum()  # the filter lets it pass in part where the carrier's band is wide
+    offset = (
+        float(pieces.mean()) * kernel.sum()
+    )  # the filter lets it pass in part where the carrier's band is wide
 
     def block(start: int, stop: int) -> FloatArray:
         mixed = filtered(raw, (1, stop - start), factor, kernel, start)[0] - offset
-        return _parts(mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0)))
+        return _parts(
+            mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0))
+        )
 
     return at_lower_rate(raw, factor, block), carrier_hz
 
@@ -88,10 +103,17 @@ def _parts(values: np.ndarray) -> FloatArray:
 def _clear(power: FloatArray, half_hz: float) -> float:
     """Band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
     noise = max(float(np.quantile(power, QUIET)), 1e-300)
-    return CLEAR**2 * max(float(np.sum(power)) / noise - power.shape[0], 0.0) * half_hz / power.shape[0]
+    return (
+        CLEAR**2
+        * max(float(np.sum(power)) / noise - power.shape[0], 0.0)
+        * half_hz
+        / power.shape[0]
+    )
 
 
-def _band(power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str) -> tuple[float, float]:
+def _band(
+    power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str
+) -> tuple[float, float]:
     """Lowest and highest frequency of the carrier's band."""
     lines = np.linspace(0.0, 0.5 * rate_hz, power.shape[0])
     inside = np.abs(lines - near_hz) <= room

@@ -22,7 +22,9 @@ class Choice:
     """An ellipse for a record."""
 
     ellipse: Ellipse  # to be used, with its covariance
-    knots: tuple[tuple[float, Ellipse], ...]  # sample index and ellipse, where it changes within the record; else empty
+    knots: tuple[
+        tuple[float, Ellipse], ...
+    ]  # sample index and ellipse, where it changes within the record; else empty
     origin: str  # its origin, in words
     group: int  # records of one group share the error of the ellipse
     changes: float = 0.0  # change of the shape within the record
@@ -45,7 +47,9 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
         elif found.whole and common is None:
             choices.append(Choice(found.ellipse, (), "of this record", index))
         elif found.whole and common is not None:
-            choices.append(Choice(common.of(found.ellipse), (), f"common to {len(steady)} records", -1))
+            choices.append(
+                Choice(common.of(found.ellipse), (), f"common to {len(steady)} records", -1)
+            )
         elif steady:
             choices.append(_borrowed(found, name, index, surveys, steady, common, scatter))
         else:
@@ -110,7 +114,9 @@ def _moving(found: Survey, name: str, index: int) -> Choice:
             f"record. It is followed in {len(found.knots)} pieces of time; what changes faster is a cyclic error."
         )
         said = (OpticalFinding("ellipse_unstable", text),)
-    covariance = np.mean([piece.covariance for _, piece in found.knots], axis=0) / len(found.knots) * 1.5
+    covariance = (
+        np.mean([piece.covariance for _, piece in found.knots], axis=0) / len(found.knots) * 1.5
+    )
     ellipse = replace(found.ellipse, covariance=covariance)
     return Choice(ellipse, found.knots, "of this record, followed in time", index, change, said)
 
@@ -130,7 +136,8 @@ def _borrowed(
     group, origin = (source, "of a larger motion") if common is None else (-1, "of larger motions")
     said = []
     if common is None and len(steady) > 1:
-        ellipse, group = ellipse.known_to(ellipse.shape_covariance + np.diag(scatter**2)), index
+        ellipse = ellipse.known_to(ellipse.shape_covariance + np.diag(scatter**2))
+        group = index
         if float(np.max(scatter)) > UNSTABLE:
             text = (
                 f"{name}: its ellipse is that of larger motions, whose ellipses differ by "
@@ -147,13 +154,19 @@ def _of_a_moving_one(found: Survey, name: str, index: int, surveys: Sequence[Sur
         return _alone(found, name, index)
     source = surveys[min(moving, key=lambda i: (abs(i - index), i))]
     shapes = np.array([source.ellipse.shape_of(piece) for _, piece in source.knots])
-    ellipse = source.ellipse.known_to(source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0)))
+    ellipse = source.ellipse.known_to(
+        source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0))
+    )
     return _checked(found, name, index, Choice(ellipse, (), "of a larger motion, its mean", index))
 
 
 def _alone(found: Survey, name: str, index: int) -> Choice:
     """The arc's own ellipse or a circle, with a warning."""
-    kind = "an ellipse through this arc" if found.fitted else "a circle, as the arc does not determine an ellipse"
+    kind = (
+        "an ellipse through this arc"
+        if found.fitted
+        else "a circle, as the arc does not determine an ellipse"
+    )
     text = (
         f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and no record of "
         f"this calibration covers one. The phase is taken from {kind}; its uncertainty is in the budget. "
@@ -167,7 +180,12 @@ def _checked(found: Survey, name: str, index: int, choice: Choice) -> Choice:
     ellipse = choice.ellipse
     points = found.points[:, sound(ellipse, found.points)]
     off = float(np.mean(np.hypot(*ellipse.round(points)))) - 1.0 if points.shape[1] else 1.0
-    if abs(off) <= UNSTABLE + 5.0 * ellipse.radial_noise / np.sqrt(max(points.shape[1], 1)) + ellipse.radial_noise**2:
+    if (
+        abs(off)
+        <= UNSTABLE
+        + 5.0 * ellipse.radial_noise / np.sqrt(max(points.shape[1], 1))
+        + ellipse.radial_noise**2
+    ):
         return choice
     text = (
         f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that it is taken "

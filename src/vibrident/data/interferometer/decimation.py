@@ -53,7 +53,8 @@ class Decimator:
 
     def __init__(self, factor: int, signals: int, kernel: np.ndarray) -> None:
         """Begin; the kernel is that of :func:`taps`, or times a complex carrier."""
-        self._factor, self._rows = factor, -(-kernel.shape[0] // factor)
+        self._factor = factor
+        self._rows = -(-kernel.shape[0] // factor)
         padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
         padded[: kernel.shape[0]] = kernel
         self._matrix = np.ascontiguousarray(padded.reshape(self._rows, factor).T).view(np.float64)
@@ -81,23 +82,33 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
     if factor == 1:
         return np.concatenate(list(blocks))
     count = decimated_length(samples, factor)
-    return _collected((block[None, :] for block in blocks), Decimator(factor, 1, taps(factor)), (1, count), factor)[0]
+    return _collected(
+        (block[None, :] for block in blocks), Decimator(factor, 1, taps(factor)), (1, count), factor
+    )[0]
 
 
-def filtered(raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int) -> Any:
+def filtered(
+    raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
+) -> Any:
     """New samples from ``start`` on of signals that are read block by block.
 
     ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs; ``kernel``: real or complex,
     shape (2 · HALF · factor + 1,); ``start``: first new sample.
     """
-    first, last = start * factor, min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
+    first = start * factor
+    last = min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
     blocks = (raw.block(begin, min(begin + AT_ONCE, last)) for begin in range(first, last, AT_ONCE))
     return _collected(blocks, Decimator(factor, shape[0], kernel), shape, factor)
 
 
-def _collected(blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[int, int], factor: int) -> Any:
-    values, done = [], 0
-    for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):  # completes the last filter
+def _collected(
+    blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[int, int], factor: int
+) -> Any:
+    values = []
+    done = 0
+    for block in itertools.chain(
+        blocks, [np.zeros((shape[0], factor))]
+    ):  # completes the last filter
         values.append(decimator.feed(block)[:, : shape[1] - done])
         done += values[-1].shape[1]
     return np.concatenate(values, axis=1)
@@ -120,7 +131,9 @@ def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> Bo
     return bad
 
 
-def at_positions(values: FloatArray, positions: FloatArray, spacing: float, length: int = HALF) -> FloatArray:
+def at_positions(
+    values: FloatArray, positions: FloatArray, spacing: float, length: int = HALF
+) -> FloatArray:
     """A signal at positions between its samples, low-passed for a new rate.
 
     ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1 −
@@ -171,5 +184,7 @@ def _table(spacing: float, length: int) -> FloatArray:
     half = reach(spacing, length)
     distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
-    table = np.where(np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(BETA * np.sqrt(inside)), 0.0)
+    table = np.where(
+        np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(BETA * np.sqrt(inside)), 0.0
+    )
     return np.asarray(table / table.sum(axis=1, keepdims=True))

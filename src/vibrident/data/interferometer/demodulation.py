@@ -22,7 +22,9 @@ from vibrident.data.interferometer.survey import Survey
 MOST_LEFT_OUT = 0.5  # largest part of a record that may be left out
 MOST_GAPS = 400  # most gaps that are examined one by one
 EXCERPT = 2000  # samples of the excerpt
-NEARLY_TOO_FAST = 2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
+NEARLY_TOO_FAST = (
+    2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,17 +110,28 @@ def demodulate(
         seen.points[:, :: max(seen.points.shape[1] // 4000, 1) | 1],  # enough for pictures
         *_excerpt(position / signals.rate_hz, values * setting.metres_per_radian, valid, near_hz),
         carrier_hz,
-        () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
+        ()
+        if around is None
+        else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
         findings=(*choice.findings, *_slips(path, open_gaps, left_out, name)),
     )
-    return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer, carrier)
+    return Demodulated(
+        values * setting.metres_per_radian,
+        valid,
+        int(position[0]),
+        factor,
+        summary,
+        answer,
+        carrier,
+    )
 
 
 def _bridged(
     signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
 ) -> tuple[FloatArray, np.ndarray]:
     """Values with the turns lost in gaps restored, and the piece of each value: gaps of unknown turns part them."""
-    shift, piece = np.zeros(values.shape[0]), np.zeros(values.shape[0], dtype=int)
+    shift = np.zeros(values.shape[0])
+    piece = np.zeros(values.shape[0], dtype=int)
     for number, gap in enumerate(gaps):
         behind = int(np.searchsorted(position, gap.start))
         found = turns(signals, choice.ellipse, gap) if number < MOST_GAPS else None
@@ -151,7 +164,8 @@ def _joined(
     """Pieces of a sine joined: the sine of the longest one gives the turns by which the others are off."""
     if piece.size == 0 or piece[-1] == 0:
         return values, piece
-    values, piece = values.copy(), piece.copy()
+    values = values.copy()
+    piece = piece.copy()
     main = _longest(piece, usable)
     others = [p for p in np.unique(piece[usable]).tolist() if p != main]
     for other in sorted(others, key=lambda p: abs(p - main)):
@@ -178,7 +192,8 @@ def _without_carrier(
     t = np.linspace(-1.0, 1.0, values.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
     time = np.arange(values.shape[0]) / rate
-    wave, total = np.zeros(values.shape), np.zeros(3)
+    wave = np.zeros(values.shape)
+    total = np.zeros(3)
     for _ in range(1 if near_hz is None else 4):
         found, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
         values = values - design @ found
@@ -201,11 +216,15 @@ def _answer(
     noise = choice.ellipse.radial_noise
     if found is not None:
         frequency, harmonics = effects.of_sine(found.amplitude, found.mean, found.frequency_hz)
-        relative_noise = np.array([noise * np.sqrt(2.0 / signals.samples) / max(found.amplitude, 1e-300)])
+        relative_noise = np.array(
+            [noise * np.sqrt(2.0 / signals.samples) / max(found.amplitude, 1e-300)]
+        )
     else:
         frequency, harmonics = effects.of_motion(values, valid, rate)
         size = float(np.std(values[valid]))
-        relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
+        relative_noise = np.full(
+            frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300)
+        )
     covariance = choice.ellipse.shape_covariance
     return effects.Answer(frequency, harmonics, relative_noise, choice.group, covariance, around)
 
@@ -219,12 +238,18 @@ def _slips(path: Path, open_gaps: int, left_out: float, name: str) -> list[Optic
     if lost:
         parts.append(f"the amplitude is lost in {len(lost)} stretch{'es' * (len(lost) > 1)}")
     if jumps:
-        parts.append(f"the phase jumps by nearly half a turn or more in {jumps} place{'s' * (jumps > 1)}")
+        parts.append(
+            f"the phase jumps by nearly half a turn or more in {jumps} place{'s' * (jumps > 1)}"
+        )
     if path.counted != path.by_phase:
-        parts.append(f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase")
+        parts.append(
+            f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase"
+        )
     text = f"{name}: {' and '.join(parts)}; {100 * left_out:.2g} % of the displacement is left out"
     if open_gaps:
-        text += f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"
+        text += (
+            f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"
+        )
     return [OpticalFinding("fringe_slip", text + ".")]
 
 

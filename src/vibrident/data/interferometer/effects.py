@@ -73,7 +73,9 @@ class Cyclic:
         wave = self.waves[part]
         covariance = self.covariance[part, part] + self.by_ellipse[part, part]
         square = float(wave @ np.linalg.solve(covariance, wave))
-        return float(np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom)))  # Hotelling's T² of two
+        return float(
+            np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom))
+        )  # Hotelling's T² of two
 
 
 def cyclic_error(
@@ -94,9 +96,14 @@ def cyclic_error(
     length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), USUAL), LONGEST, period))
     if length < SHORTEST or signals.samples < 2 * length:
         return None
-    starts = np.unique(np.linspace(0, signals.samples - length, min(PIECES, signals.samples // length)).astype(int))
-    polynomials, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), DEGREE))
-    normals, scores = [], []
+    starts = np.unique(
+        np.linspace(0, signals.samples - length, min(PIECES, signals.samples // length)).astype(int)
+    )
+    polynomials, _ = np.linalg.qr(
+        np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), DEGREE)
+    )
+    normals = []
+    scores = []
     for start in starts.tolist():
         path = Path()
         piece = held(signals.block(start, start + length), signals.rate_hz)
@@ -104,7 +111,9 @@ def cyclic_error(
         phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))
         if path.gaps:
             continue
-        smooth = polynomials @ (polynomials.T @ phase)  # otherwise the phase noise would correlate with the waves
+        smooth = polynomials @ (
+            polynomials.T @ phase
+        )  # otherwise the phase noise would correlate with the waves
         slow = np.abs(np.gradient(smooth)) < SLOW
         if np.count_nonzero(slow) < SHORTEST:
             continue
@@ -133,9 +142,13 @@ def together(found: Sequence[Cyclic]) -> Cyclic:
     """
     weights = [np.linalg.inv(one.covariance) for one in found]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
-    mean = covariance @ np.sum([w @ one.waves for w, one in zip(weights, found, strict=True)], axis=0)
+    mean = covariance @ np.sum(
+        [w @ one.waves for w, one in zip(weights, found, strict=True)], axis=0
+    )
     apart = [one.waves - mean for one in found]
-    scatter = sum(float(d @ w @ d) for d, w in zip(apart, weights, strict=True)) / max(6 * (len(found) - 1), 1)
+    scatter = sum(float(d @ w @ d) for d, w in zip(apart, weights, strict=True)) / max(
+        6 * (len(found) - 1), 1
+    )
     best = min(found, key=lambda one: float(np.trace(one.covariance)))
     by_ellipse = np.mean([one.by_ellipse for one in found], axis=0)
     return Cyclic(mean, covariance * max(scatter, 1.0), best.freedom, by_ellipse)
@@ -150,7 +163,11 @@ def significant(found: Sequence[Cyclic | None]) -> Cyclic | None:
     there = np.repeat([whole.rarity(i) < CHANCE for i in range(len(ORDERS))], 2)
     if not there.any():
         return None
-    return replace(whole, waves=np.where(there, whole.waves, 0.0), covariance=whole.covariance * np.outer(there, there))
+    return replace(
+        whole,
+        waves=np.where(there, whole.waves, 0.0),
+        covariance=whole.covariance * np.outer(there, there),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +175,9 @@ class Answer:
     """Effect of the ellipse's errors on the reference of one record."""
 
     frequency_hz: FloatArray  # shape (m,)
-    harmonics: np.ndarray  # change of the reference for one radian of cos nφ and sin nφ, n = 1, 2, 4, (6, m)
+    harmonics: (
+        np.ndarray
+    )  # change of the reference for one radian of cos nφ and sin nφ, n = 1, 2, 4, (6, m)
     noise: FloatArray  # relative standard uncertainty of the reference by phase noise, shape (m,)
     group: int  # of records that share one ellipse
     covariance: FloatArray  # of the ellipse's shape, shape (4, 4)
@@ -190,7 +209,8 @@ def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[Floa
     edges = np.geomspace(max(lines[1], 1e-5 * rate_hz), 0.45 * rate_hz, 17)  # of 16 bands
     found = waves(phase)
     errors = np.asarray(fft.rfft((found - found.mean(axis=1, keepdims=True)) * window, axis=1))
-    frequencies, columns = [], []
+    frequencies = []
+    columns = []
     for low, high in itertools.pairwise(edges):
         inside = (lines >= low) & (lines < high)
         power = float(np.sum(np.abs(reference[inside]) ** 2))
@@ -211,10 +231,14 @@ def effects(
     found = []
     for group in dict.fromkeys(answer.group for answer in answers):
         members = [(answer, answer.relative) for answer in answers if answer.group == group]
-        found += _patterns("ellipse of the interferometer", "ellipse", members, members[0][0].covariance, grid)
+        found += _patterns(
+            "ellipse of the interferometer", "ellipse", members, members[0][0].covariance, grid
+        )
     for some, covariance in cyclic:
         members = [(answer, answer.harmonics) for answer in some]
-        found += _patterns("cyclic error of the interferometer", "cyclic", members, covariance, grid)
+        found += _patterns(
+            "cyclic error of the interferometer", "cyclic", members, covariance, grid
+        )
     found.sort(key=lambda item: -item[0])
     return tuple(effect for _, effect in found[:24])  # the largest ones
 
@@ -239,7 +263,15 @@ def _patterns(
     values, vectors = np.linalg.eigh(np.real(rows @ np.conj(rows.T)))
     turned = root @ vectors
     return [
-        (float(value), _pattern(source, kind, [(one.frequency_hz, -(along @ change)) for one, change in members], grid))
+        (
+            float(value),
+            _pattern(
+                source,
+                kind,
+                [(one.frequency_hz, -(along @ change)) for one, change in members],
+                grid,
+            ),
+        )
         for value, along in zip(values, turned.T, strict=True)
         if value > NEGLIGIBLE**2
     ]
@@ -258,6 +290,7 @@ def _pattern(
     values /= np.maximum(seen, 1.0)
     largest = float(np.max(np.abs(values))) or 1.0
     shape = tuple(
-        (float(f), float(v.real) / largest, float(v.imag) / largest) for f, v in zip(grid, values, strict=True)
+        (float(f), float(v.real) / largest, float(v.imag) / largest)
+        for f, v in zip(grid, values, strict=True)
     )
     return SystematicEffect(source, kind, largest, pattern=shape)

@@ -30,7 +30,9 @@ LEAST_SHOWN = 0.08  # an ellipse is not determined where this part is smaller
 TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
 LONGEST_STEP = 0.3  # longest step
 FURTHEST = 10.0  # largest change of the area from the start; beyond it the samples do not determine the ellipse
-FEWEST_BLOCKS = 20  # fewest blocks of samples from which the scatter beyond white noise is estimated
+FEWEST_BLOCKS = (
+    20  # fewest blocks of samples from which the scatter beyond white noise is estimated
+)
 _EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])  # |v|² − 1 in the six functions
 _SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]  # c, s, c², s², s c in them
 #: From (p, q, a, b, e) to the shape, which changes the phase: p, q, b − a, e; and back.
@@ -78,13 +80,17 @@ class Ellipse:
         inverse = self.inverse
         noise = inverse @ np.diag(self.noise) @ inverse.T
         apart = float(noise[0, 0] - noise[1, 1])
-        return self.changed(np.array([0.0, 0.0, -0.5 * apart, 0.5 * apart, -2.0 * float(noise[0, 1])]))
+        return self.changed(
+            np.array([0.0, 0.0, -0.5 * apart, 0.5 * apart, -2.0 * float(noise[0, 1])])
+        )
 
     def round(self, u: FloatArray) -> FloatArray:
         """Signals, shape (2, n), as v: cos φ and sin φ with their noise, in their precision, shape (2, n)."""
         (first, _), (skew, second) = self.inverse.tolist()
         v = np.empty_like(u)
-        for row, (centre, scale) in enumerate(zip(self.centre.tolist(), (first, second), strict=True)):
+        for row, (centre, scale) in enumerate(
+            zip(self.centre.tolist(), (first, second), strict=True)
+        ):
             np.subtract(u[row], centre, out=v[row])
             v[row] *= scale
         if skew != 0.0:
@@ -119,7 +125,9 @@ class Ellipse:
         """The ellipse that differs from this one by (p, q, a, b, e)."""
         p, q, a, b, e = by
         change = np.array([[1.0 + a, 0.0], [e, 1.0 + b]])
-        return replace(self, centre=self.centre + self.matrix @ np.array([p, q]), matrix=self.matrix @ change)
+        return replace(
+            self, centre=self.centre + self.matrix @ np.array([p, q]), matrix=self.matrix @ change
+        )
 
 
 def circle(u: FloatArray) -> Ellipse:
@@ -136,14 +144,18 @@ def circle(u: FloatArray) -> Ellipse:
     constraint = np.diag([8.0 * mean[0, 3], 1.0, 1.0, 0.0])
     constraint[0, 3] = constraint[3, 0] = 2.0
     values, vectors = np.linalg.eig(np.linalg.solve(constraint, mean))
-    real = np.where(np.abs(np.imag(values)) < 1e-9 * np.abs(values) + 1e-15, np.real(values), np.inf)
+    real = np.where(
+        np.abs(np.imag(values)) < 1e-9 * np.abs(values) + 1e-15, np.real(values), np.inf
+    )
     chosen = int(np.argmin(np.where(real > -1e-12, real, np.inf)))
     weight, p, q, rest = np.real(vectors[:, chosen])
     weight = weight if abs(weight) > 1e-9 else 1e-9
     centre = -0.5 * np.array([p, q]) / weight
     radius = float(np.sqrt(max(centre @ centre - rest / weight, 1e-6)))
     noise = max(float(real[chosen]), 1e-12 * radius**2) if np.isfinite(real[chosen]) else 1e-6
-    return Ellipse(middle + size * centre, size * radius * np.eye(2), np.eye(5), np.full(2, noise * size**2))
+    return Ellipse(
+        middle + size * centre, size * radius * np.eye(2), np.eye(5), np.full(2, noise * size**2)
+    )
 
 
 def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
@@ -153,7 +165,8 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
     variances is kept.
     """
     whole = np.sum(blocks, axis=0)
-    ellipse, found = replace(start, noise=_noise(whole, start)), False
+    ellipse = replace(start, noise=_noise(whole, start))
+    found = False
     for _ in range(100):
         try:
             step, *_ = _step(whole, ellipse)
@@ -189,7 +202,9 @@ def as_circle(u: FloatArray, samples: float) -> Ellipse:
     noise = inner * found.radial_noise**2 / samples
     part = np.block([[noise, np.zeros((3, 2))], [np.zeros((2, 5))]])
     both = np.concatenate([follows, np.eye(2)])
-    change = np.array([[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, -0.5, 0], [0, 0, 1, 0.5, 0], [0, 0, 0, 0, 1.0]])
+    change = np.array(
+        [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, -0.5, 0], [0, 0, 1, 0.5, 0], [0, 0, 0, 0, 1.0]]
+    )
     return replace(found, covariance=change @ (part + PRIOR**2 * both @ both.T) @ change.T)
 
 
@@ -214,7 +229,8 @@ def _noise(whole: FloatArray, ellipse: Ellipse) -> FloatArray:
     seen = _rounded(whole, ellipse, None)
     square = max(float(_EXCESS @ seen @ _EXCESS) / count, 1e-24)
     around = seen[1:3, 1:3] / count
-    first, second = 4.0 * float(np.sum(shape * around)), 2.0 * float(np.sum(shape**2)) + float(np.trace(shape)) ** 2
+    first = 4.0 * float(np.sum(shape * around))
+    second = 2.0 * float(np.sum(shape**2)) + float(np.trace(shape)) ** 2
     second -= 4.0 * float(np.sum(shape * shape))  # the samples' own noise in ``around``
     times = square / max(first, 1e-300)
     for _ in range(20):
@@ -227,16 +243,21 @@ def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, 
 
     In a direction dominated by noise, a least part of the apparent information is used.
     """
-    clean, seen = _rounded(whole, ellipse, ellipse.noise), _rounded(whole, ellipse, None)
+    clean = _rounded(whole, ellipse, ellipse.noise)
+    seen = _rounded(whole, ellipse, None)
     variance = ellipse.radial_noise**2
     gradient = 0.5 * _SLOPES @ clean @ _EXCESS / variance
     known = np.zeros((5, 5))
     a, b = ellipse.amplitudes
-    for direction, value in zip(_SHAPE[2:], (float(np.log(b / a)), ellipse.quadrature_error_rad), strict=True):
+    for direction, value in zip(
+        _SHAPE[2:], (float(np.log(b / a)), ellipse.quadrature_error_rad), strict=True
+    ):
         known += np.outer(direction, direction) / PRIOR**2
         gradient = gradient - direction * value / PRIOR**2
     raw = _SLOPES @ seen @ _SLOPES.T / variance
-    part, vectors = linalg.eigh(_SLOPES @ clean @ _SLOPES.T / variance, raw)  # vectorsᵀ raw vectors = 1
+    part, vectors = linalg.eigh(
+        _SLOPES @ clean @ _SLOPES.T / variance, raw
+    )  # vectorsᵀ raw vectors = 1
     back = raw @ vectors
     information = (back * np.maximum(part, LEAST_PART)) @ back.T + known
     return np.linalg.solve(information, gradient), information, float(part[0])
@@ -247,7 +268,10 @@ def _inflation(blocks: Sequence[FloatArray], whole: FloatArray, ellipse: Ellipse
     if len(blocks) < FEWEST_BLOCKS:
         return 1.0
     variance = ellipse.radial_noise**2
-    scores = [0.5 * _SLOPES @ _rounded(block, ellipse, ellipse.noise) @ _EXCESS / variance for block in blocks]
+    scores = [
+        0.5 * _SLOPES @ _rounded(block, ellipse, ellipse.noise) @ _EXCESS / variance
+        for block in blocks
+    ]
     scatter = np.var(np.array(scores), axis=0, ddof=1) * len(blocks)
     expected = np.diag(_SLOPES @ _rounded(whole, ellipse, None) @ _SLOPES.T) / variance
     return max(float(np.mean(scatter / np.maximum(expected, 1e-300))), 1.0)

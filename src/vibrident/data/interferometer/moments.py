@@ -12,16 +12,26 @@ import numpy as np
 from vibrident.data.interferometer.setting import FloatArray
 
 AT_ONCE = 1 << 13  # samples in a product: few enough for the processor's cache
-POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of x and y of the six functions 1, x, y, x², xy, y²
+POWERS = (
+    (0, 0),
+    (1, 0),
+    (0, 1),
+    (2, 0),
+    (1, 1),
+    (0, 2),
+)  # powers of x and y of the six functions 1, x, y, x², xy, y²
 
 
 def sums(x: FloatArray, y: FloatArray) -> FloatArray:
     """Σ x^a y^b for a + b ≤ 4, shape (5, 5), zero elsewhere; x and y of shape (n,)."""
     total = np.zeros((6, 6))
     for start in range(0, x.shape[0], AT_ONCE):
-        first, second = x[start : start + AT_ONCE], y[start : start + AT_ONCE]
+        first = x[start : start + AT_ONCE]
+        second = y[start : start + AT_ONCE]
         functions = np.empty((6, first.shape[0]))
-        functions[0], functions[1], functions[2] = 1.0, first, second
+        functions[0] = 1.0
+        functions[1] = first
+        functions[2] = second
         np.multiply(first, functions[1:3], out=functions[3:5])
         np.multiply(second, second, out=functions[5])
         total += functions @ functions.T
@@ -69,7 +79,9 @@ def moved(centre: FloatArray, inverse: FloatArray) -> FloatArray:
     shift = -inverse @ centre
     lines = [np.array([shift[i], inverse[i, 0], inverse[i, 1], 0.0, 0.0, 0.0]) for i in range(2)]
     one = np.eye(6)[0]
-    return np.array([one, *lines, _product(lines[0], lines[0]), _product(*lines), _product(lines[1], lines[1])])
+    return np.array(
+        [one, *lines, _product(lines[0], lines[0]), _product(*lines), _product(lines[1], lines[1])]
+    )
 
 
 def _product(first: FloatArray, second: FloatArray) -> FloatArray:

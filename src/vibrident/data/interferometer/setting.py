@@ -23,7 +23,9 @@ class Interferometer:
     wavelength_m: float  # in the medium
     wavelength_relative_uncertainty: float = 0.0  # relative standard uncertainty of it
     passes: int = 1  # times the beam goes to the target and back
-    carrier_hz: float | None = None  # nominal carrier of a heterodyne signal; estimated near this value
+    carrier_hz: float | None = (
+        None  # nominal carrier of a heterodyne signal; estimated near this value
+    )
     direction: int | None = None  # sign of the displacement for growing phase; None if unknown
     delay_s: float = 0.0  # the optical channel comes later than the response channel by this time
     delay_standard_uncertainty_s: float = 0.0  # of that
@@ -40,12 +42,17 @@ class Signals:
 
     samples: int  # of each
     rate_hz: float  # samples per second
-    block: Callable[[int, int], FloatArray]  # start, stop → these samples, shape (signals, stop − start)
+    block: Callable[
+        [int, int], FloatArray
+    ]  # start, stop → these samples, shape (signals, stop − start)
     first_s: float = 0.0  # time of the first sample; above zero for filtered ones
 
 
 def held(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> Signals:
     """Signals in memory, shape (signals, samples)."""
     return Signals(
-        values.shape[1], rate_hz, lambda start, stop: np.asarray(values[:, start:stop], dtype=float), first_s
+        values.shape[1],
+        rate_hz,
+        lambda start, stop: np.asarray(values[:, start:stop], dtype=float),
+        first_s,
     )

@@ -299,7 +299,8 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
     if calibration.reference.column is None and moved:
         raise _missing("[reference] column", where)
     names = {"rate_hz": "rate_hz", "time_column": "time_column"}
-    twice, here = "The sampling rate is given twice.", f"{where}, [sampling]"
+    twice = "The sampling rate is given twice."
+    here = f"{where}, [sampling]"
     require_one(calibration.sampling, names, twice, here, needed=False)
     for number, entry in enumerate(calibration.records, start=1):
         _check_entry(entry, f"{where}, [[records]] entry {number}")

@@ -153,7 +153,8 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
         raise too_long_a_line(file, 1)
     complete = head if whole else head[: head.rfind(b"\n") + 1]
     try:
-        text, encoding = complete.decode("utf-8-sig"), "utf-8"
+        text = complete.decode("utf-8-sig")
+        encoding = "utf-8"
     except UnicodeDecodeError:
         text, encoding = _national(complete)
     return text.split("\n")[:_HEAD_LINES], encoding
@@ -292,7 +293,8 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
 
     One field a line is the last resort: "1,5" may be one number or two, usually two.
     """
-    best, best_score = (BLANKS, ".", 1), 0.0
+    best = (BLANKS, ".", 1)
+    best_score = 0.0
     for delimiter, decimal in _CANDIDATES:
         if delimiter != BLANKS and not any(delimiter in line for line in sample):
             continue
@@ -307,7 +309,8 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
         filled = sum(cell != "" for row in regular for cell in row)
         score = numbers / max(filled, 1) * len(regular) / max(len(rows), 1)
         if fields > 1 and score > best_score:
-            best, best_score = (delimiter, decimal, fields), score
+            best = (delimiter, decimal, fields)
+            best_score = score
     return best
 
 

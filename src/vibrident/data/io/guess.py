@@ -109,7 +109,8 @@ def guess_columns(path: Path) -> Columns:
     if reference is None and not detectors and len(free) > 1:
         reference, response = free[:2]
     table = _table(names)
-    unit, response_unit = _unit(names, reference), _unit(names, response)
+    unit = _unit(names, reference)
+    response_unit = _unit(names, response)
     if {"frequency", "magnitude"} <= table.keys():
         response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""

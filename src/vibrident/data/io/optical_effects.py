@@ -52,10 +52,8 @@ def left_of(
 
 def stated_effects(setting: Interferometer) -> list[SystematicEffect]:
     """Return the effects that the calibration file states."""
-    wavelength, delay_s = (
-        setting.wavelength_relative_uncertainty,
-        setting.delay_standard_uncertainty_s,
-    )
+    wavelength = setting.wavelength_relative_uncertainty
+    delay_s = setting.delay_standard_uncertainty_s
     found = [
         SystematicEffect("wavelength of the interferometer", "gain", wavelength),
         SystematicEffect("delay of the interferometer", "timing", delay_s),

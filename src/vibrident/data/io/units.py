@@ -202,7 +202,9 @@ def _parse_product(text: str) -> Unit | None:
     """Parse factors from left to right; a group in brackets is a factor."""
     stack: list[tuple[Unit, bool]] = []  # the products outside of open brackets, each with its sign
     product = Unit(1.0, ())
-    divides, place, factors = False, 0, 0
+    divides = False
+    place = 0
+    factors = 0
     while place < len(text):
         token = _TOKEN.match(text, place)
         if token is None:
@@ -214,7 +216,8 @@ def _parse_product(text: str) -> Unit | None:
             continue
         if sign == "(":
             stack.append((product, divides))
-            product, divides = Unit(1.0, ()), False
+            product = Unit(1.0, ())
+            divides = False
             continue
         if sign == ")":
             if not stack:
@@ -292,7 +295,8 @@ def quantity_of(unit: str) -> str | None:
 
 def factor_between(unit: str, target: str) -> float | None:
     """Return how many ``target`` units a ``unit`` is; None if unknown or of another dimension."""
-    parsed, wanted = parse_unit(unit), parse_unit(target)
+    parsed = parse_unit(unit)
+    wanted = parse_unit(target)
     if parsed is None or wanted is None or parsed.dimension != wanted.dimension:
         return None
     return parsed.factor / wanted.factor

@@ -33,7 +33,12 @@ BoolArray = NDArray[np.bool_]
 
 def frozen(values: object) -> FloatArray:
     """A copy that cannot be written to; the same array where it is one already, as another record's is."""
-    if type(values) is np.ndarray and values.dtype == np.float64 and values.base is None and not values.flags.writeable:
+    if (
+        type(values) is np.ndarray
+        and values.dtype == np.float64
+        and values.base is None
+        and not values.flags.writeable
+    ):
         return values
     array = np.array(values, dtype=np.float64)  # a copy: a record does not follow its source
     array.flags.writeable = False
@@ -87,7 +92,10 @@ class Provenance:
 
 def check_size(what: str, values: FloatArray, where: str) -> None:
     """Refuse values of a size that no unit explains."""
-    largest, span = float(np.max(np.abs(values))), f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
+    largest = float(np.max(np.abs(values)))
+    span = f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
     if largest != 0.0 and not 1.0 / LARGEST <= largest <= LARGEST:
         text = f"{what} holds values of a size that no unit explains."
-        raise InputError(text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale")
+        raise InputError(
+            text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale"
+        )

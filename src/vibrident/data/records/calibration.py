@@ -16,7 +16,14 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
 from vibrident.data.known import KnownResponse, refuse_known
-from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, FloatArray, Quantity
+from vibrident.data.records.basis import (
+    QUANTITIES,
+    REFERENCE_UNITS,
+    USUAL_MODEL,
+    Excitation,
+    FloatArray,
+    Quantity,
+)
 from vibrident.data.records.record import Record, ResponseTable
 
 
@@ -75,13 +82,19 @@ class Calibration:
             )
         if self.quantity not in QUANTITIES:
             raise unknown("The reference quantity is not known.", self.quantity, QUANTITIES, where)
-        object.__setattr__(self, "quantity", str(self.quantity))  # NumPy's own strings are no static argument
+        object.__setattr__(
+            self, "quantity", str(self.quantity)
+        )  # NumPy's own strings are no static argument
         object.__setattr__(self, "records", tuple(self.records))
-        object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])
+        object.__setattr__(
+            self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity]
+        )
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
         object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))
 
-    def __reduce__(self) -> tuple[object, ...]:  # views of mappings do not travel to another process
+    def __reduce__(
+        self,
+    ) -> tuple[object, ...]:  # views of mappings do not travel to another process
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         own |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
         return functools.partial(Calibration, **own), ()
@@ -108,7 +121,9 @@ class Calibration:
             )
         if self.table is not None:
             return replace(self, table=self.table.within((low, high)))
-        return replace(self, records=tuple(replace(record, band_hz=(low, high)) for record in self.records))
+        return replace(
+            self, records=tuple(replace(record, band_hz=(low, high)) for record in self.records)
+        )
 
     @classmethod
     def from_arrays(
@@ -142,7 +157,9 @@ class Calibration:
         count = len(responses)
         columns = {
             "reference": [None] * count if reference is None else _each_record(reference),
-            "sampling_rate_hz": [sampling_rate_hz] * count if np.ndim(sampling_rate_hz) == 0 else sampling_rate_hz,
+            "sampling_rate_hz": [sampling_rate_hz] * count
+            if np.ndim(sampling_rate_hz) == 0
+            else sampling_rate_hz,
             "excitation": [excitation] * count if isinstance(excitation, str) else excitation,
             "name": names or [f"record {number}" for number in range(1, count + 1)],
         }
@@ -157,7 +174,8 @@ class Calibration:
                 )
         rows = zip(responses, *columns.values(), strict=True)  # type: ignore[arg-type]
         records = [
-            Record(str(name), signal, answer, float(rate), motion) for answer, signal, rate, motion, name in rows
+            Record(str(name), signal, answer, float(rate), motion)
+            for answer, signal, rate, motion, name in rows
         ]
         return cls(tuple(records), quantity=quantity, **more)
 
@@ -170,7 +188,10 @@ class Calibration:
     @property
     def known_responses(self) -> dict[str, KnownResponse]:
         """What is known of each channel, by its label; empty where nothing is."""
-        stated = {"reference": self.reference_known_response, "response": self.response_known_response}
+        stated = {
+            "reference": self.reference_known_response,
+            "response": self.response_known_response,
+        }
         return {name: known for name, known in stated.items() if known is not None}
 
     def refuse_known_responses(self, what: str) -> None:
@@ -210,7 +231,11 @@ def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
 def describe(calibration: Calibration) -> list[dict[str, Any]]:
     """Return one row a record, or one row for the table; labels state the units."""
     if calibration.table is not None:
-        return [_table_row(calibration.table, pretty("{response}/({reference})".format(**calibration.units)))]
+        return [
+            _table_row(
+                calibration.table, pretty("{response}/({reference})".format(**calibration.units))
+            )
+        ]
     return [_record_row(record, calibration) for record in calibration.records]
 
 
@@ -232,7 +257,8 @@ def _channel(name: str, values: FloatArray | None, unit: str) -> dict[str, float
     """The size of the motion, and the constant beside it."""
     if values is None:
         return {}
-    rms, offset = float(np.std(values)), float(np.mean(values))
+    rms = float(np.std(values))
+    offset = float(np.mean(values))
     return {f"{name} rms / {pretty(unit)}": rms, f"{name} offset / {pretty(unit)}": offset}
 
 

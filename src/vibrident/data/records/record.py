@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Circumstances
-from vibrident.data.records.basis import EXCITATIONS, BoolArray, Excitation, FloatArray, Provenance, check_size, frozen
+from vibrident.data.records.basis import (
+    EXCITATIONS,
+    BoolArray,
+    Excitation,
+    FloatArray,
+    Provenance,
+    check_size,
+    frozen,
+)
 
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
@@ -50,7 +58,9 @@ class ResponseTable:
         """
         kept = in_band(self.frequency_hz, band_hz)
         if not np.any(kept):
-            raise nothing_in_band(band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}")
+            raise nothing_in_band(
+                band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}"
+            )
         columns = {
             name: None if (column := getattr(self, name)) is None else column[kept]
             for name in (
@@ -68,7 +78,13 @@ class ResponseTable:
         positive = {"frequency_hz", "magnitude", "magnitude_uncertainty", "phase_uncertainty_rad"}
         shape = np.shape(self.frequency_hz)
         where = f"table {self.provenance.file or 'in memory'!r}"
-        for label in ("frequency_hz", "magnitude", "phase_rad", "magnitude_uncertainty", "phase_uncertainty_rad"):
+        for label in (
+            "frequency_hz",
+            "magnitude",
+            "phase_rad",
+            "magnitude_uncertainty",
+            "phase_uncertainty_rad",
+        ):
             values = getattr(self, label)
             if values is None:
                 continue
@@ -81,7 +97,9 @@ class ResponseTable:
                     where=where,
                     remedy="give every column the same number of rows",
                 )
-            bad = np.flatnonzero(~np.isfinite(values) | ((values <= 0) if label in positive else False))
+            bad = np.flatnonzero(
+                ~np.isfinite(values) | ((values <= 0) if label in positive else False)
+            )
             if bad.size:
                 raise InputError(
                     f"Column {label} holds values that cannot be used.",
@@ -191,7 +209,11 @@ class Record:
                 where=where,
                 remedy="correct frequency_hz or rate_hz",
             )
-        valid = np.ones(response.shape, dtype=bool) if self.valid is None else np.array(self.valid, dtype=bool)
+        valid = (
+            np.ones(response.shape, dtype=bool)
+            if self.valid is None
+            else np.array(self.valid, dtype=bool)
+        )
         if valid.shape != response.shape:
             raise InputError(
                 "The mask of valid samples does not fit the record.",
@@ -257,8 +279,12 @@ class Record:
 
     def without_response(self, bad: BoolArray, reason: str) -> Record:
         """The same where the reference is still the sensor's input."""
-        provenance = self.provenance.then(f"{int(np.sum(bad & self.mask))} samples left out: {reason}")
-        return replace(self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance)
+        provenance = self.provenance.then(
+            f"{int(np.sum(bad & self.mask))} samples left out: {reason}"
+        )
+        return replace(
+            self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance
+        )
 
     def with_response(self, response: FloatArray, reason: str) -> Record:
         """Return the record with another response, shape (samples,), and what was done to it."""
@@ -277,9 +303,13 @@ def in_band(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> Bo
     return (frequency_hz >= low * (1.0 - EDGE)) & (frequency_hz <= high * (1.0 + EDGE))
 
 
-def nothing_in_band(band_hz: tuple[float, float], frequency_hz: FloatArray, where: str) -> InputError:
+def nothing_in_band(
+    band_hz: tuple[float, float], frequency_hz: FloatArray, where: str
+) -> InputError:
     """Return the error of a band without data."""
-    there = f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
+    there = (
+        f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
+    )
     return InputError(
         "No data are in the band.",
         expected=f"data from {band_hz[0]:g} to {band_hz[1]:g} Hz",

@@ -61,8 +61,12 @@ class Answer:
         found = [cls(reference, response, start)._downhill(alike.size) for start in starts]
         best = min(found, key=lambda each: each.deviation)
         # A standard deviation told by the median of n sizes scatters by 1.17 / √n of itself.
-        most = best.deviation * (1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1)))
-        return tuple(each for each in (best, *best._beside(alike.size), *found) if each.deviation <= most)
+        most = best.deviation * (
+            1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
+        )
+        return tuple(
+            each for each in (best, *best._beside(alike.size), *found) if each.deviation <= most
+        )
 
     def _downhill(self, latest: int) -> Answer:
         """Return the prediction of a delay below ``latest`` beside which there is no better one."""
@@ -72,12 +76,16 @@ class Answer:
     def _beside(self, latest: int) -> list[Answer]:
         """Return the predictions of delays beside its own, below ``latest``."""
         delays = [self.delay + step for step in (-2 * ORDER, -ORDER // 2, ORDER // 2, 2 * ORDER)]
-        return [Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest]
+        return [
+            Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest
+        ]
 
     @functools.cached_property
     def taps(self) -> tuple[FloatArray, FloatArray]:
         """Errors that follow a wild sample of size one in the reference, and in the response; shape (ORDER + 1,)."""
-        windows = [sliding_window_view(each, ORDER + 1) for each in (self._delayed, self.response.series)]
+        windows = [
+            sliding_window_view(each, ORDER + 1) for each in (self._delayed, self.response.series)
+        ]
         rows = np.flatnonzero(self._usual[ORDER:])
         rows = rows[:: max(1, rows.size // (MAX_BLOCKS * BLOCK))]
         rows = np.concatenate([each[rows] for each in windows], axis=1)
@@ -94,7 +102,10 @@ class Answer:
     @functools.cached_property
     def _usual(self) -> BoolArray:
         """Samples at which neither channel shows an event, with those before them; shape (samples,)."""
-        usual = self.response.follows & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
+        usual = (
+            self.response.follows
+            & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
+        )
         for channel, delay in ((self.reference, self.delay), (self.response, 0)):
             for event in channel.events:
                 first, end = sorted((event.first + delay, event.end + delay))
@@ -104,7 +115,10 @@ class Answer:
     @functools.cached_property
     def errors(self) -> FloatArray:
         """Errors of the prediction, shape (samples,); zero for the first ORDER."""
-        parts = [np.convolve(each, taps, "valid") for each, taps in zip(self._series, self.taps, strict=True)]
+        parts = [
+            np.convolve(each, taps, "valid")
+            for each, taps in zip(self._series, self.taps, strict=True)
+        ]
         return np.pad(parts[0] + parts[1], (ORDER, 0))
 
     @property
@@ -137,7 +151,8 @@ class Answer:
         sizes = channel.sizes(event)
         effect = np.convolve(sizes, self.taps[is_response])
         first = event.first if is_response else event.first + self.delay
-        errors, reach = self.errors, 0
+        errors = self.errors
+        reach = 0
         if not is_response:
             effect = np.convolve(effect, self._within_band)
             errors = np.convolve(errors, self._within_band, mode="same")
@@ -155,10 +170,14 @@ class Answer:
     def breaks_off(self, place: int) -> bool:
         """Tell whether the response is not what follows from its past and from the reference, at a sample."""
         near = slice(max(place - TOGETHER, ORDER), place + self.delay + ORDER + TOGETHER)
-        alone = np.convolve(self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid")
+        alone = np.convolve(
+            self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid"
+        )
         most = float(np.max(np.abs(self.errors[near])))
         reach = slice(max(near.start - NEAR, 0), near.stop + NEAR)
-        return most > max(MIN_BREAK * float(np.max(np.abs(alone))), NOISE * self._deviation(self.errors, reach))
+        return most > max(
+            MIN_BREAK * float(np.max(np.abs(alone))), NOISE * self._deviation(self.errors, reach)
+        )
 
 
 def _products(first: FloatArray, second: FloatArray) -> FloatArray:

@@ -59,7 +59,9 @@ LEAST_CUT = 2.5e-3
 MOST_PARTS = 24
 
 
-def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = None) -> tuple[BoolArray, list[float]]:
+def clipped(
+    values: FloatArray, valid: BoolArray, full_scale: float | None = None
+) -> tuple[BoolArray, list[float]]:
     """Clipped samples with a guard on either side, shape (samples,), and the levels of the rails.
 
     Args:
@@ -74,7 +76,9 @@ def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = Non
         return _guarded(found), sorted({float(np.sign(v)) * full_scale for v in values[found]})
     ordered = np.sort(values[valid])
     tops = (1.0, ordered[::-1]), (-1.0, -ordered)
-    rails = [(side, rail) for side, top in tops if (rail := _rail(side * values, valid, top)) is not None]
+    rails = [
+        (side, rail) for side, top in tops if (rail := _rail(side * values, valid, top)) is not None
+    ]
     found = np.zeros(values.shape, dtype=bool)
     for side, rail in rails:
         found |= valid & (side * values >= rail)
@@ -86,7 +90,9 @@ def clipped(values: FloatArray, valid: BoolArray, full_scale: float | None = Non
 
 def _beyond(values: FloatArray, full_scale: float, step: float) -> BoolArray:
     """At ± full scale; of a converter in two's complement the highest code lies one step below it."""
-    coarse = step > 2.0**-30 * full_scale and abs(full_scale / step - np.rint(full_scale / step)) < 1e-6
+    coarse = (
+        step > 2.0**-30 * full_scale and abs(full_scale / step - np.rint(full_scale / step)) < 1e-6
+    )
     top = full_scale - step * 1.001 if coarse else full_scale * (1.0 - 1e-9)
     return (values >= top) | (values <= -full_scale * (1.0 - 1e-9))
 
@@ -108,8 +114,11 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     ends = np.searchsorted(below, np.multiply.outer(width, np.arange(BINS + 1)) - limits[:, None])
     counts = np.diff(ends, axis=1, prepend=0).astype(float)
     for index in np.flatnonzero(_piled(counts, FEWEST_NEAR)).tolist():
-        limit, wide = float(limits[index]), float(width[index])
-        if counts[index, 0] <= FULLER * _fullest_below(top, limit, wide) or _is_staircase(top, wide):
+        limit = float(limits[index])
+        wide = float(width[index])
+        if counts[index, 0] <= FULLER * _fullest_below(top, limit, wide) or _is_staircase(
+            top, wide
+        ):
             continue
         inside = valid & (values > limit)
         if _runs(inside).size < VISITS or _in_step(inside) or _at_rest(inside, valid):
@@ -139,14 +148,19 @@ def _is_staircase(top: FloatArray, width: float) -> bool:
     return bool(np.any(np.abs(levels - rest) > 2))
 
 
-def _of_equal_values(values: FloatArray, valid: BoolArray, top: FloatArray, same: float) -> float | None:
+def _of_equal_values(
+    values: FloatArray, valid: BoolArray, top: FloatArray, same: float
+) -> float | None:
     """The upper rail where its samples are exactly equal."""
     # Where each value begins in the sorted list, from the top.
     begins = np.concatenate([[0], 1 + np.flatnonzero(top[:-1] - top[1:] > same)])[: BELOW + 2]
-    counts = np.diff(begins if begins.size == BELOW + 2 else np.append(begins, top.size)).astype(float)
+    counts = np.diff(begins if begins.size == BELOW + 2 else np.append(begins, top.size)).astype(
+        float
+    )
     if counts.size <= BELOW:
         return None  # with a few levels the motion between them is not known
-    most, limit = float(np.max(counts[1:])), float(top[0]) - same
+    most = float(np.max(counts[1:]))
+    limit = float(top[0]) - same
     if counts[0] == most == 1.0:
         return None
     inside = valid & (values >= limit)
@@ -179,7 +193,8 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
 
 def _piled(counts: FloatArray, fewest: int) -> BoolArray:
     """Whether the first of some bins from the top, along the last axis, is a rail's."""
-    first, second = counts[..., 0], counts[..., 1]
+    first = counts[..., 0]
+    second = counts[..., 1]
     below = np.mean(counts[..., 2:6], axis=-1)
     doubt = np.where(first < 30.0 * fewest, 3.0 * np.sqrt(np.maximum(second, 1.0)), 0.0)
     return (first >= fewest) & (first > FULLER * second + doubt) & (second <= LEVEL * below + 2.0)
@@ -211,7 +226,8 @@ def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
     width = 9
     dense = np.convolve(inside, np.ones(width), mode="same") > 0.6 * width
     runs = _runs(dense)
-    longest, usual = float(np.max(runs, initial=0.0)), float(np.median(runs)) if runs.size else 0.0
+    longest = float(np.max(runs, initial=0.0))
+    usual = float(np.median(runs)) if runs.size else 0.0
     begins = bool(dense[width] or dense[-width - 1])
     return longest > REST * inside.size and (begins or runs.size < 4 or longest > 2.0 * usual)
 
@@ -224,7 +240,8 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     """
     if np.median(_runs(inside)) > SHORT:
         return _leads_past(values, inside)
-    n, reach = values.size, NEIGHBOURS
+    n = values.size
+    reach = NEIGHBOURS
     middle = slice(reach, n - reach)
     used = valid[middle].copy()
     columns = [np.ones(n - 2 * reach)]
@@ -243,16 +260,22 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     far = float(np.sqrt(np.mean(error[apart] ** 2)))
     if far > PREDICTED * float(np.std(values[valid])):
         return True
-    return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(far, smallest_step(values[valid]))
+    return float(np.sqrt(np.mean(error[near] ** 2))) > STRANGE * max(
+        far, smallest_step(values[valid])
+    )
 
 
 def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
     """Whether a parabola through the samples on both sides of the longest visits passes beyond most of them."""
     begins, ends = runs_of_true(inside)
-    visits = sorted(zip(begins.tolist(), ends.tolist(), strict=True), key=lambda run: run[0] - run[1])
-    past, span = [], float(np.ptp(values))
+    visits = sorted(
+        zip(begins.tolist(), ends.tolist(), strict=True), key=lambda run: run[0] - run[1]
+    )
+    past = []
+    span = float(np.ptp(values))
     for first, end in visits[:15]:
-        length, stretch = end - first, max(3, (end - first) // 2)
+        length = end - first
+        stretch = max(3, (end - first) // 2)
         if first < stretch or end + stretch > values.size:
             continue
         times = np.concatenate([np.arange(-stretch, 0), length + np.arange(stretch)]) / length - 0.5

@@ -56,11 +56,15 @@ def _copies(records: Sequence[Record], group: Sequence[int]) -> list[tuple[int, 
     allowed = np.array([_MOST_ERROR * np.ptp(records[index].response) for index in group])
     means = seen.mean(axis=1)
     order = np.argsort(means, kind="stable")
-    low, high = (np.searchsorted(means[order], means + side * 1.01 * allowed) for side in (-1.0, 1.0))
+    low, high = (
+        np.searchsorted(means[order], means + side * 1.01 * allowed) for side in (-1.0, 1.0)
+    )
     copies: dict[int, int] = {}
     for place, index in enumerate(group):
         near = order[low[place] : high[place] + 1]
-        near = near[(near < place) & np.all(np.abs(seen[near] - seen[place]) <= allowed[near, None], axis=1)]
+        near = near[
+            (near < place) & np.all(np.abs(seen[near] - seen[place]) <= allowed[near, None], axis=1)
+        ]
         firsts = (group[other] for other in np.sort(near) if group[other] not in copies)
         first = next((first for first in firsts if _is_copy(records[first], records[index])), None)
         if first is not None:

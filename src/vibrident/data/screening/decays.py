@@ -7,7 +7,8 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 
 #: Pieces of time, and the fewest samples of each.
-PIECES, MIN_SAMPLES = 16, 32
+PIECES = 16
+MIN_SAMPLES = 32
 #: Largest power of a piece over the smallest, of a motion that goes on.
 MAX_RATIO = 2.0
 #: Largest power of a line in a piece over the median of the pieces: noise hardly ever exceeds it.
@@ -59,6 +60,8 @@ def _strongest_line_falls(response: FloatArray) -> bool:
     direction = np.array([0.0, 0.0, cosine, sine]) / squares
     spread = inverse @ columns.T @ ((window**2)[:, None] * columns) @ inverse
     residual = motion - columns @ amounts
-    variance = float(np.average(residual**2, weights=window)) * float(direction @ spread @ direction)
+    variance = float(np.average(residual**2, weights=window)) * float(
+        direction @ spread @ direction
+    )
     fall = -float(cosine * rising_cosine + sine * rising_sine) / squares
     return fall > max(MIN_FALL * np.sqrt(variance), MIN_CHANGE)

@@ -66,7 +66,9 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     after = np.abs(np.diff(values[last : last + AROUND]))[1:]
     usual = float(np.quantile(np.concatenate([before, after, [0.0]]), 0.25))
     here = values[max(first - AROUND, 0) : last + AROUND]
-    step = max(step, converter_step(here))  # numbers of so many digits have coarser steps where they are large
+    step = max(
+        step, converter_step(here)
+    )  # numbers of so many digits have coarser steps where they are large
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 

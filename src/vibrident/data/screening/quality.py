@@ -55,11 +55,14 @@ def screen(
     Raises:
         InputError: no record is left.
     """
-    kept, findings = [], []
+    kept = []
+    findings = []
     for record in records:
         dead = _dead(record)
         if dead:
-            findings.append(Finding("dead_channel", f"{record.name}: {dead}; the record is left out."))
+            findings.append(
+                Finding("dead_channel", f"{record.name}: {dead}; the record is left out.")
+            )
             continue
         record, spoilt = _without_spoilt(record, units or {})
         findings += spoilt
@@ -72,7 +75,9 @@ def screen(
     return _any_of(kept, findings)
 
 
-def without_steady_decays(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+def without_steady_decays(
+    records: Sequence[Record],
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """Return the records without those that are stated to be free decays and do not die away, and say which.
 
     Raises:
@@ -84,7 +89,9 @@ def without_steady_decays(records: Sequence[Record]) -> tuple[tuple[Record, ...]
     return _any_of([record for record in records if record not in steady], findings)
 
 
-def _any_of(records: Sequence[Record], findings: Sequence[Finding]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+def _any_of(
+    records: Sequence[Record], findings: Sequence[Finding]
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """Return both, if there are records at all."""
     if not records:
         raise InputError(
@@ -111,7 +118,11 @@ def _in_pieces(record: Record) -> bool:
     if record.excitation in ("sine", "decay"):
         return False
     bad = np.concatenate([[0], np.cumsum(~record.reference_mask)])
-    whole = int(np.sum(bad[2 * REACH :] == bad[: -2 * REACH])) if bad.size > 2 * REACH else record.samples
+    whole = (
+        int(np.sum(bad[2 * REACH :] == bad[: -2 * REACH]))
+        if bad.size > 2 * REACH
+        else record.samples
+    )
     return whole < max(LEAST_WHOLE * record.samples, min(FEWEST_WHOLE, 0.5 * record.samples))
 
 
@@ -133,7 +144,9 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
             said = f"the {label} channel is clipped at {levels}"
-            record, finding = _without(record, label, bad, "clipped", said, f"{label} clipped at {levels}")
+            record, finding = _without(
+                record, label, bad, "clipped", said, f"{label} clipped at {levels}"
+            )
             findings.append(finding)
         bad = lost(values, record.mask)
         if bad.any():
@@ -141,14 +154,23 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
             first = float(np.argmax(bad)) / record.sampling_rate_hz
             often = _how_often(stretches)
             said = f"the {label} channel stands still {often}at {first:.4g} s, as where a recorder lost samples"
-            record, finding = _without(record, label, bad, "dead_channel", said, f"{label} stands still")
+            record, finding = _without(
+                record, label, bad, "dead_channel", said, f"{label} stands still"
+            )
             findings.append(finding)
     record, copied = _without_copied(record)
     findings += copied
-    longest = MAX_RUN if record.reference is not None and record.excitation in LINEAR else MAX_SHORT_RUN
-    channels = {label: Channel.from_values(values, record.mask, longest) for label, values, _ in _channels(record)}
+    longest = (
+        MAX_RUN if record.reference is not None and record.excitation in LINEAR else MAX_SHORT_RUN
+    )
+    channels = {
+        label: Channel.from_values(values, record.mask, longest)
+        for label, values, _ in _channels(record)
+    }
     for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
-        record, finding = _without(record, label, bad, "dead_channel", _wild_words(record, label, bad), f"{label} wild")
+        record, finding = _without(
+            record, label, bad, "dead_channel", _wild_words(record, label, bad), f"{label} wild"
+        )
         findings.append(finding)
     record, broken = _longest_part(record, channels)
     return record, findings + broken
@@ -158,7 +180,11 @@ def _wild_words(record: Record, label: str, bad: BoolArray) -> str:
     """Return what is wrong with a channel that has wild samples."""
     begins, ends = runs_of_true(bad)
     most = int(np.max(ends - begins))
-    what = "a single sample far off its neighbours" if most == 1 else f"up to {most} samples far off those around them"
+    what = (
+        "a single sample far off its neighbours"
+        if most == 1
+        else f"up to {most} samples far off those around them"
+    )
     often = _how_often(begins.size)
     first_s = float(begins[0]) / record.sampling_rate_hz
     return f"the {label} channel has {what} {often}at {first_s:.6g} s, as where a recorder or a contact fails"
@@ -201,24 +227,32 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
         return record, []
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
-        channels = {label: Channel.from_values(values, valid) for label, values, _ in _channels(record)}
+        channels = {
+            label: Channel.from_values(values, valid) for label, values, _ in _channels(record)
+        }
     places = breaks(**channels)
     if places.size:
         answers = Answer.all_from_channels(**channels)
-        places = places[[all(answer.breaks_off(int(place)) for answer in answers) for place in places]]
+        places = places[
+            [all(answer.breaks_off(int(place)) for answer in answers) for place in places]
+        ]
     if places.size == 0:
         return record, []
     edges = np.concatenate([[0], places, [record.samples]])
     longest = int(np.argmax(np.diff(edges)))
     outside = np.ones(record.samples, dtype=bool)
     # Which of the samples at a break is the last, or the first, is not known.
-    outside[edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)] = False
+    outside[
+        edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)
+    ] = False
     times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
     said = (
         f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
         "only the longest unbroken part is used"
     )
-    record, finding = _without(record, "both", outside, "clock_suspect", said, "the longest part without lost time")
+    record, finding = _without(
+        record, "both", outside, "clock_suspect", said, "the longest part without lost time"
+    )
     return record, [finding]
 
 
@@ -236,11 +270,22 @@ def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]
             continue
         moved = moves(other, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
-            at_once = [event.brief for event in other.events if event.first <= end and first <= event.end]
-            if moved[first:end].any() and not (linear and end - first <= MAX_SHORT_RUN and at_once and all(at_once)):
+            at_once = [
+                event.brief for event in other.events if event.first <= end and first <= event.end
+            ]
+            if moved[first:end].any() and not (
+                linear and end - first <= MAX_SHORT_RUN and at_once and all(at_once)
+            ):
                 wild[label][first:end] = False
-            events = [event for event in channels[label].events if event.wild and first <= event.first < end]
-            if not any(event.brief or all(answer.denies(label, event) for answer in answers) for event in events):
+            events = [
+                event
+                for event in channels[label].events
+                if event.wild and first <= event.first < end
+            ]
+            if not any(
+                event.brief or all(answer.denies(label, event) for answer in answers)
+                for event in events
+            ):
                 wild[label][first:end] = False
     return {label: bad for label, bad in wild.items() if bad.any()}
 
@@ -251,12 +296,16 @@ def _without(
     """The record without some samples, of the response alone where no other channel is spoilt; and the finding."""
     count = int(np.sum(bad & (record.reference_mask if label == "reference" else record.mask)))
     text = f"{record.name}: {said}; {count} of {record.samples} samples are left out of the fit."
-    kept = record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
+    kept = (
+        record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
+    )
     return kept, Finding(code, text)
 
 
 def _aliasing(record: Record) -> list[Finding]:
-    if record.reference is None or record.optical is not None:  # what would fold of raw light is filtered away
+    if (
+        record.reference is None or record.optical is not None
+    ):  # what would fold of raw light is filtered away
         return []
     mask = record.reference_mask
     values = record.reference

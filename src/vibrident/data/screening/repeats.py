@@ -15,11 +15,13 @@ from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.gaps import CHANCE
 
 #: Samples in a row that are looked for, and how many of them at least differ from the one before.
-WINDOW, CHANGING = 32, 12
+WINDOW = 32
+CHANGING = 12
 #: Samples on either side of a block that must be unlike those beside its copy …
 BESIDE = 8
 #: … by so many steps of the converter and this part of the block's standard deviation, as a median.
-STEPS, UNLIKE = 4.0, 0.01
+STEPS = 4.0
+UNLIKE = 0.01
 #: A window's key is the value of a polynomial at an odd number, modulo 2^64 (Karp & Rabin 1987): its powers by half the
 #: length of a window that two of that half are joined to.
 _POWERS = {half: np.uint64(pow(0x9E3779B97F4A7C15, half, 1 << 64)) for half in (1, 2, 4, 8, 16)}
@@ -51,7 +53,9 @@ def repeated_block(values: FloatArray, valid: BoolArray) -> Repeat | None:
 def _distance(values: FloatArray, valid: BoolArray, change: FloatArray) -> int | None:
     """The distance at which most windows of samples return; None where none does."""
     keys = np.ascontiguousarray(values + 0.0, dtype=float).view(np.uint64)
-    keys = (keys ^ (keys >> np.uint64(32))) * _POWERS[1]  # coarse values differ in their upper bits only
+    keys = (keys ^ (keys >> np.uint64(32))) * _POWERS[
+        1
+    ]  # coarse values differ in their upper bits only
     keys ^= keys >> np.uint64(29)
     for half, power in _POWERS.items():  # two windows side by side make one of twice the length
         keys = keys[:-half] * power + keys[half:]
@@ -67,14 +71,17 @@ def _distance(values: FloatArray, valid: BoolArray, change: FloatArray) -> int |
     return int(distance[np.argmax(often)]) if often.size else None
 
 
-def _longest(values: FloatArray, valid: BoolArray, change: FloatArray, distance: int) -> Repeat | None:
+def _longest(
+    values: FloatArray, valid: BoolArray, change: FloatArray, distance: int
+) -> Repeat | None:
     """The longest block that returns at this distance, and nowhere else does anything."""
     equal = (values[distance:] == values[:-distance]) & valid[distance:] & valid[:-distance]
     begins, ends = runs_of_true(equal)
     if begins.size == 0:
         return None  # two windows had one key by chance
     longest = int(np.argmax(ends - begins))
-    first, end = int(begins[longest]), int(ends[longest])
+    first = int(begins[longest])
+    end = int(ends[longest])
     if end - first > distance + BESIDE:
         return None  # a periodic motion
     moving = change[distance:] != 0.0

@@ -28,7 +28,8 @@ STEPS_APART = 4
 #: A motion in step with the sampling shows so few values …
 FEW = 64
 #: … that many steps may lie between any two: at most so many, on a grid to this part of a step.
-MOST_APART, ON_FINE_GRID = 4000, 1e-3
+MOST_APART = 4000
+ON_FINE_GRID = 1e-3
 
 
 def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
@@ -92,12 +93,16 @@ def grid_step(values: FloatArray, most_apart: int) -> float:
     above = values[:: max(1, values.size // MOST_ON_GRID)] - values[0]
     parts = kept = np.arange(1.0, most_apart + 1.0)[:, None]
     for some in (above[:: max(1, above.size // FIRST)] / least, above / least):
-        kept = kept[np.max(np.abs(kept * some - np.rint(kept * some)), axis=1, initial=0.0) < ON_GRID]
+        kept = kept[
+            np.max(np.abs(kept * some - np.rint(kept * some)), axis=1, initial=0.0) < ON_GRID
+        ]
     if kept.size:
         return least / float(kept[0, 0])
     if np.all(apart):
         return 0.0  # values that occur once each: the steps are too fine to tell
-    return _step_of_rounded(above, float(np.mean(gaps[(gaps > 0.5 * least) & (gaps < 1.5 * least)])) / parts)
+    return _step_of_rounded(
+        above, float(np.mean(gaps[(gaps > 0.5 * least) & (gaps < 1.5 * least)])) / parts
+    )
 
 
 def _step_of_rounded(above: FloatArray, found: FloatArray) -> float:
@@ -114,7 +119,11 @@ def _step_of_rounded(above: FloatArray, found: FloatArray) -> float:
         near = above[above <= reach]
         counts = np.rint(near / found)
         squares = np.sum(counts**2, axis=1, keepdims=True)
-        found = np.where(squares > 0.0, np.sum(near * counts, axis=1, keepdims=True) / np.maximum(squares, 1.0), found)
+        found = np.where(
+            squares > 0.0,
+            np.sum(near * counts, axis=1, keepdims=True) / np.maximum(squares, 1.0),
+            found,
+        )
         found = found[np.max(np.abs(near - counts * found), axis=1) < ON_GRID * found[:, 0]]
         reach *= FARTHER
     return float(np.max(found, initial=0.0))
@@ -126,5 +135,7 @@ def _step_between_few(values: FloatArray, least: float) -> float:
         return 0.0
     place = np.arange(1.0, MOST_APART + 1.0)[:, None] * ((values - values[0]) / least)
     off = np.max(np.abs(place - np.rint(place)), axis=1)
-    parts = 1 + np.flatnonzero((off < ON_FINE_GRID) | ((off < ON_GRID) & (np.arange(MOST_APART) < STEPS_APART)))
+    parts = 1 + np.flatnonzero(
+        (off < ON_FINE_GRID) | ((off < ON_GRID) & (np.arange(MOST_APART) < STEPS_APART))
+    )
     return least / float(parts[0]) if parts.size else 0.0

@@ -24,17 +24,21 @@ from vibrident.data.screening.steps import converter_step
 #: Samples that predict one.
 ORDER = 16
 #: A prediction is fitted to at most so many blocks of so many samples.
-MAX_BLOCKS, BLOCK = 16, 256
+MAX_BLOCKS = 16
+BLOCK = 256
 #: What is added to the products of a fit, as a part of their sum: rounding of double precision.
 RIDGE = 1e-14
 #: Rounds of a fit without what it does not explain.
 ROUNDS = 3
 #: Wild samples and breaks stand out by so many standard deviations; noise alone seldom exceeds NOISE of them.
-STANDS_OUT, NOISE = 9.0, 5.0
+STANDS_OUT = 9.0
+NOISE = 5.0
 #: Wild samples are larger than so many steps of the converter, and this part of the channel's range: rounding.
-MIN_STEPS, MIN_SIZE = 4.0, 1e-7
+MIN_STEPS = 4.0
+MIN_SIZE = 1e-7
 #: Longest run of wild samples where a reference shows what is motion, and where nothing does.
-MAX_RUN, MAX_SHORT_RUN = 40, 2
+MAX_RUN = 40
+MAX_SHORT_RUN = 2
 #: Samples beside a longer run that are as likely wild, only not far enough off to show it.
 GUARD = 4
 #: Largest number of wild runs, as a part of the samples; more are the channel's nature.
@@ -48,7 +52,8 @@ TOGETHER = 2
 #: A break is larger than this part of the motion's deviation: smoother changes are its own.
 MIN_BREAK = 2e-3
 #: The motion goes on after a break: so many samples on one side have this part of the others' deviation, or more.
-BESIDE, ALIKE = 64, 0.2
+BESIDE = 64
+ALIKE = 0.2
 
 
 _WIDER = sorted(((left, right) for left in range(GUARD) for right in range(GUARD)), key=sum)
@@ -89,7 +94,9 @@ class Event:
 
     def meets(self, other: Event) -> bool:
         """Tell whether two channels show something at the same time."""
-        (low, high), (other_low, other_high) = (sorted((each.first, each.end)) for each in (self, other))
+        (low, high), (other_low, other_high) = (
+            sorted((each.first, each.end)) for each in (self, other)
+        )
         return low <= other_high + TOGETHER and other_low <= high + TOGETHER
 
 
@@ -108,7 +115,9 @@ class Channel:
     longest: int = MAX_SHORT_RUN
 
     @classmethod
-    def from_values(cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN) -> Channel:
+    def from_values(
+        cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN
+    ) -> Channel:
         """Return the channel of some values, shape (samples,), as far as they are ``valid``."""
         middle = float(np.median(values[valid])) if valid.any() else 0.0
         size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
@@ -128,7 +137,9 @@ class Channel:
     @functools.cached_property
     def readable(self) -> bool:
         """Whether there is enough to judge."""
-        return bool(self.valid.size > 8 * ORDER and np.sum(self.judged) >= 8 * ORDER and np.any(self.series))
+        return bool(
+            self.valid.size > 8 * ORDER and np.sum(self.judged) >= 8 * ORDER and np.any(self.series)
+        )
 
     @functools.cached_property
     def smallest(self) -> float:
@@ -150,7 +161,9 @@ class Channel:
         prediction = samples.fit()
         errors = prediction.matched(self.series, self.judged)
         size = np.abs(errors)
-        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(self.judged):
+        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(
+            self.judged
+        ):
             return prediction, errors
         for _ in range(ROUNDS):
             prediction = samples.without_worst(prediction).fit()
@@ -164,7 +177,9 @@ class Channel:
     def level(self, places: NDArray[np.int_]) -> FloatArray:
         """Return the usual size of the errors around some samples in standard deviations, at least one."""
         reach = NEAR + 2 * self.longest  # less than a third of the samples are disturbed
-        around = sliding_window_view(np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1)
+        around = sliding_window_view(
+            np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
+        )
         return np.maximum(np.median(around[places], axis=1) / MEDIAN, 1.0)
 
     @functools.cached_property
@@ -207,19 +222,25 @@ class Channel:
                 break
             errors = forward[begin - low : behind - low + ORDER]
             lone, wild = self._explained(errors, usual, behind - begin)
-            if lone:  # a corner of the motion is seldom told from a wild sample that neither error shows
+            if (
+                lone
+            ):  # a corner of the motion is seldom told from a wild sample that neither error shows
                 return (Event(begin, behind, strength, lone, wild and end > first),)
         motion = Event(first, end, strength, lone=False, wild=False)
         for begin, behind in around_peak:
             if self._far_off(begin, behind):
-                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (not motion.torn)
+                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (
+                    not motion.torn
+                )
         return (motion,)
 
     def _far_off(self, begin: int, behind: int) -> bool:
         """Tell whether samples stand out of a motion that is not predicted: of its changes from sample to sample."""
         before = np.arange(max(begin - ORDER, 0), begin)
         beside = np.append(before, np.arange(behind, min(behind + ORDER, self.series.size)))
-        off = self.series[begin:behind] - np.interp(np.arange(begin, behind), beside, self.series[beside])
+        off = self.series[begin:behind] - np.interp(
+            np.arange(begin, behind), beside, self.series[beside]
+        )
         change = float(np.max(np.abs(np.diff(self.series[beside]))))
         return float(np.min(np.abs(off))) > max(STANDS_OUT * change, self.smallest)
 
@@ -230,7 +251,10 @@ class Channel:
         """
         sizes, remainder = self._split(errors, length)
         gained = float(errors @ errors - remainder @ remainder) / usual**2
-        lone = float(np.max(np.abs(remainder))) <= NOISE * usual and float(np.max(np.abs(sizes))) > self.smallest
+        lone = (
+            float(np.max(np.abs(remainder))) <= NOISE * usual
+            and float(np.max(np.abs(sizes))) > self.smallest
+        )
         return lone, lone and gained > STANDS_OUT**2 + length
 
     def _split(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
@@ -271,7 +295,9 @@ class Prediction:
 
     def both(self, series: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the forward errors of all but the first ORDER samples, and the backward errors of all but the last."""
-        return np.convolve(series, self.taps, mode="valid"), np.convolve(series, self.taps[::-1], mode="valid")
+        return np.convolve(series, self.taps, mode="valid"), np.convolve(
+            series, self.taps[::-1], mode="valid"
+        )
 
     def matched(self, series: FloatArray, judged: BoolArray) -> FloatArray:
         """Return the forward errors matched to a single wild sample, of variance one, shape (samples,)."""
@@ -296,7 +322,9 @@ class Samples:
     def from_series(cls, series: FloatArray, follows: BoolArray) -> Samples:
         """Return some samples of a series, evenly spread, those that ``follows`` says to be predictable."""
         every = sliding_window_view(series, ORDER + 1)
-        begins = np.linspace(0, max(len(every) - BLOCK, 0), MAX_BLOCKS if len(every) > BLOCK * MAX_BLOCKS else 1)
+        begins = np.linspace(
+            0, max(len(every) - BLOCK, 0), MAX_BLOCKS if len(every) > BLOCK * MAX_BLOCKS else 1
+        )
         length = BLOCK if begins.size > 1 else len(every)
         rows = (begins.astype(int)[:, None] + np.arange(length)).ravel()
         return cls(every[rows], follows[rows + ORDER])
@@ -331,7 +359,8 @@ def moves(other: Channel, bad: BoolArray) -> BoolArray:
         other: the other channel.
         bad: samples that are odd in a channel, shape (samples,).
     """
-    places, moved = np.flatnonzero(bad), np.zeros(bad.shape, dtype=bool)
+    places = np.flatnonzero(bad)
+    moved = np.zeros(bad.shape, dtype=bool)
     short = bad.copy()
     for first, end in zip(*runs_of_true(bad), strict=True):
         short[first:end] = end - first <= MAX_SHORT_RUN
@@ -340,7 +369,8 @@ def moves(other: Channel, bad: BoolArray) -> BoolArray:
             series = np.diff(other.series, prepend=other.series[:1])
             other = Channel.from_values(series, other.valid & np.roll(other.valid, 1))
         if places.size and other.readable:
-            odd, reach = np.zeros(bad.shape, dtype=bool), TOGETHER + order
+            odd = np.zeros(bad.shape, dtype=bool)
+            reach = TOGETHER + order
             near = np.flatnonzero(_near(bad, reach))
             odd[near] = np.abs(other.errors[near]) > NOISE * other.level(near)
             midst = np.zeros(bad.shape, dtype=bool)
@@ -364,8 +394,14 @@ def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
             place = max(strongest.first, 0)
             seen = strongest.strength > STANDS_OUT and not (event.plain and other.plain)
             if seen and event.torn and other.torn:
-                places += [place] * all(_breaks_off(channel, place) for channel in (reference, response))
-    apart = np.diff(np.unique(np.array(places, dtype=int)), prepend=-BESIDE, append=reference.valid.size + BESIDE)
+                places += [place] * all(
+                    _breaks_off(channel, place) for channel in (reference, response)
+                )
+    apart = np.diff(
+        np.unique(np.array(places, dtype=int)),
+        prepend=-BESIDE,
+        append=reference.valid.size + BESIDE,
+    )
     return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
 
 
@@ -373,8 +409,11 @@ def _breaks_off(channel: Channel, place: int) -> bool:
     """Tell whether a channel jumps at a sample, and its motion is about as large before it as after it."""
     series = channel.series
     errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]
-    before, after = series[max(place - BESIDE - ORDER, 0) : place], series[place : place + ORDER + BESIDE]
-    if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(np.std(series)):
+    before = series[max(place - BESIDE - ORDER, 0) : place]
+    after = series[place : place + ORDER + BESIDE]
+    if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(
+        np.std(series)
+    ):
         return False
     sizes = sorted((float(np.std(before)), float(np.std(after))))
     return sizes[0] > ALIKE * sizes[1]

@@ -231,7 +231,8 @@ class CsvFile(ColumnFile):
     def _span(self, position: int) -> slice:
         """Return the cells of a stamp: a date, the time, and AM, PM or a zone."""
         row = self._first_row
-        begin, end = position, position + 1
+        begin = position
+        end = position + 1
         if position and is_stamp(f"{row[position - 1]} {row[position]}"):
             begin -= 1
         if row[end:] and row[end].isalpha() and is_stamp(f"{row[position]} {row[end]}"):

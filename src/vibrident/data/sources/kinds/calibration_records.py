@@ -31,7 +31,13 @@ def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
         overdriven = np.abs(record.response) >= (record.response_full_scale or np.inf)
         response = np.where(record.mask & ~overdriven, record.response, np.nan)
         reference = np.where(record.reference_mask, record.reference, np.nan)
-        yield Chunk(reference, response, record.start_time_s, separate=True, sine=record.excitation == "sine")
+        yield Chunk(
+            reference,
+            response,
+            record.start_time_s,
+            separate=True,
+            sine=record.excitation == "sine",
+        )
 
 
 def _open(wanted: Wanted) -> Iterator[Chunk]:
