@@ -76,8 +76,9 @@ def pretty(unit: str) -> str:
 def scaled(unit: str, size: float) -> Scale:
     """Choose the SI prefix that makes a number of about ``size`` (in ``unit``) read well.
 
-    ``unit``: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may carry a prefix already; ``size``:
-    typical magnitude of the number; zero and values that are not finite leave the unit as it is.
+    ``unit``: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may carry a prefix
+    already; ``size``: typical magnitude of the number; zero and values that are not finite leave
+    the unit as it is.
 
     Returns:
         factor and unit; the factor is 1 where no prefix is natural for the unit.

@@ -1,6 +1,7 @@
 """Functions of later rooms that methods of earlier objects call: ``result.plot()``, ``sensor.to_scipy()``.
 
-The package's ``__init__`` binds them, as it binds the public names, so that a room knows none that comes after it.
+The package's ``__init__`` binds them, as it binds the public names, so that a room knows none that
+comes after it.
 """
 
 from __future__ import annotations

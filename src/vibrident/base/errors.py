@@ -32,8 +32,8 @@ class _Text:
 class InputError(VibridentError):
     """The input cannot be used as it is.
 
-    Its texts name settings by markers (``vibrident.base.settings``). They are read in the words of Python;
-    ``in_words`` gives those of another surface, and ``vars`` the texts with their markers.
+    Its texts name settings by markers (``vibrident.base.settings``). They are read in the words of
+    Python; ``in_words`` gives those of another surface, and ``vars`` the texts with their markers.
 
     Args:
         problem: one sentence, what is wrong.

@@ -1,8 +1,9 @@
 """Text of others (names, units, remarks) made harmless for each medium that it is written to: one function a medium.
 
-Serial numbers, column names and customers' texts come from files that anybody may have written. Whatever they hold, a
-program's code, a page's markup and a terminal's state must not depend on it. Every character that cannot be seen
-(controls, escape sequences, marks that turn the direction of writing) gets a visible mark in its place.
+Serial numbers, column names and customers' texts come from files that anybody may have written.
+Whatever they hold, a program's code, a page's markup and a terminal's state must not depend on it.
+Every character that cannot be seen (controls, escape sequences, marks that turn the direction of
+writing) gets a visible mark in its place.
 """
 
 from __future__ import annotations

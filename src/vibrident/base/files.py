@@ -1,7 +1,7 @@
 """Files that are there whole or not at all, even if the process is ended: written beside their place, then renamed.
 
-If the power fails, files that the system had not yet written are missing or empty. There is no fsync: on a busy disk it
-takes longer than the work.
+If the power fails, files that the system had not yet written are missing or empty. There is no
+fsync: on a busy disk it takes longer than the work.
 """
 
 from __future__ import annotations

@@ -16,12 +16,11 @@ ONE_THREAD: dict[str, str] = dict.fromkeys(
 )
 VARIABLE = "VIBRIDENT_MEMORY_MB"  # most megabytes for a file's numbers; replaces all rules below
 ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
-#: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor of 10 at most;
-#: float64 takes four times the room of 16 bit.
+#: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor
+#: of 10 at most; float64 takes four times the room of 16 bit.
 EXPANSION = 64
-_SHARE_OF_FREE = (
-    1 / 3
-)  # of the free memory for a file's numbers; scaling and the rest need as much again
+# of the free memory for a file's numbers; scaling and the rest need as much again
+_SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
 LONG = 2**18  # records longer than this return unused memory to the system at once
 _KEPT = 64 << 20  # freed bytes that a process keeps
@@ -33,8 +32,8 @@ _M_MMAP_THRESHOLD = -3  # glibc's mallopt: bytes above which an array has pages 
 def use_one_thread() -> None:
     """Compute on one core, unless the user's environment says otherwise; before NumPy is loaded.
 
-    The matrices of an identification are small: more threads wait for each other, which takes a busy machine twice
-    to eight times the time.
+    The matrices of an identification are small: more threads wait for each other, which takes a
+    busy machine twice to eight times the time.
     """
     for name, number in ONE_THREAD.items():
         os.environ.setdefault(name, number)
@@ -67,8 +66,8 @@ def _one_thread() -> Iterator[None]:
                 _limit.close()
 
 
-#: Decorator of a function: its matrices are on one core, unless the user's environment says otherwise. For scripts,
-#: which have loaded NumPy before.
+#: Decorator of a function: its matrices are on one core, unless the user's environment says
+#: otherwise. For scripts, which have loaded NumPy before.
 in_one_thread = _one_thread()
 
 
@@ -76,8 +75,8 @@ in_one_thread = _one_thread()
 def keep_freed() -> None:
     """Keep freed memory for the next arrays (glibc), once for all.
 
-    Else the system takes the pages of each array of a record back, and clears them for the next one: a tenth of the
-    time of an identification.
+    Else the system takes the pages of each array of a record back, and clears them for the next
+    one: a tenth of the time of an identification.
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         library = ctypes.CDLL(None)

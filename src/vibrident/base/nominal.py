@@ -8,13 +8,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of one decade, ISO 266:1997
-#: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far below the distance
-#: of nominal and exact values.
+#: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far
+#: below the distance of nominal and exact values.
 SAME = 1e-4
+# where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
 REFERENCES_HZ = (
     160.0,
     1.0,
-)  # where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
+)
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,9 @@ def same(one_hz: float, other_hz: float) -> bool:
 def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> tuple[Nominal, ...]:
     """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; may be empty.
 
-    Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the data were taken at
-    nominal values (160.00 Hz) than at exact ones. ``measured_hz``: frequencies at which there are data.
+    Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the
+    data were taken at nominal values (160.00 Hz) than at exact ones. ``measured_hz``: frequencies
+    at which there are data.
     """
     if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
         return ()
@@ -92,7 +94,8 @@ def reference(
 ) -> tuple[Nominal | None, str]:
     """The reference frequency of a measured band, and how it was chosen.
 
-    ``measured_hz``: frequencies at which there are data; ``stated_hz``: what the calibration file asks for.
+    ``measured_hz``: frequencies at which there are data; ``stated_hz``: what the calibration file
+    asks for.
 
     Returns:
         the frequency (None if the stated one lies outside the band, or the band holds no nominal one), and the reason.

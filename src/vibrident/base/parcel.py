@@ -1,7 +1,7 @@
 """Values through a pipe and back, without pickle: a sender can make no other objects than these.
 
-Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this package. Each value is
-one line of JSON; the raw bytes of its arrays follow the line.
+Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this
+package. Each value is one line of JSON; the raw bytes of its arrays follow the line.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Functions called in another process, with limits on memory and time, progress, and errors as they are raised.
 
-The one mechanism for readers of untrusted files, identifications of the page and of fleets, and pictures. Calls and
-answers are parcels over the pipes of the child. The child ends when its stdin ends, in the middle of whatever it does:
-whoever started it is gone.
+The one mechanism for readers of untrusted files, identifications of the page and of fleets, and
+pictures. Calls and answers are parcels over the pipes of the child. The child ends when its stdin
+ends, in the middle of whatever it does: whoever started it is gone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from vibrident.base.errors import InputError, NotConverged, VibridentError
 from vibrident.base.memory import ONE_THREAD, keep_freed
 
 _WORK = "from vibrident.base.process import work; work()"
-#: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they are foreign code.
+#: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they
+#: are foreign code.
 _SURROUNDINGS = {
     **ONE_THREAD,
     "HDF5_PLUGIN_PRELOAD": "::",
@@ -219,7 +220,8 @@ class _Child:
         self, arguments: Sequence[str], folder: Path | None, wrapper: Sequence[str]
     ) -> None:
         self.popen = subprocess.Popen(
-            # -P: no imports from the user's folder. In a session of its own Ctrl-C does not reach it.
+            # -P: no imports from the user's folder. In a session of its own Ctrl-C does not reach
+            # it.
             [*wrapper, sys.executable, "-P", "-c", _WORK, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -377,9 +379,8 @@ def set_limits(limits: Limits) -> None:
     if limits.seconds is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)
         most[resource.RLIMIT_CPU] = used.ru_utime + used.ru_stime + limits.seconds * processors()
-    sys.dont_write_bytecode |= (
-        limits.file_bytes is not None
-    )  # a file of code cut short would be loaded later
+    # a file of code cut short would be loaded later
+    sys.dont_write_bytecode |= limits.file_bytes is not None
     for what, wanted in most.items():
         _, hard = resource.getrlimit(what)
         if wanted is not None:

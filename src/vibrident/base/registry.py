@@ -1,9 +1,10 @@
 """What can be added: sensor models, estimators, readers and exports, built in, of a package, or given by Python.
 
-A built-in one is a module of its own in the folder of its kind, and holds one object: the module ``velocity_pickup``
-holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is the same kind of object behind an entry
-point whose name is the object's. Names are known without loading anything; an object is loaded on first use.
-One that cannot be used is named once, in one line, and left out.
+A built-in one is a module of its own in the folder of its kind, and holds one object: the module
+``velocity_pickup`` holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is
+the same kind of object behind an entry point whose name is the object's. Names are known without
+loading anything; an object is loaded on first use. One that cannot be used is named once, in one
+line, and left out.
 """
 
 from __future__ import annotations

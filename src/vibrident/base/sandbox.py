@@ -1,7 +1,8 @@
 """A function run in its own process, with limits on memory and time: for untrusted files.
 
-The process protects its caller from a file's cost (memory, time) and from a crash of a native library. It does not
-confine code: it runs as the same user and may read that user's files. Its answer is data, never code.
+The process protects its caller from a file's cost (memory, time) and from a crash of a native
+library. It does not confine code: it runs as the same user and may read that user's files. Its
+answer is data, never code.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ def run(function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
     """Run an importable function in a fresh process and return what it returns. It can be called from a thread.
 
     Raises:
-        InputError, NotConverged: as the function does; or it needs more memory or time, or crashed (InputError).
+        InputError, NotConverged: as the function does; or it needs more memory or time, or crashed
+            (InputError).
         WorkerError: anything else that the function raised.
     """
     return _run(Process(), function, args, limits)

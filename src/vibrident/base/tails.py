@@ -1,7 +1,8 @@
 """Tails and quantiles of the distributions that verdicts need: χ², F and Student's t.
 
-By the continued fractions and series of the incomplete gamma and beta functions (DLMF 8.9.2, 8.11.4, 8.17.22). They
-agree with SciPy's to about 1e-12, and spare a linear sensor its loading, which takes longer than reading 21 records.
+By the continued fractions and series of the incomplete gamma and beta functions (DLMF 8.9.2,
+8.11.4, 8.17.22). They agree with SciPy's to about 1e-12, and spare a linear sensor its loading,
+which takes longer than reading 21 records.
 """
 
 from __future__ import annotations
@@ -54,9 +55,8 @@ def student_quantile(degrees: float, chance: float) -> float:
         return math.nan
     outside = 2.0 * (1.0 - chance)
     t = 1.0
-    for _ in range(
-        100
-    ):  # Newton's steps on a function that is convex here: from below, never too far
+    # Newton's steps on a function that is convex here: from below, never too far
+    for _ in range(100):
         density = math.exp(
             _log_gamma_ratio(0.5 * degrees) - 0.5 * (degrees + 1.0) * math.log1p(t * t / degrees)
         ) / math.sqrt(math.pi * degrees)

@@ -6,7 +6,8 @@ from typing import Any
 
 from vibrident.base.registry import Registry
 
-#: ``vibrident.data.io.reader.Reader`` objects; their names are for messages, a file's ending finds them.
+#: ``vibrident.data.io.reader.Reader`` objects; their names are for messages, a file's ending finds
+#: them.
 READERS: Registry[Any] = Registry(
     "reader",
     "vibrident.readers",

@@ -1,9 +1,10 @@
 """The displacement and the response at the same instants.
 
-The acceleration is made of second differences and a filter that makes them derivatives, within a band. A shock or a
-sweep ends elsewhere than it began, often still moving: its displacement is a ramp, which spoils a spectrum; its
-acceleration is not. The second difference has the response (2 sin ½ω)² exactly; the filter beside it has (½ω / sin
-½ω)², to 5e-6 up to 0.35 of the sampling rate, to 1e-3 up to 0.4, and zero at half.
+The acceleration is made of second differences and a filter that makes them derivatives, within a
+band. A shock or a sweep ends elsewhere than it began, often still moving: its displacement is a
+ramp, which spoils a spectrum; its acceleration is not. The second difference has the response (2
+sin ½ω)² exactly; the filter beside it has (½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate,
+to 1e-3 up to 0.4, and zero at half.
 """
 
 from __future__ import annotations
@@ -32,14 +33,16 @@ from vibrident.data.interferometer.survey import BLOCK
 HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * 0.1)))
 LOST = HALF_FILTER + 1  # samples lost at either end
 OF_SINE = 16.0, 1 << 14  # fewest samples that are kept of a period of a sine, and of a record of it
+# fewest of a period of the highest frequency of other motion, and of a record of it …
 OF_OTHERS = (
     6.0,
     1 << 10,
-)  # fewest of a period of the highest frequency of other motion, and of a record of it …
+)
+# … and where light is lost: filters for a lower rate reach further over a pulse
 BESIDE_GAPS = (
     48.0,
     1 << 17,
-)  # … and where light is lost: filters for a lower rate reach further over a pulse
+)
 FINER = 2.5  # fewest samples of the displacement for each of a slower response
 
 
@@ -98,8 +101,9 @@ class Aligned:
 def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float, int]) -> int:
     """Factor by which a response is decimated.
 
-    ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the noise; ``kept``:
-    fewest samples of a period of it and of the record: a sine has harmonics, other motion only noise above.
+    ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the
+    noise; ``kept``: fewest samples of a period of it and of the record: a sine has harmonics, other
+    motion only noise above.
     """
     per_period, fewest = kept
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
@@ -108,8 +112,8 @@ def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float,
 def no_finer(response_hz: float, optical_hz: float) -> int:
     """Factor by which a response is decimated at least, so that it is no finer than the displacement.
 
-    Between the samples of a displacement there is no noise: interpolated, its noise would end below half the rate, and
-    whatever takes it for white would take too little for it.
+    Between the samples of a displacement there is no noise: interpolated, its noise would end below
+    half the rate, and whatever takes it for white would take too little for it.
     """
     return max(int(np.ceil(response_hz / optical_hz * (1.0 - 1e-9))), 1)
 
@@ -126,8 +130,9 @@ def together(
 
     If both are recorded together they pass the same filter, whose response cancels.
 
-    ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one signal, its first sample
-    at time zero; ``every``: decimation of the response; ``delay_s``: the optical channel comes later by this.
+    ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one
+    signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``: the
+    optical channel comes later by this.
     """
     blocks = (
         response.block(s, min(s + BLOCK, response.samples))

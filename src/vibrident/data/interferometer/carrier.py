@@ -1,7 +1,7 @@
 """A heterodyne signal mixed down from its carrier: two signals in quadrature at a lower rate.
 
-Mixing and filtering are one product: the filter's coefficients times those of the carrier. The error of the estimated
-carrier remains as a slope of the phase.
+Mixing and filtering are one product: the filter's coefficients times those of the carrier. The
+error of the estimated carrier remains as a slope of the phase.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ QUIET = 0.05  # … which is this quantile of the spectrum: a wide band fills mo
 MARGIN = 1.6  # band kept over the width of the carrier's band, at least …
 WHOLE = 5.0  # … and so much: a cyclic error of order 4 has sidebands five times as wide …
 CLEAR = 0.1  # … where the noise of the phase, rad, stays below this
-LEAST = 0.8  # least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
+# least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
+LEAST = 0.8
 MOST_OF_ALL = 1.0 / 32.0  # … but over that of the signal at most this …
-MOST_OF_SHOCK = (
-    1.0 / 8.0
-)  # … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+# … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+MOST_OF_SHOCK = 1.0 / 8.0
 ROOM = 0.8  # usable part of the room beside the carrier
 
 
@@ -34,8 +34,9 @@ def mixed_down(
 ) -> tuple[Signals, float]:
     """A heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
 
-    ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of the sensor's
-    response; ``most``: of the signal's rate that the least band may take on either side.
+    ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of
+    the sensor's response; ``most``: of the signal's rate that the least band may take on either
+    side.
 
     Raises:
         InputError: no carrier is found, or the band beside it is too narrow.
@@ -70,9 +71,8 @@ def mixed_down(
     factor = int(np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2)))
     cycles = carrier_hz / raw.rate_hz
     kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
-    offset = (
-        float(pieces.mean()) * kernel.sum()
-    )  # the filter lets it pass in part where the carrier's band is wide
+    # the filter lets it pass in part where the carrier's band is wide
+    offset = float(pieces.mean()) * kernel.sum()
 
     def block(start: int, stop: int) -> FloatArray:
         mixed = filtered(raw, (1, stop - start), factor, kernel, start)[0] - offset

@@ -22,9 +22,8 @@ class Choice:
     """An ellipse for a record."""
 
     ellipse: Ellipse  # to be used, with its covariance
-    knots: tuple[
-        tuple[float, Ellipse], ...
-    ]  # sample index and ellipse, where it changes within the record; else empty
+    # sample index and ellipse, where it changes within the record; else empty
+    knots: tuple[tuple[float, Ellipse], ...]
     origin: str  # its origin, in words
     group: int  # records of one group share the error of the ellipse
     changes: float = 0.0  # change of the shape within the record
@@ -37,7 +36,8 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
     """Choose an ellipse for each record of a set-up."""
     steady = [i for i, s in enumerate(surveys) if s.whole and not s.knots]
     others = [s for s in surveys if s.whole]
-    # On an arc, light that fades looks like an ellipse that moves: it is believed if larger motions show it, too.
+    # On an arc, light that fades looks like an ellipse that moves: it is believed if larger motions
+    # show it, too.
     drifts = not others or max(s.change for s in others) > UNSTABLE
     common, scatter = _common([surveys[i].ellipse for i in steady])
     choices = []
@@ -64,8 +64,9 @@ def _clipped(found: Survey, name: str) -> list[OpticalFinding]:
     return [
         OpticalFinding(
             "clipped",
-            f"{name}: photodetector signal {number} has its extreme value in {100 * part:.2g} % of its samples: the "
-            "detector or its converter is at a limit, and the phase is wrong there.",
+            f"{name}: photodetector signal {number} has its extreme value in {100 * part:.2g} % of "
+            "its samples: the detector or its converter is at a limit, and the phase is wrong "
+            "there.",
         )
         for number, part in enumerate(found.at_limit, 1)
         if part > 0.0
@@ -110,8 +111,9 @@ def _moving(found: Survey, name: str, index: int) -> Choice:
     said: tuple[OpticalFinding, ...] = ()
     if change > UNSTABLE:
         text = (
-            f"{name}: the ellipse of the interferometer changes by {100 * change:.2g} % of its amplitude within the "
-            f"record. It is followed in {len(found.knots)} pieces of time; what changes faster is a cyclic error."
+            f"{name}: the ellipse of the interferometer changes by {100 * change:.2g} % of its "
+            f"amplitude within the record. It is followed in {len(found.knots)} pieces of time; "
+            "what changes faster is a cyclic error."
         )
         said = (OpticalFinding("ellipse_unstable", text),)
     covariance = (
@@ -141,7 +143,8 @@ def _borrowed(
         if float(np.max(scatter)) > UNSTABLE:
             text = (
                 f"{name}: its ellipse is that of larger motions, whose ellipses differ by "
-                f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the uncertainty."
+                f"{100 * float(np.max(scatter)):.2g} % of the amplitude; that is in the "
+                "uncertainty."
             )
             said.append(OpticalFinding("ellipse_unstable", text))
     return _checked(found, name, index, Choice(ellipse, (), origin, group, 0.0, tuple(said)))
@@ -168,9 +171,10 @@ def _alone(found: Survey, name: str, index: int) -> Choice:
         else "a circle, as the arc does not determine an ellipse"
     )
     text = (
-        f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and no record of "
-        f"this calibration covers one. The phase is taken from {kind}; its uncertainty is in the budget. "
-        "A record of larger motion in the same set-up gives the ellipse."
+        f"{name}: the motion covers {100 * found.covered_rad / (2 * np.pi):.2g} % of a fringe, and "
+        f"no record of this calibration covers one. The phase is taken from {kind}; its "
+        "uncertainty is in the budget. A record of larger motion in the same set-up gives the "
+        "ellipse."
     )
     return Choice(found.ellipse, (), kind, index, 0.0, (OpticalFinding("few_fringes", text),))
 
@@ -188,8 +192,8 @@ def _checked(found: Survey, name: str, index: int, choice: Choice) -> Choice:
     ):
         return choice
     text = (
-        f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that it is taken "
-        "from: offsets or amplitudes have changed between the records."
+        f"{name}: its samples lie {100 * off:+.2g} % beside the ellipse of the larger motion that "
+        "it is taken from: offsets or amplitudes have changed between the records."
     )
     wider = ellipse.known_to(ellipse.shape_covariance + off**2 * np.eye(4))
     said = (*choice.findings, OpticalFinding("ellipse_unstable", text))

@@ -1,7 +1,8 @@
 """Fewer samples, and samples at other instants, by linear-phase filters whose delay is known exactly.
 
-Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so that nothing aliases
-to below 0.4. They are symmetric; only samples whose filter lies wholly within the signal are computed.
+Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so
+that nothing aliases to below 0.4. They are symmetric; only samples whose filter lies wholly within
+the signal are computed.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ BETA = 0.1102 * (ATTENUATION_DB - 8.7)  # shape of Kaiser's window above 50 dB, 
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
 AT_ONCE = 1 << 17  # samples that are filtered at once
-PLACES = 4096  # positions between two samples at which the interpolation filter is tabulated; linear between them
+# positions between two samples at which the interpolation filter is tabulated; linear between them
+PLACES = 4096
 
 
 @functools.lru_cache(maxsize=8)
@@ -92,8 +94,8 @@ def filtered(
 ) -> Any:
     """New samples from ``start`` on of signals that are read block by block.
 
-    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs; ``kernel``: real or complex,
-    shape (2 · HALF · factor + 1,); ``start``: first new sample.
+    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs;
+    ``kernel``: real or complex, shape (2 · HALF · factor + 1,); ``start``: first new sample.
     """
     first = start * factor
     last = min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
@@ -106,9 +108,8 @@ def _collected(
 ) -> Any:
     values = []
     done = 0
-    for block in itertools.chain(
-        blocks, [np.zeros((shape[0], factor))]
-    ):  # completes the last filter
+    # completes the last filter
+    for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):
         values.append(decimator.feed(block)[:, : shape[1] - done])
         done += values[-1].shape[1]
     return np.concatenate(values, axis=1)
@@ -136,9 +137,9 @@ def at_positions(
 ) -> FloatArray:
     """A signal at positions between its samples, low-passed for a new rate.
 
-    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1 −
-    ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half the filter's, in new
-    intervals: a longer one has a narrower transition about half the new rate.
+    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1
+    − ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half
+    the filter's, in new intervals: a longer one has a narrower transition about half the new rate.
     """
     half = reach(spacing, length)
     offsets = np.arange(-half, half + 2)

@@ -37,7 +37,8 @@ class Demodulated:
     factor: int  # distance of the samples, in those
     summary: OpticalSummary  # what the signals show of their quality
     answer: effects.Answer  # effect of the ellipse's errors on this record
-    # what was left of the carrier beside a sine, rad, over the index of an optical sample; None for others
+    # what was left of the carrier beside a sine, rad, over the index of an optical sample; None for
+    # others
     carrier: np.polynomial.Legendre | None = None
 
 
@@ -54,9 +55,10 @@ def demodulate(
 ) -> Demodulated:
     """Make a displacement of two signals in quadrature.
 
-    ``seen``: the first look; ``factor``: optical samples for each of the displacement; ``near_hz``: approximate
-    frequency of a sine, None for other motion; ``highest_hz``: of the motion: that of a sine, or the highest that
-    stands above the noise; ``carrier_hz``: of the heterodyne signal, if any.
+    ``seen``: the first look; ``factor``: optical samples for each of the displacement; ``near_hz``:
+    approximate frequency of a sine, None for other motion; ``highest_hz``: of the motion: that of a
+    sine, or the highest that stands above the noise; ``carrier_hz``: of the heterodyne signal, if
+    any.
     """
     path = Path()
     knots = [(at, piece.for_phase) for at, piece in choice.knots]
@@ -187,7 +189,8 @@ def _without_carrier(
 ) -> tuple[FloatArray, np.polynomial.Legendre]:
     """Phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
 
-    With a sine both are fitted in rounds, to separate them. The second value is the parabola over ``position``.
+    With a sine both are fitted in rounds, to separate them. The second value is the parabola over
+    ``position``.
     """
     t = np.linspace(-1.0, 1.0, values.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)

@@ -4,12 +4,13 @@ Errors p, q (centre), b − a (ratio), e (quadrature) of the ellipse give the ph
 
     −p sin φ + q cos φ + (b − a)/2 sin 2φ + e/2 (1 + cos 2φ).
 
-For a sine of phase amplitude Φ about φ₀ its part at the sine's frequency follows from J₁(Φ) and J₁(2Φ) (Bessel); for
-other motion from the cross spectrum of error and phase, by bands.
+For a sine of phase amplitude Φ about φ₀ its part at the sine's frequency follows from J₁(Φ) and
+J₁(2Φ) (Bessel); for other motion from the cross spectrum of error and phase, by bands.
 
-The cyclic error is harmonics 1, 2 and 4 of the phase itself. Each short piece of the unwrapped phase is a polynomial of
-time (the motion) plus harmonics of the phase. The polynomial is projected out, and one set of harmonics is fitted to
-all pieces. Motion below a fringe a piece resembles a polynomial, which gives a large uncertainty.
+The cyclic error is harmonics 1, 2 and 4 of the phase itself. Each short piece of the unwrapped
+phase is a polynomial of time (the motion) plus harmonics of the phase. The polynomial is projected
+out, and one set of harmonics is fitted to all pieces. Motion below a fringe a piece resembles a
+polynomial, which gives a large uncertainty.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ SHORTEST = 32  # … but not below this
 LONGEST = 1 << 15  # longest piece, samples
 FRINGES = 5.0  # fringes of a piece
 DEGREE = 11  # degree of the polynomial
-#: Harmonic n of faster motion, rad a sample, is not seen whole: its sidebands, n + 1 times as fast, are filtered out
-#: where a carrier is mixed down.
+#: Harmonic n of faster motion, rad a sample, is not seen whole: its sidebands, n + 1 times as fast,
+#: are filtered out where a carrier is mixed down.
 SLOW = TURN * PASS / (ORDERS[-1] + 1)
 FEWEST = 16  # fewest pieces
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
@@ -73,9 +74,8 @@ class Cyclic:
         wave = self.waves[part]
         covariance = self.covariance[part, part] + self.by_ellipse[part, part]
         square = float(wave @ np.linalg.solve(covariance, wave))
-        return float(
-            np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom))
-        )  # Hotelling's T² of two
+        # Hotelling's T² of two
+        return float(np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom)))
 
 
 def cyclic_error(
@@ -88,9 +88,9 @@ def cyclic_error(
     """Measure the cyclic error of a record; None if the record or a period of its motion is too short, or its signal
     lost.
 
-    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else empty;
-    ``fringes_a_sample``: mean length of the phase's path between samples, turns; ``highest_hz``: of the motion: within
-    a period of it, the polynomial is the motion.
+    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else
+    empty; ``fringes_a_sample``: mean length of the phase's path between samples, turns;
+    ``highest_hz``: of the motion: within a period of it, the polynomial is the motion.
     """
     period = signals.rate_hz / max(highest_hz, 1e-300)
     length = int(min(max(FRINGES / max(fringes_a_sample, 1e-9), USUAL), LONGEST, period))
@@ -111,9 +111,8 @@ def cyclic_error(
         phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))
         if path.gaps:
             continue
-        smooth = polynomials @ (
-            polynomials.T @ phase
-        )  # otherwise the phase noise would correlate with the waves
+        # otherwise the phase noise would correlate with the waves
+        smooth = polynomials @ (polynomials.T @ phase)
         slow = np.abs(np.gradient(smooth)) < SLOW
         if np.count_nonzero(slow) < SHORTEST:
             continue
@@ -175,9 +174,8 @@ class Answer:
     """Effect of the ellipse's errors on the reference of one record."""
 
     frequency_hz: FloatArray  # shape (m,)
-    harmonics: (
-        np.ndarray
-    )  # change of the reference for one radian of cos nφ and sin nφ, n = 1, 2, 4, (6, m)
+    # change of the reference for one radian of cos nφ and sin nφ, n = 1, 2, 4, (6, m)
+    harmonics: np.ndarray
     noise: FloatArray  # relative standard uncertainty of the reference by phase noise, shape (m,)
     group: int  # of records that share one ellipse
     covariance: FloatArray  # of the ellipse's shape, shape (4, 4)
@@ -225,7 +223,8 @@ def effects(
 ) -> tuple[SystematicEffect, ...]:
     """The systematic effects of ellipses, and of what remains of cyclic errors, on a calibration.
 
-    ``cyclic``: records that share a cyclic error, with the covariance of what remains of its amplitudes, shape (6, 6).
+    ``cyclic``: records that share a cyclic error, with the covariance of what remains of its
+    amplitudes, shape (6, 6).
     """
     grid = np.unique(np.concatenate([answer.frequency_hz for answer in answers]))
     found = []
@@ -252,8 +251,9 @@ def _patterns(
 ) -> list[tuple[float, SystematicEffect]]:
     """Independent effects of amplitudes with a covariance, with their size over the noise; not negligible ones.
 
-    ``source``: of the effects, for the budget; ``members``: records, with the change of the reference by a unit of each
-    amplitude, shape (amplitudes, m); ``covariance``: of the amplitudes; ``grid``: frequencies, Hz.
+    ``source``: of the effects, for the budget; ``members``: records, with the change of the
+    reference by a unit of each amplitude, shape (amplitudes, m); ``covariance``: of the amplitudes;
+    ``grid``: frequencies, Hz.
     """
     stacked = np.concatenate([change for _, change in members], axis=1)
     noise = np.concatenate([answer.noise for answer, _ in members])

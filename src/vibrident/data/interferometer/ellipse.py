@@ -2,14 +2,16 @@
 
     u = centre + M (cos φ, sin φ)ᵀ,    M = ((A, 0), (B sin ε, B cos ε))
 
-In the coordinates v = M⁻¹(u − centre) the ellipse is the unit circle. Errors p, q (centre), a, b (amplitudes) and e
-(quadrature) of the present ellipse change |v|² by 2 (p c + q s + a c² + b s² + e s c), which is linear: Gauss–Newton
-steps on noise-corrected sums of powers (:mod:`moments`), until convergence. The noise follows from the residual |v|² −
-1. All samples have the same weight, because the distance is taken from the unit circle. The plain algebraic fit is
-biased low by noise; this one is unbiased.
+In the coordinates v = M⁻¹(u − centre) the ellipse is the unit circle. Errors p, q (centre), a, b
+(amplitudes) and e (quadrature) of the present ellipse change |v|² by 2 (p c + q s + a c² + b s² + e
+s c), which is linear: Gauss–Newton steps on noise-corrected sums of powers (:mod:`moments`), until
+convergence. The noise follows from the residual |v|² − 1. All samples have the same weight, because
+the distance is taken from the unit circle. The plain algebraic fit is biased low by noise; this one
+is unbiased.
 
-Ratio of the amplitudes and quadrature have a prior far wider than any set-up. It matters only if the motion is below a
-fringe and the arc does not determine them; it is then most of the uncertainty.
+Ratio of the amplitudes and quadrature have a prior far wider than any set-up. It matters only if
+the motion is below a fringe and the arc does not determine them; it is then most of the
+uncertainty.
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from vibrident.data.interferometer import moments
 from vibrident.data.interferometer.setting import FloatArray
 
 PRIOR = 0.25  # standard deviation of the prior of log(B/A) and of ε (rad)
-LEAST_PART = 0.02  # least part of a direction's apparent information that is taken for real, the rest being noise
+# least part of a direction's apparent information that is taken for real, the rest being noise
+LEAST_PART = 0.02
 LEAST_SHOWN = 0.08  # an ellipse is not determined where this part is smaller
 TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
 LONGEST_STEP = 0.3  # longest step
-FURTHEST = 10.0  # largest change of the area from the start; beyond it the samples do not determine the ellipse
+# largest change of the area from the start; beyond it the samples do not determine the ellipse
+FURTHEST = 10.0
 FEWEST_BLOCKS = (
     20  # fewest blocks of samples from which the scatter beyond white noise is estimated
 )
@@ -74,8 +78,8 @@ class Ellipse:
     def for_phase(self) -> Ellipse:
         """The ellipse that gives unbiased mean phases of noisy samples.
 
-        Anisotropic noise biases the angle by −cov(tangential, radial):
-        ½ (N₁₁ − N₂₂) sin 2φ − N₁₂ cos 2φ, with N its covariance in the coordinates of the unit circle.
+        Anisotropic noise biases the angle by −cov(tangential, radial): ½ (N₁₁ − N₂₂) sin 2φ − N₁₂
+        cos 2φ, with N its covariance in the coordinates of the unit circle.
         """
         inverse = self.inverse
         noise = inverse @ np.diag(self.noise) @ inverse.T
@@ -133,7 +137,8 @@ class Ellipse:
 def circle(u: FloatArray) -> Ellipse:
     """A circle through samples, shape (2, n): the algebraic fit without second-order bias.
 
-    Source: Al-Sharadqah & Chernov (2009), "Error analysis for circle fitting algorithms" (the fit they call Hyper).
+    Source: Al-Sharadqah & Chernov (2009), "Error analysis for circle fitting algorithms" (the fit
+    they call Hyper).
     """
     middle = np.mean(u, axis=1)
     size = float(np.sqrt(np.mean((u - middle[:, None]) ** 2))) or 1.0
@@ -161,8 +166,8 @@ def circle(u: FloatArray) -> Ellipse:
 def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
     """Fit an ellipse to sums of powers in the signals' own units; None if the samples do not determine it.
 
-    ``blocks``: of pieces of the signals, each of shape (5, 5); ``start``: to begin with; the ratio of its noise
-    variances is kept.
+    ``blocks``: of pieces of the signals, each of shape (5, 5); ``start``: to begin with; the ratio
+    of its noise variances is kept.
     """
     whole = np.sum(blocks, axis=0)
     ellipse = replace(start, noise=_noise(whole, start))
@@ -255,9 +260,8 @@ def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, 
         known += np.outer(direction, direction) / PRIOR**2
         gradient = gradient - direction * value / PRIOR**2
     raw = _SLOPES @ seen @ _SLOPES.T / variance
-    part, vectors = linalg.eigh(
-        _SLOPES @ clean @ _SLOPES.T / variance, raw
-    )  # vectorsᵀ raw vectors = 1
+    # vectorsᵀ raw vectors = 1
+    part, vectors = linalg.eigh(_SLOPES @ clean @ _SLOPES.T / variance, raw)
     back = raw @ vectors
     information = (back * np.maximum(part, LEAST_PART)) @ back.T + known
     return np.linalg.solve(information, gradient), information, float(part[0])

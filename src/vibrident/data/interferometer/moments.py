@@ -1,8 +1,9 @@
 """Sums of powers of two signals up to the fourth degree: sufficient for an ellipse fit to any number of samples.
 
-Of samples with Gaussian noise of covariance C, ``without_noise`` gives the sums that are expected of the samples
-without noise, exactly: exp(−½ ∇ᵀC∇) is applied to the monomials (Hermite polynomials). A fit to them is consistent
-(Kukush, Markovsky & Van Huffel 2004, "Consistent estimation in an implicit quadratic measurement error model").
+Of samples with Gaussian noise of covariance C, ``without_noise`` gives the sums that are expected
+of the samples without noise, exactly: exp(−½ ∇ᵀC∇) is applied to the monomials (Hermite
+polynomials). A fit to them is consistent (Kukush, Markovsky & Van Huffel 2004, "Consistent
+estimation in an implicit quadratic measurement error model").
 """
 
 from __future__ import annotations

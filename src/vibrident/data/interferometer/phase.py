@@ -1,8 +1,9 @@
 """Phase of two signals in quadrature, block by block: unwrapped, with gaps and jumps.
 
-Where the amplitude is lost, or the phase jumps by nearly half a turn, the number of turns is unknown. Such samples are
-a gap: the phase is held over it and continues from the nearest turn. The missing turns follow from the motion on both
-sides (:func:`turns`); otherwise the part behind the gap is left out.
+Where the amplitude is lost, or the phase jumps by nearly half a turn, the number of turns is
+unknown. Such samples are a gap: the phase is held over it and continues from the nearest turn. The
+missing turns follow from the motion on both sides (:func:`turns`); otherwise the part behind the
+gap is left out.
 """
 
 from __future__ import annotations
@@ -72,8 +73,9 @@ def unwrapped(
 ) -> Iterator[FloatArray]:
     """The unwrapped phase, rad, block by block; fills ``path``.
 
-    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else empty; ``path``:
-    what is found on the way; ``error``: amplitudes of a cyclic error to be taken out, rad, shape (6,).
+    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else
+    empty; ``path``: what is found on the way; ``error``: amplitudes of a cyclic error to be taken
+    out, rad, shape (6,).
     """
     last = 0.0
     before = None
@@ -225,8 +227,8 @@ def _counted(
 def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
     """Turns to add behind a gap to the phase that continues from the nearest turn; None if they cannot be determined.
 
-    A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step of the right
-    polynomial is a whole number of turns, which is the check.
+    A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step
+    of the right polynomial is a whole number of turns, which is the check.
     """
     length = gap.stop - gap.start
     for times in BESIDE:

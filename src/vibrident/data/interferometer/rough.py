@@ -25,7 +25,8 @@ SPECTRA = (
 )
 SMOOTH = 5  # lines that are averaged
 ABOVE = 6.0  # motion is above this multiple of the floor
-ROOM = 6.4  # band kept of slow signals, over the highest frequency of the motion: 16 samples of its period
+# band kept of slow signals, over the highest frequency of the motion: 16 samples of its period
+ROOM = 6.4
 FEWEST = 1 << 12  # fewest samples that are kept of slow signals
 
 
@@ -61,7 +62,8 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[fl
 def slower(signals: Signals) -> Signals | None:
     """Two signals at the rate that their spectrum needs, with less noise in a sample; None if it is theirs.
 
-    The ellipse of a motion below a fringe is told from noise sample by sample: so it is determined as well at any rate.
+    The ellipse of a motion below a fringe is told from noise sample by sample: so it is determined
+    as well at any rate.
     """
     piece = _piece(signals, PIECE)
     values = piece.block(0, piece.samples)

@@ -19,7 +19,8 @@ Kind = Literal["quadrature", "heterodyne"]
 class Interferometer:
     """A laser interferometer on the reference surface."""
 
-    kind: Kind  # ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier
+    # ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier
+    kind: Kind
     wavelength_m: float  # in the medium
     wavelength_relative_uncertainty: float = 0.0  # relative standard uncertainty of it
     passes: int = 1  # times the beam goes to the target and back
@@ -42,9 +43,8 @@ class Signals:
 
     samples: int  # of each
     rate_hz: float  # samples per second
-    block: Callable[
-        [int, int], FloatArray
-    ]  # start, stop → these samples, shape (signals, stop − start)
+    # start, stop → these samples, shape (signals, stop − start)
+    block: Callable[[int, int], FloatArray]
     first_s: float = 0.0  # time of the first sample; above zero for filtered ones
 
 

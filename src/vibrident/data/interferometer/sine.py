@@ -1,8 +1,9 @@
 """The sine-approximation of ISO 16063-11, method 3: amplitude, phase and frequency of the unwrapped phase, by fit.
 
-Slow motion beside a sine is not the sensor's: of the optical table, of the carrier, of the air. It is far larger in
-displacement than in acceleration, and its ends leak into the sine. Motion below a third of the sine's frequency is
-removed in a few rounds with the fitted sine, which is the joint fit of both.
+Slow motion beside a sine is not the sensor's: of the optical table, of the carrier, of the air. It
+is far larger in displacement than in acceleration, and its ends leak into the sine. Motion below a
+third of the sine's frequency is removed in a few rounds with the fitted sine, which is the joint
+fit of both.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ def fit_sine(
 ) -> Sine | None:
     """Fit a sine, offset and slope to the valid samples; None for less than a period.
 
-    ``values``: shape (n,); ``valid``: shape (n,); ``near_hz``: approximate frequency; ``known_hz``: frequency of a fit
-    to nearly the same values, from which this one starts.
+    ``values``: shape (n,); ``valid``: shape (n,); ``near_hz``: approximate frequency; ``known_hz``:
+    frequency of a fit to nearly the same values, from which this one starts.
     """
     index = np.flatnonzero(valid)
     if index.size < 8:
@@ -95,9 +96,8 @@ def _turned(rows: FloatArray, seen: FloatArray, angle: FloatArray) -> float:
     found = np.linalg.solve(linear, score[:4])
     slope = np.array([0.0, 0.0, 0.0, 0.0, found[1], -found[0]])
     along = normal @ slope
-    size = float(
-        slope @ along - along[:4] @ np.linalg.solve(linear, along[:4])
-    )  # beside the linear rows
+    # beside the linear rows
+    size = float(slope @ along - along[:4] @ np.linalg.solve(linear, along[:4]))
     return float(slope @ score - along[:4] @ found) / max(size, 1e-300)
 
 

@@ -48,9 +48,8 @@ class OpticalSummary:
     excerpt_s: FloatArray  # a piece of the displacement: times …
     excerpt_m: FloatArray  # … and values, NaN where it is left out
     carrier_hz: float | None = None  # of a heterodyne signal, as found; None for others
-    cyclic: tuple[
-        tuple[int, float, float], ...
-    ] = ()  # order, amplitude and its u of the phase's cyclic error, rad
+    # order, amplitude and its u of the phase's cyclic error, rad
+    cyclic: tuple[tuple[int, float, float], ...] = ()
     findings: tuple[OpticalFinding, ...] = ()  # doubts
 
     @property

@@ -20,7 +20,8 @@ BLOCK = 1 << 17  # samples in a block
 MOST = 1 << 22  # most samples for the fit of an ellipse; of longer records, pieces
 FEWEST_BLOCKS = 64  # fewest blocks of a record that determine their scatter
 LEAST_BLOCK = 64  # fewest samples of a block
-LOST_SIGMA = 6.0  # a sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
+# a sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
+LOST_SIGMA = 6.0
 LOST = 0.3  # … but at least of this …
 MOST_LOST = 0.6  # … and at most of this
 TOO_LARGE = 2.0  # a sample is also lost above this radius
@@ -114,7 +115,8 @@ def _require_two(points: FloatArray) -> None:
 def _at_limit(points: FloatArray) -> tuple[float, ...]:
     """Part of each signal's samples at an extreme, where far more lie there than at the value beside it.
 
-    A free signal's turns put 2.4 times as many into the outermost code of a converter, 5.3 times at most.
+    A free signal's turns put 2.4 times as many into the outermost code of a converter, 5.3 times at
+    most.
     """
     found = []
     for signal in points:

@@ -36,9 +36,8 @@ def left_of(
         return []
     if setting.kind == "quadrature":
         return [(answers, known[0].covariance)]
-    shown = np.array([error.waves for error in known]).reshape(
-        len(known), -1, 2
-    )  # zero where not significant
+    # zero where not significant
+    shown = np.array([error.waves for error in known]).reshape(len(known), -1, 2)
     power = np.sum(shown**2, axis=(0, 2)) / np.maximum(
         np.sum(np.any(shown != 0.0, axis=2), axis=0), 1
     )

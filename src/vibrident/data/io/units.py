@@ -76,10 +76,28 @@ _PREFIX_WORDS = {
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
 #: What programs write where there is no unit.
-_NO_UNIT = frozenset((
-    "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
-    "?", "[]", "()", "1",
-))  # fmt: skip
+# fmt: skip
+_NO_UNIT = frozenset(
+    (
+        "",
+        "-",
+        "--",
+        "none",
+        "n/a",
+        "unknown",
+        "unit",
+        "units",
+        "eu",
+        "arb",
+        "a.u.",
+        "au",
+        "raw",
+        "?",
+        "[]",
+        "()",
+        "1",
+    )
+)
 #: Of what numbers the rows, in place of a unit.
 _COUNTERS = frozenset((
     "#", "sample", "samples", "smp", "point", "points", "tick", "ticks", "count", "counts", "index",

@@ -42,12 +42,14 @@ class Calibration:
         effects: further systematic contributions to the uncertainty.
         sensor: free text for reports (manufacturer, type, serial_number, …).
         source: path of the calibration file; empty for data made in memory.
-        certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
-            in the calibration file, plain values, dates as ISO text.
+        certificate: what a certificate needs besides the data (customer, laboratory, conditions,
+            …), as given; keys as in the calibration file, plain values, dates as ISO text.
         capabilities: below which no U of the sensitivity is stated.
-        reference_known_response: what is known of the reference's channel. The records then hold what that channel
-            says, a table what the response says per unit of it; ``quantity`` and ``reference_unit`` are of the motion.
-        response_known_response: what is known of the response's channel; ``response_unit`` is of the sensor's output.
+        reference_known_response: what is known of the reference's channel. The records then hold
+            what that channel says, a table what the response says per unit of it; ``quantity`` and
+            ``reference_unit`` are of the motion.
+        response_known_response: what is known of the response's channel; ``response_unit`` is of
+            the sensor's output.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -82,9 +84,8 @@ class Calibration:
             )
         if self.quantity not in QUANTITIES:
             raise unknown("The reference quantity is not known.", self.quantity, QUANTITIES, where)
-        object.__setattr__(
-            self, "quantity", str(self.quantity)
-        )  # NumPy's own strings are no static argument
+        # NumPy's own strings are no static argument
+        object.__setattr__(self, "quantity", str(self.quantity))
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(
             self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity]
@@ -140,18 +141,20 @@ class Calibration:
         """A calibration of records in memory.
 
         Args:
-            reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for one record, or
-                (records, samples), or a sequence of arrays of any lengths; None for free decays.
+            reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for
+                one record, or (records, samples), or a sequence of arrays of any lengths; None for
+                free decays.
             response: what the sensor answered, alike.
             sampling_rate_hz: samples per second, of all records or one number a record.
             quantity: what the reference is.
             excitation: kind of motion, of all records or one word a record.
             names: of the records; by default ``record 1``, ….
-            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor``, ``effects`` and
-                ``reference_known_response``.
+            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor``,
+                ``effects`` and ``reference_known_response``.
 
         Raises:
-            InputError: the arguments are of different numbers of records, or a record cannot be used.
+            InputError: the arguments are of different numbers of records, or a record cannot be
+                used.
         """
         responses = _each_record(response)
         count = len(responses)
@@ -201,7 +204,8 @@ class Calibration:
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
 
-        ``unit``: of the response of the result; ``without_records``: the problem that a table is, in words.
+        ``unit``: of the response of the result; ``without_records``: the problem that a table is,
+        in words.
         """
         where = self.source or "calibration in memory"
         if self.table is not None:

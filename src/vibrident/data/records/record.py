@@ -32,7 +32,8 @@ class ResponseTable:
     Attributes:
         frequency_hz: shape (points,), positive, any order, repeats allowed.
         magnitude: shape (points,), response unit per SI unit of the reference quantity, positive.
-        phase_rad: shape (points,) or None; phase of the response minus phase of the reference, lag negative.
+        phase_rad: shape (points,) or None; phase of the response minus phase of the reference, lag
+            negative.
         magnitude_uncertainty: standard uncertainty, same unit as magnitude, or None.
         phase_uncertainty_rad: standard uncertainty, rad, or None.
         provenance: file, hash and history.
@@ -130,27 +131,31 @@ class Record:
 
     Attributes:
         name: short name for tables and messages (the file name, usually).
-        reference: shape (samples,), in the SI unit of the calibration's reference quantity; None for a free decay.
+        reference: shape (samples,), in the SI unit of the calibration's reference quantity; None
+            for a free decay.
         response: shape (samples,), in the calibration's response unit.
         sampling_rate_hz: samples per second.
         excitation: kind of motion.
         frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
-        reference_valid: shape (samples,), where the reference may be used as the sensor's input, though the response is
-            not valid there; None: as ``valid``.
+        reference_valid: shape (samples,), where the reference may be used as the sensor's input,
+            though the response is not valid there; None: as ``valid``.
         start_time_s: time of the first sample on the file's own clock.
-        reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
+        reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its
+            unit; None if unknown.
         provenance: file, hash and history.
-        reference_noise_order: the reference's own noise grows with this power of frequency (in power): 4 for an
-            acceleration that was made of a displacement with white noise; 0 for white noise.
-        optical: what the signals of an interferometer said, from which the reference was made; None for others.
+        reference_noise_order: the reference's own noise grows with this power of frequency (in
+            power): 4 for an acceleration that was made of a displacement with white noise; 0 for
+            white noise.
+        optical: what the signals of an interferometer said, from which the reference was made; None
+            for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
         circumstances: run, mounting, axis and temperature, as far as stated.
         band_hz: lowest and highest frequency that a fit takes from the record; None: all.
 
     Raises:
-        InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
-            value that is not finite, or the sampling rate is not a positive number.
+        InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples
+            or hold a value that is not finite, or the sampling rate is not a positive number.
     """
 
     name: str
@@ -203,7 +208,8 @@ class Record:
             object.__setattr__(self, label, values)
         if self.frequency_hz is not None and not 0 < self.frequency_hz < self.sampling_rate_hz / 2:
             raise InputError(
-                "The frequency of a sine record is outside the band that its sampling rate can show.",
+                "The frequency of a sine record is outside the band that its sampling rate can "
+                "show.",
                 expected=f"0 < frequency_hz < {self.sampling_rate_hz / 2:g} (half the sampling rate)",
                 found=f"{self.frequency_hz:g} Hz",
                 where=where,

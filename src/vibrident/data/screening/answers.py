@@ -1,8 +1,9 @@
 """Decide whether the response of a sensor answers what its reference shows, or denies it.
 
-The response is predicted from its past and from the reference (an ARX model; Ljung 1999, ch. 4.2), so that the
-beginning, the end and the corners of a motion are no surprise: a sensor answers them. What is wild in one channel
-alone leaves an error of known shape and size. Lost time breaks the prediction.
+The response is predicted from its past and from the reference (an ARX model; Ljung 1999, ch. 4.2),
+so that the beginning, the end and the corners of a motion are no surprise: a sensor answers them.
+What is wild in one channel alone leaves an error of known shape and size. Lost time breaks the
+prediction.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class Answer:
     Attributes:
         reference: channel of the reference.
         response: channel of the response.
-        delay: samples by which the response comes later than the first of the reference that predicts it.
+        delay: samples by which the response comes later than the first of the reference that
+            predicts it.
     """
 
     reference: Channel
@@ -143,8 +145,9 @@ class Answer:
     def denies(self, label: str, event: Event) -> bool:
         """Tell whether a channel's wild samples are no motion: errors of the prediction are as wild samples leave them.
 
-        What the response makes of the reference is known within the band of its motion alone, so that is compared.
-        Where the errors are lost in noise, wild samples are those beyond all others of the channel.
+        What the response makes of the reference is known within the band of its motion alone, so
+        that is compared. Where the errors are lost in noise, wild samples are those beyond all
+        others of the channel.
         """
         is_response = label == "response"
         channel = self.response if is_response else self.reference

@@ -1,11 +1,11 @@
 """Samples that a channel could not follow: piled up at a rail.
 
-The values of a free signal thin out towards its extreme, or crowd there as its turns make them: a turn of order n
-(a parabola has n = 2) spends t ∝ d^{1/n} within d of its top, so of bins of equal width counted from the top the
-first holds at most 1/(2^{1/n} − 1) times the second, and the second more than those below it. At a rail the first bin
-is far fuller than the second, and the second no fuller than those below. That holds for any motion, whether the samples
-at the rail are exactly equal (bins: the values that occur) or carry noise (bins of some width), and needs no full
-scale.
+The values of a free signal thin out towards its extreme, or crowd there as its turns make them: a
+turn of order n (a parabola has n = 2) spends t ∝ d^{1/n} within d of its top, so of bins of equal
+width counted from the top the first holds at most 1/(2^{1/n} − 1) times the second, and the second
+more than those below it. At a rail the first bin is far fuller than the second, and the second no
+fuller than those below. That holds for any motion, whether the samples at the rail are exactly
+equal (bins: the values that occur) or carry noise (bins of some width), and needs no full scale.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from vibrident.data.screening.steps import SAME, grid_step, smallest_step
 
 #: The first bin holds this many times the second …
 FULLER = 4.0
-#: … and the second at most this many times the mean of the four below it; a parabola's has 1.6 times, a flatter top
-#: more.
+#: … and the second at most this many times the mean of the four below it; a parabola's has 1.6
+#: times, a flatter top more.
 LEVEL = 1.4
 #: Fewest samples in the first bin where they are exactly equal.
 FEWEST_EQUAL = 8
@@ -53,7 +53,8 @@ NEIGHBOURS = 3
 PREDICTED = 0.1
 #: A rail's samples are told so many times worse than the others.
 STRANGE = 1.6
-#: The samples beside a visit lead past it by this part of the range: less is the flat step of a coarse generator.
+#: The samples beside a visit lead past it by this part of the range: less is the flat step of a
+#: coarse generator.
 LEAST_CUT = 2.5e-3
 #: The smallest difference of values that occur is at most so many steps.
 MOST_PARTS = 24
@@ -67,7 +68,8 @@ def clipped(
     Args:
         values: one channel, shape (samples,).
         valid: samples to look at, shape (samples,).
-        full_scale: largest magnitude that the channel can hold; it then decides alone. None: the values tell.
+        full_scale: largest magnitude that the channel can hold; it then decides alone. None: the
+            values tell.
     """
     if np.sum(valid) < 8:
         return np.zeros(values.shape, dtype=bool), []
@@ -208,7 +210,8 @@ def _runs(flags: BoolArray) -> FloatArray:
 def _in_step(inside: BoolArray) -> bool:
     """Whether one or two samples are at the level in every so many: the tops of a tone in step with the sampling.
 
-    They return exactly once the motion has settled, while values below them, of its beginning, occur once.
+    They return exactly once the motion has settled, while values below them, of its beginning,
+    occur once.
     """
     begins, ends = runs_of_true(inside)
     apart = np.diff(begins)
@@ -235,8 +238,8 @@ def _at_rest(inside: BoolArray, valid: BoolArray) -> bool:
 def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
     """Whether the samples beside the visits lead past the level, or short visits are unlike the rest of the signal.
 
-    A generator's stairs, and few samples a period in step with it, leave most values out, and the law of the bins with
-    them; but the signal turns where its neighbours predict.
+    A generator's stairs, and few samples a period in step with it, leave most values out, and the
+    law of the bins with them; but the signal turns where its neighbours predict.
     """
     if np.median(_runs(inside)) > SHORT:
         return _leads_past(values, inside)

@@ -11,9 +11,11 @@ from vibrident.data.records import FloatArray, Record
 
 #: Begins the line of a record's history that names its copies.
 COUNTED_ONCE = "counted once: the same samples as in "
-#: Two forms of one number differ by less, as a part of the range: seven digits were kept. No channel is so quiet.
+#: Two forms of one number differ by less, as a part of the range: seven digits were kept. No
+#: channel is so quiet.
 _ROUNDING = 5e-7
-#: A coarser form (16 bit, few decimals) leaves rounding errors of less than this part of the range …
+#: A coarser form (16 bit, few decimals) leaves rounding errors of less than this part of the range
+#: …
 _MOST_ERROR = 1e-3
 #: … within half a step, so no larger than √3 of their rms: noise has tails …
 _MOST_PEAK = 2.0
@@ -28,9 +30,9 @@ _FEWEST_SAMPLES = 200
 def without_copies(records: Sequence[Record]) -> tuple[Record, ...]:
     """Return each record once, with the names of its copies in its history.
 
-    A copy has the same excitation, rate and number of samples, and the same values but for rounding (another format,
-    fewer digits). Names, files and the time of the first sample do not matter. Repeated measurements differ in noise
-    and are not copies.
+    A copy has the same excitation, rate and number of samples, and the same values but for rounding
+    (another format, fewer digits). Names, files and the time of the first sample do not matter.
+    Repeated measurements differ in noise and are not copies.
     """
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, record in enumerate(records):
@@ -75,8 +77,8 @@ def _copies(records: Sequence[Record], group: Sequence[int]) -> list[tuple[int, 
 def said_of_copies(histories: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
     """A sentence for each record that was left out, from names and histories of the others."""
     return [
-        f"Note: {step.removeprefix(COUNTED_ONCE).partition(', which')[0]} holds the same samples as {name} and is left "
-        "out: a copy would count twice."
+        f"Note: {step.removeprefix(COUNTED_ONCE).partition(', which')[0]} holds the same samples "
+        f"as {name} and is left out: a copy would count twice."
         for name, history in histories
         for step in history
         if step.startswith(COUNTED_ONCE)

@@ -22,7 +22,8 @@ MIN_CHANGE = 5e-3
 def goes_on(response: FloatArray, valid: BoolArray) -> bool:
     """Tell whether a response is as large at the end of a record as throughout.
 
-    The power of all of it, and that of each line, is much the same in all pieces, and its strongest line does not fall.
+    The power of all of it, and that of each line, is much the same in all pieces, and its strongest
+    line does not fall.
 
     Args:
         response: shape (samples,).

@@ -1,8 +1,9 @@
 """Stretches that a recorder lost: held at the last value, or set to zero or another constant.
 
-Measured values are seldom equal to their neighbours. Where they are noise in fine steps, a few equal in a row are
-beyond chance. Where they are often equal (coarse steps, a slow turn, a staircase), a free signal that stays for long
-moves slowly there, and leaves by a step like the others; a held one leaves by a jump.
+Measured values are seldom equal to their neighbours. Where they are noise in fine steps, a few
+equal in a row are beyond chance. Where they are often equal (coarse steps, a slow turn, a
+staircase), a free signal that stays for long moves slowly there, and leaves by a step like the
+others; a held one leaves by a jump.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ def lost(values: FloatArray, valid: BoolArray) -> BoolArray:
     rest = _levels_of_rest(values, begins, ends)
     candidate = long & (lengths <= REST * values.size) & (begins > 0) & (ends < values.size - 1)
     candidate &= ~np.isin(values[begins], rest)
-    # Of the values that occur, so many return at once: of a held signal most, whatever its neighbours do.
+    # Of the values that occur, so many return at once: of a held signal most, whatever its
+    # neighbours do.
     returning = (begins.size - 1.0) / (values.size - np.count_nonzero(equal))
     jumps = candidate & _leaves_by_jump(values, begins, ends)
     rare = candidate & ~jumps & (values.size * returning ** (lengths - 1.0) < CHANCE)
@@ -66,9 +68,8 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     after = np.abs(np.diff(values[last : last + AROUND]))[1:]
     usual = float(np.quantile(np.concatenate([before, after, [0.0]]), 0.25))
     here = values[max(first - AROUND, 0) : last + AROUND]
-    step = max(
-        step, converter_step(here)
-    )  # numbers of so many digits have coarser steps where they are large
+    # numbers of so many digits have coarser steps where they are large
+    step = max(step, converter_step(here))
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 

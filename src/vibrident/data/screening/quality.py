@@ -21,7 +21,8 @@ from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import MAX_RUN, MAX_SHORT_RUN, Channel, breaks, moves
 
-#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
+#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing
+#: anti-alias filter.
 ALIAS_POWER = 0.01
 #: Samples on either side that the interpolation of the reference takes in.
 REACH = 40
@@ -139,7 +140,8 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
     findings = []
     for label, values, full_scale in _channels(record):
         if label == "reference" and record.optical is not None:
-            continue  # it was computed: the converter's limits and losses were seen in the optical signals
+            # it was computed: the converter's limits and losses were seen in the optical signals
+            continue
         bad, rails = clipped(values, record.mask, full_scale)
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
@@ -259,7 +261,8 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
 def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any; where the other channel moves as oddly, it is motion.
 
-    But a sample or two of both at one time is none of a motion that goes on, ``linear``: a sensor answers for longer.
+    But a sample or two of both at one time is none of a motion that goes on, ``linear``: a sensor
+    answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
@@ -303,9 +306,8 @@ def _without(
 
 
 def _aliasing(record: Record) -> list[Finding]:
-    if (
-        record.reference is None or record.optical is not None
-    ):  # what would fold of raw light is filtered away
+    # what would fold of raw light is filtered away
+    if record.reference is None or record.optical is not None:
         return []
     mask = record.reference_mask
     values = record.reference
@@ -317,7 +319,8 @@ def _aliasing(record: Record) -> list[Finding]:
     if above <= ALIAS_POWER * total:
         return []
     text = (
-        f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of the sampling "
-        "rate, where no anti-alias filter leaves any; content above half the rate would look the same."
+        f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of "
+        "the sampling rate, where no anti-alias filter leaves any; content above half the rate "
+        "would look the same."
     )
     return [Finding("aliasing", text)]

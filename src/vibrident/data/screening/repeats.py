@@ -1,7 +1,8 @@
 """Blocks that a recorder wrote twice: a stretch of a channel that returns, sample by sample, later in the record.
 
-Measured samples never return for long, as noise is not the same twice. A generator's may, as may those of a converter
-with coarse steps: then they return elsewhere, too, or what is beside them returns nearly, and nothing is said.
+Measured samples never return for long, as noise is not the same twice. A generator's may, as may
+those of a converter with coarse steps: then they return elsewhere, too, or what is beside them
+returns nearly, and nothing is said.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ BESIDE = 8
 #: … by so many steps of the converter and this part of the block's standard deviation, as a median.
 STEPS = 4.0
 UNLIKE = 0.01
-#: A window's key is the value of a polynomial at an odd number, modulo 2^64 (Karp & Rabin 1987): its powers by half the
-#: length of a window that two of that half are joined to.
+#: A window's key is the value of a polynomial at an odd number, modulo 2^64 (Karp & Rabin 1987):
+#: its powers by half the length of a window that two of that half are joined to.
 _POWERS = {half: np.uint64(pow(0x9E3779B97F4A7C15, half, 1 << 64)) for half in (1, 2, 4, 8, 16)}
 
 
@@ -53,9 +54,8 @@ def repeated_block(values: FloatArray, valid: BoolArray) -> Repeat | None:
 def _distance(values: FloatArray, valid: BoolArray, change: FloatArray) -> int | None:
     """The distance at which most windows of samples return; None where none does."""
     keys = np.ascontiguousarray(values + 0.0, dtype=float).view(np.uint64)
-    keys = (keys ^ (keys >> np.uint64(32))) * _POWERS[
-        1
-    ]  # coarse values differ in their upper bits only
+    # coarse values differ in their upper bits only
+    keys = (keys ^ (keys >> np.uint64(32))) * _POWERS[1]
     keys ^= keys >> np.uint64(29)
     for half, power in _POWERS.items():  # two windows side by side make one of twice the length
         keys = keys[:-half] * power + keys[half:]

@@ -1,10 +1,11 @@
 """Wild samples (bit errors, failing contacts, slipped buffers) and places where a recorder lost time.
 
-A channel is predicted from the samples before each one and, with the same coefficients, from those after it
-(autoregression; Vaseghi 2008, ch. 13). Both errors are noise where the motion goes on as elsewhere. The forward error
-first stands out at the first sample that those before it do not explain, the backward error last at the last sample
-that those after it do not explain. So the samples from the one to the other are wild; where none lies between them,
-the motion broke off and went on elsewhere, began, or has a corner.
+A channel is predicted from the samples before each one and, with the same coefficients, from those
+after it (autoregression; Vaseghi 2008, ch. 13). Both errors are noise where the motion goes on as
+elsewhere. The forward error first stands out at the first sample that those before it do not
+explain, the backward error last at the last sample that those after it do not explain. So the
+samples from the one to the other are wild; where none lies between them, the motion broke off and
+went on elsewhere, began, or has a corner.
 """
 
 from __future__ import annotations
@@ -30,10 +31,12 @@ BLOCK = 256
 RIDGE = 1e-14
 #: Rounds of a fit without what it does not explain.
 ROUNDS = 3
-#: Wild samples and breaks stand out by so many standard deviations; noise alone seldom exceeds NOISE of them.
+#: Wild samples and breaks stand out by so many standard deviations; noise alone seldom exceeds
+#: NOISE of them.
 STANDS_OUT = 9.0
 NOISE = 5.0
-#: Wild samples are larger than so many steps of the converter, and this part of the channel's range: rounding.
+#: Wild samples are larger than so many steps of the converter, and this part of the channel's
+#: range: rounding.
 MIN_STEPS = 4.0
 MIN_SIZE = 1e-7
 #: Longest run of wild samples where a reference shows what is motion, and where nothing does.
@@ -43,7 +46,8 @@ MAX_SHORT_RUN = 2
 GUARD = 4
 #: Largest number of wild runs, as a part of the samples; more are the channel's nature.
 MAX_SHARE = 0.01
-#: Samples on either side that show how large errors usually are, beside those that a run of wild ones disturbs.
+#: Samples on either side that show how large errors usually are, beside those that a run of wild
+#: ones disturbs.
 NEAR = 40
 #: Median of the size of normal errors, in standard deviations.
 MEDIAN = 0.6745
@@ -51,7 +55,8 @@ MEDIAN = 0.6745
 TOGETHER = 2
 #: A break is larger than this part of the motion's deviation: smoother changes are its own.
 MIN_BREAK = 2e-3
-#: The motion goes on after a break: so many samples on one side have this part of the others' deviation, or more.
+#: The motion goes on after a break: so many samples on one side have this part of the others'
+#: deviation, or more.
 BESIDE = 64
 ALIKE = 0.2
 
@@ -222,9 +227,8 @@ class Channel:
                 break
             errors = forward[begin - low : behind - low + ORDER]
             lone, wild = self._explained(errors, usual, behind - begin)
-            if (
-                lone
-            ):  # a corner of the motion is seldom told from a wild sample that neither error shows
+            # a corner of the motion is seldom told from a wild sample that neither error shows
+            if lone:
                 return (Event(begin, behind, strength, lone, wild and end > first),)
         motion = Event(first, end, strength, lone=False, wild=False)
         for begin, behind in around_peak:
@@ -286,7 +290,8 @@ class Prediction:
     """A prediction fitted to a channel.
 
     Attributes:
-        taps: error of the sample after a wild one of size one, and of those after that; shape (ORDER + 1,).
+        taps: error of the sample after a wild one of size one, and of those after that; shape
+            (ORDER + 1,).
         deviation: standard deviation of the errors where the prediction was fitted.
     """
 
@@ -352,8 +357,9 @@ class Samples:
 def moves(other: Channel, bad: BoolArray) -> BoolArray:
     """Return which samples are motion, shape (samples,): the other channel does something odd there, too.
 
-    A jump of velocity is a pulse of acceleration of a few samples, so the other's differences are looked at as well.
-    A sample or two are not explained by what the other shows before, throughout and after them.
+    A jump of velocity is a pulse of acceleration of a few samples, so the other's differences are
+    looked at as well. A sample or two are not explained by what the other shows before, throughout
+    and after them.
 
     Args:
         other: the other channel.
@@ -383,9 +389,9 @@ def moves(other: Channel, bad: BoolArray) -> BoolArray:
 def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
     """Return the samples at which both channels of a stationary motion jump: time was lost before them.
 
-    There both go on elsewhere, which no wild samples explain, and nothing lies between what was before and what is
-    after it: a knock lasts. A motion that begins or ends is not a break, nor is one of several close together:
-    something was moving there.
+    There both go on elsewhere, which no wild samples explain, and nothing lies between what was
+    before and what is after it: a knock lasts. A motion that begins or ends is not a break, nor is
+    one of several close together: something was moving there.
     """
     places = []
     for event in reference.events:

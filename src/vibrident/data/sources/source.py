@@ -20,7 +20,8 @@ class Chunk:
     response: FloatArray  # shape (samples,), in its response unit
     # time of the first sample, s, by the source's clock; None: it follows the chunk before
     start_s: float | None = None
-    clock_s: float = 0.0  # standard uncertainty of that time, s: what is within 3 of them of the expected one follows
+    # standard uncertainty of that time, s: what is within 3 of them of the expected one follows
+    clock_s: float = 0.0
     separate: bool = False  # a record of its own, which follows no other
     sine: bool = False  # the motion is one tone
     tone_hz: float | None = None  # its frequency, where it is known exactly
@@ -36,10 +37,12 @@ class Wanted:
     calibration: CalibrationFile  # the calibration file: columns, scales, units, sampling
     file: Path  # its path
     rate_hz: float  # samples per second
-    address: str = ""  # what to open: a file, a host and port, a device; or the form of the data, for standard input
+    # what to open: a file, a host and port, a device; or the form of the data, for standard input
+    address: str = ""
     position: int = 0  # where to go on; 0: from the beginning
     idle_s: float | None = (
-        None  # seconds without new samples after which a source that would wait ends; None: it waits
+        # seconds without new samples after which a source that would wait ends; None: it waits
+        None
     )
 
 
@@ -49,7 +52,6 @@ class Source:
 
     name: str  # as a user names it
     title: str  # in a few words
-    open: Callable[
-        [Wanted], Iterator[Chunk]
-    ]  # what is wanted → chunks. Raises InputError where it cannot be had
+    # what is wanted → chunks. Raises InputError where it cannot be had
+    open: Callable[[Wanted], Iterator[Chunk]]
     resumable: bool = False  # whether it can go on at the position of a chunk

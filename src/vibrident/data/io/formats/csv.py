@@ -308,13 +308,11 @@ class CsvFile(ColumnFile):
         if data.translate(None, PLAIN + signs + blanks):
             return None
         # An empty cell shows in the count.
-        with contextlib.suppress(
-            ValueError, OverflowError
-        ):  # most are JSON's numbers, which are read in half the time
+        # most are JSON's numbers, which are read in half the time
+        with contextlib.suppress(ValueError, OverflowError):
             listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
-            return np.array(
-                from_json(b"[%b]" % listed), dtype=float
-            )  # each is the nearest float, as in pandas
+            # each is the nearest float, as in pandas
+            return np.array(from_json(b"[%b]" % listed), dtype=float)
         try:
             # Delimiters become blanks, which no cell contains.
             return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")  # so here
