@@ -12,7 +12,7 @@ NONE = "–"  # printed where there is no number
 
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
-    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    """Return a number without stated uncertainty: that many significant digits at most; – for None and not finite."""
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:.{digits}g}"
@@ -54,7 +54,7 @@ class Scale:
 
     @property
     def printed(self) -> str:
-        """The unit; empty for the unit one."""
+        """Return the unit; empty for the unit one."""
         return "" if self.unit == "1" else self.unit
 
     @overload
@@ -62,7 +62,7 @@ class Scale:
     @overload
     def times(self, value: float | None) -> float | None: ...
     def times(self, value: float | None) -> float | None:
-        """A value in the unit; None stays None."""
+        """Return a value in the unit; None stays None."""
         return None if value is None else value * self.factor
 
 
@@ -109,6 +109,6 @@ def scaled(unit: str, size: float) -> Scale:
 
 
 def amount(value: float, unit: str, digits: int = 5) -> str:
-    """A number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
+    """Return a number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
     scale = scaled(unit, value)
     return f"{plain(value * scale.factor, digits)} {scale.printed}".rstrip()

@@ -74,7 +74,7 @@ def __getattr__(name: str) -> Any:
 
 
 def cache_folder() -> Path | None:
-    """Folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None if the variable is empty."""
+    """Return the folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None if the variable is empty."""
     chosen = os.environ.get("VIBRIDENT_CACHE")
     if chosen is not None:
         return Path(chosen) if chosen else None
@@ -83,7 +83,7 @@ def cache_folder() -> Path | None:
 
 
 def arithmetic_error() -> float:
-    """Largest relative error of the computation that faulty JAX releases get wrong.
+    """Return the largest relative error of the computation that faulty JAX releases get wrong.
 
     ``jit`` of ``sum(vmap(A @ x))`` in float64 against NumPy; 0 to a few ulp where JAX is sound,
     1e235 or NaN where not.

@@ -19,5 +19,5 @@ def bind(**places: str) -> None:
 
 
 def bound(name: str) -> Callable[..., Any]:
-    """The function that is bound to a name."""
+    """Return the function that is bound to a name."""
     return pkgutil.resolve_name(_PLACES[name])

@@ -17,7 +17,7 @@ class _Short(reprlib.Repr):
     """The standard library's, with arrays by their shape and mappings by what they hold."""
 
     def repr1(self, x: Any, level: int) -> str:
-        """One value, ``level`` levels deep at most."""
+        """Return one value, ``level`` levels deep at most."""
         if isinstance(x, np.ndarray):
             shape = "×".join(str(length) for length in x.shape)
             return f"<{shape} {x.dtype}>" if x.size > 4 else repr(x.tolist())

@@ -72,12 +72,12 @@ class InputError(VibridentError):
 
     @property
     def parts(self) -> list[tuple[str, str]]:
-        """Label and text of what is said beside the problem."""
+        """Return the label and text of what is said beside the problem."""
         labels = ("expected", "found", "where", "remedy")
         return [(label, text) for label in labels if (text := getattr(self, label))]
 
     def at(self, where: str) -> InputError:
-        """The same error, of another place."""
+        """Return the same error, of another place."""
         return type(self)(**{**vars(self), "where": where})
 
     def within(self, place: str) -> InputError:
@@ -99,7 +99,7 @@ def did_you_mean(
     *,
     likeness: float = 0.6,
 ) -> str:
-    """The remedy for an unknown name: the nearest known one, in either case, if one is similar."""
+    """Return the remedy for an unknown name: the nearest known one, in either case, if one is similar."""
     by_lower = {other.lower(): other for other in known}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
@@ -117,7 +117,7 @@ def unknown(
     otherwise: str = "choose one of the expected",
     kind: type[InputError] = InputError,
 ) -> InputError:
-    """The error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
+    """Return the error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
     names = tuple(known)
     remedy = did_you_mean(str(name), names, otherwise)
     return kind(problem, expected=" | ".join(names), found=repr(name), where=where, remedy=remedy)

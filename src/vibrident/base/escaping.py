@@ -25,12 +25,12 @@ _MARKDOWN_NAMED = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 
 def one_line(text: object) -> str:
-    """One line of characters that can be seen."""
+    """Return one line of characters that can be seen."""
     return _seen(" ".join(str(text).split()))
 
 
 def lines(text: object) -> str:
-    """The same, line by line."""
+    """Return the same, line by line."""
     return "\n".join(one_line(line) for line in str(text).splitlines())
 
 

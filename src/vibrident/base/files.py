@@ -18,7 +18,7 @@ ENDING = ".part"  # of an unfinished file, whose name begins with a dot
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """The name to write a file under; it is ``path`` after the block, and gone where that fails."""
+    """Yield the name to write a file under; it is ``path`` after the block, and gone where that fails."""
     partial = path.with_name(f".{uuid.uuid4().hex}{ENDING}")
     try:
         yield partial
@@ -30,7 +30,7 @@ def whole(path: Path) -> Iterator[Path]:
 def unwritable(
     error: OSError, where: object, remedy: str = "give another ⟦export.folder⟧, or make room"
 ) -> InputError:
-    """The error of an output that cannot be written."""
+    """Return the error of an output that cannot be written."""
     return InputError(
         "The output cannot be written.",
         expected="a folder that can be written, with room for the files",

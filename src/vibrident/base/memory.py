@@ -46,7 +46,7 @@ _limit = contextlib.ExitStack()
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """The limit belongs to the process: the first caller sets it, and the last one takes it back."""
+    """Yield the limit belongs to the process: the first caller sets it, and the last one takes it back."""
     global _inside
     if any(name in os.environ for name in ONE_THREAD):
         yield
@@ -97,7 +97,7 @@ def give_back_after(samples: int) -> None:
 
 
 def most_bytes(file_bytes: int) -> float:
-    """Most bytes that the numbers of a file of this size may take.
+    """Return the most bytes that the numbers of a file of this size may take.
 
     Raises:
         ValueError: the environment variable holds no number above 0.

@@ -77,7 +77,7 @@ class _Buffers:
 
 
 def _plain(value: Any, buffers: list[memoryview]) -> Any:
-    """The value as JSON holds it: scalars as they are, anything else as [kind, …]."""
+    """Return the value as JSON holds it: scalars as they are, anything else as [kind, …]."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):

@@ -49,7 +49,7 @@ _T = TypeVar("_T")
 
 
 def _signal(number: int) -> str:
-    """A signal's number and name: ``signal 9, SIGKILL``."""
+    """Return a signal's number and name: ``signal 9, SIGKILL``."""
     try:
         return f"signal {number}, {signal.Signals(number).name}"
     except ValueError:
@@ -124,7 +124,7 @@ class Process:
 
     @property
     def alive(self) -> bool:
-        """Whether a process is waiting for calls."""
+        """Return whether a process is waiting for calls."""
         return self._child is not None and self._child.popen.poll() is None
 
     def start(self) -> None:
@@ -305,7 +305,7 @@ class _Child:
 
 
 def processors() -> int:
-    """How many processors this process may use: of the machine, by its affinity, and by the quota of its container."""
+    """Return how many processors this process may use: of the machine, by its affinity, and by the quota of its container."""
     count = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -391,7 +391,7 @@ def set_limits(limits: Limits) -> None:
 
 
 def _told(error: Exception) -> dict[str, Any]:
-    """An error as plain values."""
+    """Return an error as plain values."""
     if isinstance(error, InputError):
         return {"input": vars(error)}
     if isinstance(error, VibridentError):
@@ -400,7 +400,7 @@ def _told(error: Exception) -> dict[str, Any]:
 
 
 def _error(said: Mapping[str, Any]) -> Exception:
-    """The error that a process told."""
+    """Return the error that a process told."""
     if "input" in said:
         return InputError(**said["input"])
     if "error" in said:

@@ -40,7 +40,7 @@ class PlugIn:
 
     @property
     def line(self) -> str:
-        """One line that names it, and its problem."""
+        """Return one line that names it, and its problem."""
         said = f"{self.name} ({self.group}) of {self.package}"
         return f"The plug-in {said} cannot be used: {self.problem}" if self.problem else said
 
@@ -103,7 +103,7 @@ class Registry(Generic[T]):
         )
 
     def names(self) -> tuple[str, ...]:
-        """Every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
+        """Return every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
         installed_names = (*self._built_in, *self._added)
         return tuple(
             name for name in (*installed_names, *self._given) if name not in self._problems
@@ -149,7 +149,7 @@ class Registry(Generic[T]):
         return len(self.all())
 
     def __iter__(self) -> Iterator[str]:
-        """Names of what can be used; everything is loaded."""
+        """Yield the names of what can be used; everything is loaded."""
         return iter(self.all())
 
     def all(self) -> dict[str, T]:
@@ -157,11 +157,11 @@ class Registry(Generic[T]):
         return {name: found for name in self.names() if (found := self._object(name)) is not None}
 
     def one_by_one(self) -> Iterator[T]:
-        """Every usable object; a plug-in is loaded when the iteration reaches it."""
+        """Yield every usable object; a plug-in is loaded when the iteration reaches it."""
         return (found for name in self.names() if (found := self._object(name)) is not None)
 
     def __getitem__(self, name: str) -> T:
-        """The object of this name.
+        """Return the object of this name.
 
         Raises:
             InputError: the name is unknown, or its package cannot be loaded.
@@ -190,7 +190,7 @@ class Registry(Generic[T]):
         return tuple(self._built_in)
 
     def find(self, name: str) -> T | None:
-        """The object of this name; None if there is no such object.
+        """Return the object of this name; None if there is no such object.
 
         Raises:
             InputError: its package cannot be loaded.
@@ -233,7 +233,7 @@ class Registry(Generic[T]):
         return found
 
     def plug_ins(self) -> list[PlugIn]:
-        """Every plug-in of this kind, loaded, with the problem of each that cannot be used."""
+        """Return every plug-in of this kind, loaded, with the problem of each that cannot be used."""
         self.all()
         found = []
         for point in self._points:
@@ -251,7 +251,7 @@ class _Unusable(Exception):
 
 @functools.cache
 def installed() -> dict[str, list[EntryPoint]]:
-    """Entry points by group, of the groups of this package."""
+    """Return the entry points by group, of the groups of this package."""
     from importlib.metadata import entry_points
 
     points = entry_points()

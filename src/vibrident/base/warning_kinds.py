@@ -215,6 +215,6 @@ WARNINGS: Mapping[str, WarningKind] = MappingProxyType({kind.code: kind for kind
 
 
 def explain(code: str) -> WarningKind:
-    """The warning of this code; for one of a later version, one that says so."""
+    """Return the warning of this code; for one of a later version, one that says so."""
     unknown = "This version of vibrident has no explanation for this warning."
     return WARNINGS.get(code) or WarningKind(code, code, unknown, "Read its message.")

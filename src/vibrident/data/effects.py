@@ -37,7 +37,7 @@ class SystematicEffect:
 
     @property
     def unit(self) -> str:
-        """Unit of the standard uncertainty; "1" for a relative one."""
+        """Return the unit of the standard uncertainty; "1" for a relative one."""
         return _UNITS.get(self.kind, "1")
 
 

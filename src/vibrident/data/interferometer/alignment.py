@@ -48,7 +48,7 @@ FINER = 2.5  # fewest samples of the displacement for each of a slower response
 
 @functools.cache
 def _derivative_filter() -> FloatArray:
-    """The filter's coefficients, shape (2 · HALF_FILTER + 1,), symmetric."""
+    """Return the filter's coefficients, shape (2 · HALF_FILTER + 1,), symmetric."""
     points = 1 << 14
     frequency = np.arange(points // 2 + 1) / points  # of the rate
     half = np.pi * frequency
@@ -71,7 +71,7 @@ def _derivative_filter() -> FloatArray:
 def accelerated(
     displacement: FloatArray, valid: BoolArray, rate_hz: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Acceleration and its validity, both ``LOST`` samples shorter at either end.
+    """Return the acceleration and its validity, both ``LOST`` samples shorter at either end.
 
     ``displacement``: shape (n,), m; ``valid``: shape (n,).
     """
@@ -92,14 +92,14 @@ class Aligned:
 
     @property
     def accelerated(self) -> Aligned:
-        """The same with the acceleration, m/s², in place of the displacement."""
+        """Return the same with the acceleration, m/s², in place of the displacement."""
         values, valid = accelerated(self.displacement_m, self.valid, self.rate_hz)
         response = self.response[LOST : self.response.shape[0] - LOST]
         return _whole(values, response, valid, self.rate_hz, self.start_s + LOST / self.rate_hz)
 
 
 def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float, int]) -> int:
-    """Factor by which a response is decimated.
+    """Return the factor by which a response is decimated.
 
     ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the
     noise; ``kept``: fewest samples of a period of it and of the record: a sine has harmonics, other
@@ -110,7 +110,7 @@ def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float,
 
 
 def no_finer(response_hz: float, optical_hz: float) -> int:
-    """Factor by which a response is decimated at least, so that it is no finer than the displacement.
+    """Return the factor by which a response is decimated at least, so that it is no finer than the displacement.
 
     Between the samples of a displacement there is no noise: interpolated, its noise would end below
     half the rate, and whatever takes it for white would take too little for it.
@@ -119,14 +119,14 @@ def no_finer(response_hz: float, optical_hz: float) -> int:
 
 
 def finer(rate_hz: float, response_hz: float) -> int:
-    """Factor from optical samples to the displacement's, for a response of another rate."""
+    """Return the factor from optical samples to the displacement's, for a response of another rate."""
     return max(int(rate_hz / (FINER * response_hz)), 1)
 
 
 def together(
     found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float
 ) -> Aligned:
-    """Displacement and response at the same instants.
+    """Return the displacement and response at the same instants.
 
     If both are recorded together they pass the same filter, whose response cancels.
 
@@ -158,7 +158,7 @@ def together(
 def _moved(
     values: FloatArray, valid: BoolArray, wanted: FloatArray, spacing: float
 ) -> tuple[slice, FloatArray, BoolArray]:
-    """The displacement at positions, in its samples: the covered positions, the values, and their validity."""
+    """Return the displacement at positions, in its samples: the covered positions, the values, and their validity."""
     spacing, half = max(spacing, 1.0), reach(max(spacing, 1.0))
     inside = np.flatnonzero((wanted >= half) & (wanted <= values.shape[0] - 1 - half))
     kept = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)

@@ -32,7 +32,7 @@ ROOM = 0.8  # usable part of the room beside the carrier
 def mixed_down(
     raw: Signals, near_hz: float, response_hz: float, where: str, most: float
 ) -> tuple[Signals, float]:
-    """A heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
+    """Return a heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
 
     ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of
     the sensor's response; ``most``: of the signal's rate that the least band may take on either
@@ -84,7 +84,7 @@ def mixed_down(
 
 
 def turned_back(raw: Signals, left: np.polynomial.Legendre) -> Signals:
-    """Two signals in quadrature without what is left of their carrier: their phase is the motion's alone.
+    """Return two signals in quadrature without what is left of their carrier: their phase is the motion's alone.
 
     ``left``: phase of the carrier that is left, rad, over the index of a sample.
     """
@@ -101,7 +101,7 @@ def _parts(values: np.ndarray) -> FloatArray:
 
 
 def _clear(power: FloatArray, half_hz: float) -> float:
-    """Band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
+    """Return the band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
     noise = max(float(np.quantile(power, QUIET)), 1e-300)
     return (
         CLEAR**2
@@ -114,7 +114,7 @@ def _clear(power: FloatArray, half_hz: float) -> float:
 def _band(
     power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str
 ) -> tuple[float, float]:
-    """Lowest and highest frequency of the carrier's band."""
+    """Return the lowest and highest frequency of the carrier's band."""
     lines = np.linspace(0.0, 0.5 * rate_hz, power.shape[0])
     inside = np.abs(lines - near_hz) <= room
     floor = float(np.quantile(power, QUIET))

@@ -74,7 +74,7 @@ def _clipped(found: Survey, name: str) -> list[OpticalFinding]:
 
 
 def of_carrier(found: Survey, index: int) -> Choice:
-    """The circle about zero of a heterodyne signal: it needs no ellipse."""
+    """Return the circle about zero of a heterodyne signal: it needs no ellipse."""
     radius = np.hypot(found.points[0], found.points[1])
     size = float(np.median(radius))
     noise = np.full(2, max(float(np.median(np.abs(radius - size))) / 0.6745, 1e-9 * size) ** 2)
@@ -89,12 +89,12 @@ class _Common:
     covariance: FloatArray
 
     def of(self, ellipse: Ellipse) -> Ellipse:
-        """The ellipse with the common shape and its own size."""
+        """Return the ellipse with the common shape and its own size."""
         return ellipse.reshaped(self.mean - self.first.shape_of(ellipse)).known_to(self.covariance)
 
 
 def _common(found: Sequence[Ellipse]) -> tuple[_Common | None, FloatArray]:
-    """The common shape of consistent ellipses, and their scatter, shape (4,)."""
+    """Return the common shape of consistent ellipses, and their scatter, shape (4,)."""
     if len(found) < 2:
         return None, np.zeros(4)
     shapes = np.array([found[0].shape_of(ellipse) for ellipse in found])
@@ -132,7 +132,7 @@ def _borrowed(
     common: _Common | None,
     scatter: FloatArray,
 ) -> Choice:
-    """The ellipse of a larger motion."""
+    """Return the ellipse of a larger motion."""
     source = min(steady, key=lambda i: (abs(i - index), i))
     ellipse = surveys[source].ellipse if common is None else common.of(surveys[source].ellipse)
     group, origin = (source, "of a larger motion") if common is None else (-1, "of larger motions")
@@ -151,7 +151,7 @@ def _borrowed(
 
 
 def _of_a_moving_one(found: Survey, name: str, index: int, surveys: Sequence[Survey]) -> Choice:
-    """The mean ellipse of a larger motion whose ellipse changes, with these changes in its covariance."""
+    """Return the mean ellipse of a larger motion whose ellipse changes, with these changes in its covariance."""
     moving = [i for i, other in enumerate(surveys) if other.whole]
     if not moving:
         return _alone(found, name, index)
@@ -164,7 +164,7 @@ def _of_a_moving_one(found: Survey, name: str, index: int, surveys: Sequence[Sur
 
 
 def _alone(found: Survey, name: str, index: int) -> Choice:
-    """The arc's own ellipse or a circle, with a warning."""
+    """Return the arc's own ellipse or a circle, with a warning."""
     kind = (
         "an ellipse through this arc"
         if found.fitted
@@ -180,7 +180,7 @@ def _alone(found: Survey, name: str, index: int) -> Choice:
 
 
 def _checked(found: Survey, name: str, index: int, choice: Choice) -> Choice:
-    """The choice, unless the record's samples lie beside the ellipse of the larger motion: with a warning then."""
+    """Return the choice, unless the record's samples lie beside the ellipse of the larger motion: with a warning then."""
     ellipse = choice.ellipse
     points = found.points[:, sound(ellipse, found.points)]
     off = float(np.mean(np.hypot(*ellipse.round(points)))) - 1.0 if points.shape[1] else 1.0

@@ -29,7 +29,7 @@ PLACES = 4096
 
 @functools.lru_cache(maxsize=8)
 def taps(factor: int) -> FloatArray:
-    """The filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
+    """Return the filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
     half = HALF * factor
     index = np.arange(-half, half + 1)
     window = np.kaiser(2 * half + 1, BETA)
@@ -38,12 +38,12 @@ def taps(factor: int) -> FloatArray:
 
 
 def lost_at_an_end(factor: int) -> int:
-    """Samples before the first new one, which stands at this index."""
+    """Return the samples before the first new one, which stands at this index."""
     return HALF * factor if factor > 1 else 0
 
 
 def decimated_length(samples: int, factor: int) -> int:
-    """Number of new samples."""
+    """Return the number of new samples."""
     if factor == 1:
         return samples
     return max((samples - 2 * HALF * factor - 1) // factor + 1, 0)
@@ -64,7 +64,7 @@ class Decimator:
         self._partial = np.zeros((signals, 0, self._rows), dtype=kernel.dtype)
 
     def feed(self, block: FloatArray) -> Any:
-        """The outputs that a block completes; shape (signals, n) → (signals, any number)."""
+        """Return the outputs that a block completes; shape (signals, n) → (signals, any number)."""
         values = np.concatenate([self._samples, block], axis=1)
         rows = values.shape[1] // self._factor
         used = values[:, : rows * self._factor].reshape(values.shape[0], rows, self._factor)
@@ -80,7 +80,7 @@ class Decimator:
 
 
 def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatArray:
-    """One signal of so many samples that comes block by block, each of shape (n,): all new samples."""
+    """Return one signal of so many samples that comes block by block, each of shape (n,): all new samples."""
     if factor == 1:
         return np.concatenate(list(blocks))
     count = decimated_length(samples, factor)
@@ -92,7 +92,7 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
 def filtered(
     raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
 ) -> Any:
-    """New samples from ``start`` on of signals that are read block by block.
+    """Return new samples from ``start`` on of signals that are read block by block.
 
     ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs;
     ``kernel``: real or complex, shape (2 · HALF · factor + 1,); ``start``: first new sample.
@@ -116,13 +116,13 @@ def _collected(
 
 
 def at_lower_rate(raw: Signals, factor: int, block: Callable[[int, int], FloatArray]) -> Signals:
-    """Signals at a lower rate, whose filtered samples ``block`` makes."""
+    """Return the signals at a lower rate, whose filtered samples ``block`` makes."""
     first_s = lost_at_an_end(factor) / raw.rate_hz
     return Signals(decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s)
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
-    """New samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
+    """Return new samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
     count = decimated_length(samples, factor)
     bad = np.zeros(count, dtype=bool)
     reach = 2 * lost_at_an_end(factor)
@@ -135,7 +135,7 @@ def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> Bo
 def at_positions(
     values: FloatArray, positions: FloatArray, spacing: float, length: int = HALF
 ) -> FloatArray:
-    """A signal at positions between its samples, low-passed for a new rate.
+    """Return a signal at positions between its samples, low-passed for a new rate.
 
     ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1
     − ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half
@@ -175,13 +175,13 @@ def _rows(
 
 
 def reach(spacing: float, length: int = HALF) -> int:
-    """Samples on either side that :func:`at_positions` needs."""
+    """Return the samples on either side that :func:`at_positions` needs."""
     return int(np.ceil(length * spacing))
 
 
 @functools.lru_cache(maxsize=2)
 def _table(spacing: float, length: int) -> FloatArray:
-    """The filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
+    """Return the filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
     half = reach(spacing, length)
     distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)

@@ -131,7 +131,7 @@ def demodulate(
 def _bridged(
     signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Values with the turns lost in gaps restored, and the piece of each value: gaps of unknown turns part them."""
+    """Return the values with the turns lost in gaps restored, and the piece of each value: gaps of unknown turns part them."""
     shift = np.zeros(values.shape[0])
     piece = np.zeros(values.shape[0], dtype=int)
     for number, gap in enumerate(gaps):
@@ -147,7 +147,7 @@ def _bridged(
 def _excerpt(
     time_s: FloatArray, values: FloatArray, valid: BoolArray, near_hz: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Times and values to show: of a sine some periods, where samples are left out if any are; of other motion all."""
+    """Return the times and values to show: of a sine some periods, where samples are left out if any are; of other motion all."""
     part = slice(0, None, max(valid.size // EXCERPT, 1))
     if near_hz is not None:
         first = int(np.argmin(valid)) if not valid.all() else 0
@@ -163,7 +163,7 @@ def _longest(piece: np.ndarray, usable: BoolArray) -> int:
 def _joined(
     values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float, near_hz: float
 ) -> tuple[FloatArray, np.ndarray]:
-    """Pieces of a sine joined: the sine of the longest one gives the turns by which the others are off."""
+    """Return the pieces of a sine joined: the sine of the longest one gives the turns by which the others are off."""
     if piece.size == 0 or piece[-1] == 0:
         return values, piece
     values = values.copy()
@@ -187,7 +187,7 @@ def _joined(
 def _without_carrier(
     values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None, position: np.ndarray
 ) -> tuple[FloatArray, np.polynomial.Legendre]:
-    """Phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
+    """Return the phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
 
     With a sine both are fitted in rounds, to separate them. The second value is the parabola over
     ``position``.

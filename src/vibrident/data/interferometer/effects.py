@@ -63,13 +63,13 @@ class Cyclic:
     by_ellipse: FloatArray  # covariance of them by the uncertainty of the ellipse, shape (6, 6)
 
     def amplitude(self, index: int) -> tuple[float, float]:
-        """Amplitude of one of the orders and its standard uncertainty, rad."""
+        """Return the amplitude of one of the orders and its standard uncertainty, rad."""
         part = slice(2 * index, 2 * index + 2)
         u = float(np.sqrt(0.5 * np.trace(self.covariance[part, part])))
         return float(np.hypot(*self.waves[part])), u
 
     def rarity(self, index: int) -> float:
-        """Probability of an amplitude at least as large by chance."""
+        """Return the probability of an amplitude at least as large by chance."""
         part = slice(2 * index, 2 * index + 2)
         wave = self.waves[part]
         covariance = self.covariance[part, part] + self.by_ellipse[part, part]
@@ -135,7 +135,7 @@ def cyclic_error(
 
 
 def together(found: Sequence[Cyclic]) -> Cyclic:
-    """The mean of several records, weighted by their covariances.
+    """Return the mean of several records, weighted by their covariances.
 
     Its covariance is that of their scatter, if they scatter by more than theirs.
     """
@@ -154,7 +154,7 @@ def together(found: Sequence[Cyclic]) -> Cyclic:
 
 
 def significant(found: Sequence[Cyclic | None]) -> Cyclic | None:
-    """The cyclic error of a set-up in the orders that are significant over all its records; None without any."""
+    """Return the cyclic error of a set-up in the orders that are significant over all its records; None without any."""
     measured = [one for one in found if one is not None]
     if not measured:
         return None
@@ -183,13 +183,13 @@ class Answer:
 
     @property
     def relative(self) -> np.ndarray:
-        """Change of the reference for one unit of p, q, b − a, e of the ellipse, complex, shape (4, m)."""
+        """Return the change of the reference for one unit of p, q, b − a, e of the ellipse, complex, shape (4, m)."""
         cosine, sine, cosine2, sine2 = self.harmonics[:4]
         return np.stack([-sine, cosine, 0.5 * sine2, 0.5 * cosine2])
 
 
 def of_sine(amplitude: float, mean: float, frequency_hz: float) -> tuple[FloatArray, np.ndarray]:
-    """Frequency, shape (1,), and change of the reference for one radian of cos nφ, sin nφ, n = 1, 2, 4: (6, 1)."""
+    """Return the frequency, shape (1,), and change of the reference for one radian of cos nφ, sin nφ, n = 1, 2, 4: (6, 1)."""
     rows = []
     for n in ORDERS:
         part = 2.0 * j1(n * amplitude) / max(amplitude, 1e-300)
@@ -198,7 +198,7 @@ def of_sine(amplitude: float, mean: float, frequency_hz: float) -> tuple[FloatAr
 
 
 def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, np.ndarray]:
-    """The same for any motion, in bands: frequencies (m,) and changes (6, m)."""
+    """Return the same for any motion, in bands: frequencies (m,) and changes (6, m)."""
     phase = np.where(valid, phase, np.mean(phase[valid]))[:MOST]
     count = phase.shape[0]
     window = np.hanning(count) if count > 64 else np.ones(count)
@@ -221,7 +221,7 @@ def of_motion(phase: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[Floa
 def effects(
     answers: Sequence[Answer], cyclic: Sequence[tuple[Sequence[Answer], FloatArray]] = ()
 ) -> tuple[SystematicEffect, ...]:
-    """The systematic effects of ellipses, and of what remains of cyclic errors, on a calibration.
+    """Return the systematic effects of ellipses, and of what remains of cyclic errors, on a calibration.
 
     ``cyclic``: records that share a cyclic error, with the covariance of what remains of its
     amplitudes, shape (6, 6).
@@ -249,7 +249,7 @@ def _patterns(
     covariance: FloatArray,
     grid: FloatArray,
 ) -> list[tuple[float, SystematicEffect]]:
-    """Independent effects of amplitudes with a covariance, with their size over the noise; not negligible ones.
+    """Return independent effects of amplitudes with a covariance, with their size over the noise; not negligible ones.
 
     ``source``: of the effects, for the budget; ``members``: records, with the change of the
     reference by a unit of each amplitude, shape (amplitudes, m); ``covariance``: of the amplitudes;
@@ -280,7 +280,7 @@ def _patterns(
 def _pattern(
     source: str, kind: EffectKind, parts: Sequence[tuple[FloatArray, np.ndarray]], grid: FloatArray
 ) -> SystematicEffect:
-    """An effect with a tabulated pattern: zero at the frequencies of other records."""
+    """Return an effect with a tabulated pattern: zero at the frequencies of other records."""
     values = np.zeros(grid.shape, dtype=complex)
     seen = np.zeros(grid.shape)
     for frequency, change in parts:

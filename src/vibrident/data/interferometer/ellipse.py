@@ -55,28 +55,28 @@ class Ellipse:
 
     @property
     def amplitudes(self) -> tuple[float, float]:
-        """A and B."""
+        """Return a and B."""
         return float(self.matrix[0, 0]), float(np.hypot(*self.matrix[1]))
 
     @property
     def quadrature_error_rad(self) -> float:
-        """ε: the second signal is B sin(φ + ε)."""
+        """Return ε: the second signal is B sin(φ + ε)."""
         return float(np.arctan2(self.matrix[1, 0], self.matrix[1, 1]))
 
     @functools.cached_property
     def inverse(self) -> FloatArray:
-        """M⁻¹, shape (2, 2)."""
+        """Return M⁻¹, shape (2, 2)."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
     @functools.cached_property
     def radial_noise(self) -> float:
-        """Standard deviation of the noise over the amplitude, its mean over the circle."""
+        """Return the standard deviation of the noise over the amplitude, its mean over the circle."""
         inverse = self.inverse
         return float(np.sqrt(0.5 * np.trace(inverse @ np.diag(self.noise) @ inverse.T)))
 
     @property
     def for_phase(self) -> Ellipse:
-        """The ellipse that gives unbiased mean phases of noisy samples.
+        """Return the ellipse that gives unbiased mean phases of noisy samples.
 
         Anisotropic noise biases the angle by −cov(tangential, radial): ½ (N₁₁ − N₂₂) sin 2φ − N₁₂
         cos 2φ, with N its covariance in the coordinates of the unit circle.
@@ -89,7 +89,7 @@ class Ellipse:
         )
 
     def round(self, u: FloatArray) -> FloatArray:
-        """Signals, shape (2, n), as v: cos φ and sin φ with their noise, in their precision, shape (2, n)."""
+        """Return the signals, shape (2, n), as v: cos φ and sin φ with their noise, in their precision, shape (2, n)."""
         (first, _), (skew, second) = self.inverse.tolist()
         v = np.empty_like(u)
         for row, (centre, scale) in enumerate(
@@ -102,31 +102,31 @@ class Ellipse:
         return v
 
     def difference(self, other: Ellipse) -> FloatArray:
-        """(p, q, a, b, e) of another ellipse seen in the coordinates of this one, shape (5,)."""
+        """Return (p, q, a, b, e) of another ellipse seen in the coordinates of this one, shape (5,)."""
         inverse = self.inverse
         shift = inverse @ (other.centre - self.centre)
         change = inverse @ other.matrix - np.eye(2)
         return np.array([*shift, change[0, 0], change[1, 1], change[1, 0]])
 
     def shape_of(self, other: Ellipse) -> FloatArray:
-        """Shape (p, q, b − a, e) of another ellipse seen in the coordinates of this one, shape (4,)."""
+        """Return the shape (p, q, b − a, e) of another ellipse seen in the coordinates of this one, shape (4,)."""
         return _SHAPE @ self.difference(other)
 
     @property
     def shape_covariance(self) -> FloatArray:
-        """Covariance of the shape (p, q, b − a, e), shape (4, 4)."""
+        """Return the covariance of the shape (p, q, b − a, e), shape (4, 4)."""
         return _SHAPE @ self.covariance @ _SHAPE.T
 
     def known_to(self, covariance: FloatArray) -> Ellipse:
-        """The ellipse with another covariance of its shape, shape (4, 4)."""
+        """Return the ellipse with another covariance of its shape, shape (4, 4)."""
         return replace(self, covariance=_BACK @ covariance @ _BACK.T)
 
     def reshaped(self, by: FloatArray) -> Ellipse:
-        """The ellipse of the same size whose shape differs by (p, q, b − a, e)."""
+        """Return the ellipse of the same size whose shape differs by (p, q, b − a, e)."""
         return self.changed(_BACK @ by)
 
     def changed(self, by: FloatArray) -> Ellipse:
-        """The ellipse that differs from this one by (p, q, a, b, e)."""
+        """Return the ellipse that differs from this one by (p, q, a, b, e)."""
         p, q, a, b, e = by
         change = np.array([[1.0 + a, 0.0], [e, 1.0 + b]])
         return replace(
@@ -135,7 +135,7 @@ class Ellipse:
 
 
 def circle(u: FloatArray) -> Ellipse:
-    """A circle through samples, shape (2, n): the algebraic fit without second-order bias.
+    """Return a circle through samples, shape (2, n): the algebraic fit without second-order bias.
 
     Source: Al-Sharadqah & Chernov (2009), "Error analysis for circle fitting algorithms" (the fit
     they call Hyper).
@@ -194,7 +194,7 @@ def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
 
 
 def as_circle(u: FloatArray, samples: float) -> Ellipse:
-    """A circle through a short arc, with the uncertainty that the prior of the ellipse leaves.
+    """Return a circle through a short arc, with the uncertainty that the prior of the ellipse leaves.
 
     ``u``: samples, shape (2, n); ``samples``: number of all samples.
     """
@@ -214,20 +214,20 @@ def as_circle(u: FloatArray, samples: float) -> Ellipse:
 
 
 def excess(block: FloatArray, ellipse: Ellipse) -> float:
-    """Mean of |v|² − 1 of a block without its noise: twice the relative deviation of its amplitude."""
+    """Return the mean of |v|² − 1 of a block without its noise: twice the relative deviation of its amplitude."""
     clean = _rounded(block, ellipse, ellipse.noise)
     return float(_EXCESS @ clean[:, 0] / clean[0, 0])
 
 
 def _rounded(found: FloatArray, ellipse: Ellipse, noise: FloatArray | None) -> FloatArray:
-    """Matrix of products of the six functions of v; noise-corrected if the noise is given."""
+    """Return the matrix of products of the six functions of v; noise-corrected if the noise is given."""
     change = moments.moved(ellipse.centre, ellipse.inverse)
     clean = found if noise is None else moments.without_noise(found, np.diag(noise))
     return change @ moments.matrix(clean) @ change.T
 
 
 def _noise(whole: FloatArray, ellipse: Ellipse) -> FloatArray:
-    """Variances of the noise from the residual |v|² − 1: mean square 4 nᵀNn + 2 tr N² + (tr N)²."""
+    """Return the variances of the noise from the residual |v|² − 1: mean square 4 nᵀNn + 2 tr N² + (tr N)²."""
     count = whole[0, 0]
     inverse = ellipse.inverse
     shape = inverse @ np.diag(ellipse.noise) @ inverse.T
@@ -244,7 +244,7 @@ def _noise(whole: FloatArray, ellipse: Ellipse) -> FloatArray:
 
 
 def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, float]:
-    """Gauss–Newton step of (p, q, a, b, e), its information, and the noise-free part of its worst direction.
+    """Return the Gauss–Newton step of (p, q, a, b, e), its information, and the noise-free part of its worst direction.
 
     In a direction dominated by noise, a least part of the apparent information is used.
     """
@@ -268,7 +268,7 @@ def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, 
 
 
 def _inflation(blocks: Sequence[FloatArray], whole: FloatArray, ellipse: Ellipse) -> float:
-    """Factor of the variance over that of white noise, from the scatter of the blocks."""
+    """Return the factor of the variance over that of white noise, from the scatter of the blocks."""
     if len(blocks) < FEWEST_BLOCKS:
         return 1.0
     variance = ellipse.radial_noise**2

@@ -24,7 +24,7 @@ POWERS = (
 
 
 def sums(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Σ x^a y^b for a + b ≤ 4, shape (5, 5), zero elsewhere; x and y of shape (n,)."""
+    """Return Σ x^a y^b for a + b ≤ 4, shape (5, 5), zero elsewhere; x and y of shape (n,)."""
     total = np.zeros((6, 6))
     for start in range(0, x.shape[0], AT_ONCE):
         first = x[start : start + AT_ONCE]
@@ -40,7 +40,7 @@ def sums(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def from_matrix(matrix: FloatArray) -> FloatArray:
-    """Sums as (5, 5) from the 6 × 6 matrix of products of the six functions."""
+    """Return the sums as (5, 5) from the 6 × 6 matrix of products of the six functions."""
     found = np.zeros((5, 5))
     for i, (a, b) in enumerate(POWERS):
         for j, (c, d) in enumerate(POWERS):
@@ -49,12 +49,12 @@ def from_matrix(matrix: FloatArray) -> FloatArray:
 
 
 def matrix(found: FloatArray) -> FloatArray:
-    """The 6 × 6 matrix of products of the six functions from the sums, shape (5, 5)."""
+    """Return the 6 × 6 matrix of products of the six functions from the sums, shape (5, 5)."""
     return np.array([[found[a + c, b + d] for c, d in POWERS] for a, b in POWERS])
 
 
 def without_noise(found: FloatArray, noise: FloatArray) -> FloatArray:
-    """Expected sums of the samples without noise.
+    """Return the expected sums of the samples without noise.
 
     ``found``: shape (5, 5); ``noise``: covariance of the noise of a sample, shape (2, 2).
     """
@@ -76,7 +76,7 @@ def _step(found: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 def moved(centre: FloatArray, inverse: FloatArray) -> FloatArray:
-    """Effect of a change of coordinates on the six functions, shape (6, 6): f(v) = T f(u), v = inverse (u − centre)."""
+    """Return the effect of a change of coordinates on the six functions, shape (6, 6): f(v) = T f(u), v = inverse (u − centre)."""
     shift = -inverse @ centre
     lines = [np.array([shift[i], inverse[i, 0], inverse[i, 1], 0.0, 0.0, 0.0]) for i in range(2)]
     one = np.eye(6)[0]

@@ -36,7 +36,7 @@ ORDERS = (1, 2, 4)  # orders of the cyclic error: harmonics of the phase
 
 
 def waves(phase: FloatArray) -> FloatArray:
-    """Waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
+    """Return the waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
     return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
 
 
@@ -71,7 +71,7 @@ def unwrapped(
     path: Path,
     error: FloatArray | None = None,
 ) -> Iterator[FloatArray]:
-    """The unwrapped phase, rad, block by block; fills ``path``.
+    """Yield the unwrapped phase, rad, block by block; fills ``path``.
 
     ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else
     empty; ``path``: what is found on the way; ``error``: amplitudes of a cyclic error to be taken
@@ -128,7 +128,7 @@ def _good(v: FloatArray, ellipse: Ellipse) -> BoolArray:
 def _followed(
     angle: FloatArray, good: BoolArray, last: float, before: float | None, start: int, path: Path
 ) -> tuple[FloatArray, float, float | None]:
-    """Phase of a block that follows the phase ``last``; ``before`` is the last change, None behind a gap."""
+    """Return the phase of a block that follows the phase ``last``; ``before`` is the last change, None behind a gap."""
     whole = bool(good.all())
     kept = angle if whole else angle[good]
     if kept.shape[0] == 0:
@@ -167,7 +167,7 @@ def _followed(
 
 
 def _continued(angle: FloatArray, last: float) -> tuple[FloatArray, FloatArray]:
-    """The phase of angles that follows the phase ``last``, each at the nearest turn, and the change to each.
+    """Return the phase of angles that follows the phase ``last``, each at the nearest turn, and the change to each.
 
     Turns are counted and added to the angles: rounding does not add up.
     """
@@ -225,7 +225,7 @@ def _counted(
 
 
 def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
-    """Turns to add behind a gap to the phase that continues from the nearest turn; None if they cannot be determined.
+    """Return the turns to add behind a gap to the phase that continues from the nearest turn; None if they cannot be determined.
 
     A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step
     of the right polynomial is a whole number of turns, which is the check.

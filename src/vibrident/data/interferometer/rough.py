@@ -31,7 +31,7 @@ FEWEST = 1 << 12  # fewest samples that are kept of slow signals
 
 
 def rough_frequency(signals: Signals, choice: Choice) -> float:
-    """Frequency of a sine, Hz."""
+    """Return the frequency of a sine, Hz."""
     samples = PIECE
     while True:
         piece = _piece(signals, samples)
@@ -45,7 +45,7 @@ def rough_frequency(signals: Signals, choice: Choice) -> float:
 
 
 def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[float, bool]:
-    """Frequency up to which the motion stands above the noise of the phase, Hz, and whether light is lost.
+    """Return the frequency up to which the motion stands above the noise of the phase, Hz, and whether light is lost.
 
     All of the record is looked at: a shock may be anywhere in it, and a sweep is fast at its end.
 
@@ -60,7 +60,7 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[fl
 
 
 def slower(signals: Signals) -> Signals | None:
-    """Two signals at the rate that their spectrum needs, with less noise in a sample; None if it is theirs.
+    """Return two signals at the rate that their spectrum needs, with less noise in a sample; None if it is theirs.
 
     The ellipse of a motion below a fringe is told from noise sample by sample: so it is determined
     as well at any rate.
@@ -89,7 +89,7 @@ def _piece(signals: Signals, samples: int) -> Signals:
 
 
 def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:
-    """Frequency up to which signals, shape (signals, n), stand above the noise, Hz."""
+    """Return the frequency up to which signals, shape (signals, n), stand above the noise, Hz."""
     samples = values.shape[1]
     length = max(min(samples // SPECTRA, MEANS), min(samples, 64))
     starts = np.linspace(0, samples - length, max(2 * samples // length - 1, 1)).astype(int)

@@ -33,7 +33,7 @@ class Interferometer:
 
     @property
     def metres_per_radian(self) -> float:
-        """Displacement for one radian of phase, with its sign: phase = 4π · passes · x / wavelength."""
+        """Return the displacement for one radian of phase, with its sign: phase = 4π · passes · x / wavelength."""
         return (self.direction or 1) * self.wavelength_m / (4.0 * math.pi * self.passes)
 
 
@@ -49,7 +49,7 @@ class Signals:
 
 
 def held(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> Signals:
-    """Signals in memory, shape (signals, samples)."""
+    """Return the signals in memory, shape (signals, samples)."""
     return Signals(
         values.shape[1],
         rate_hz,

@@ -32,7 +32,7 @@ class Sine:
     slope: float
 
     def at(self, time_s: FloatArray) -> FloatArray:
-        """Value at times in s."""
+        """Return the value at times in s."""
         wave = self.amplitude * np.cos(2.0 * np.pi * self.frequency_hz * time_s + self.angle)
         return wave + self.mean + self.slope * time_s
 
@@ -86,7 +86,7 @@ def fit_sine(
 
 
 def _turned(rows: FloatArray, seen: FloatArray, angle: FloatArray) -> float:
-    """A Gauss–Newton step of the frequency, in radians over the span; fills the rows cos, sin, 1, t, t cos, t sin."""
+    """Return a Gauss–Newton step of the frequency, in radians over the span; fills the rows cos, sin, 1, t, t cos, t sin."""
     np.cos(angle, out=rows[0])
     np.sin(angle, out=rows[1])
     np.multiply(rows[3], rows[:2], out=rows[4:])
@@ -104,7 +104,7 @@ def _turned(rows: FloatArray, seen: FloatArray, angle: FloatArray) -> float:
 def peak(
     values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None = None
 ) -> float:
-    """Frequency of the largest line, Hz: within a factor 1.3 of ``near_hz``, else of the displacement's velocity."""
+    """Return the frequency of the largest line, Hz: within a factor 1.3 of ``near_hz``, else of the displacement's velocity."""
     known = np.flatnonzero(valid)
     index = np.arange(known[0], known[-1] + 1)
     whole = np.interp(index, known, values[known])
@@ -126,7 +126,7 @@ def peak(
 def without_slow_motion(
     values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None
 ) -> tuple[FloatArray, Sine | None]:
-    """The values without slow motion, and the sine in them; None for less than a period.
+    """Return the values without slow motion, and the sine in them; None for less than a period.
 
     ``values``: shape (n,); ``valid``: shape (n,); ``near_hz``: approximate frequency of the sine.
     """

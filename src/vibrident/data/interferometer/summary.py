@@ -54,7 +54,7 @@ class OpticalSummary:
 
     @property
     def noise_density_m(self) -> float:
-        """Displacement noise for white phase noise, m/√Hz."""
+        """Return the displacement noise for white phase noise, m/√Hz."""
         return (
             abs(self.setting.metres_per_radian)
             * self.phase_noise_rad

@@ -54,23 +54,23 @@ class Survey:
 
     @property
     def change(self) -> float:
-        """Largest change of the shape in time, relative to the amplitude; zero if there is none."""
+        """Return the largest change of the shape in time, relative to the amplitude; zero if there is none."""
         shapes = [self.ellipse.shape_of(piece) for _, piece in self.knots]
         return float(np.max(np.ptp(shapes, axis=0))) if shapes else 0.0
 
     @property
     def whole(self) -> bool:
-        """Whether the motion covers a fringe or more."""
+        """Return whether the motion covers a fringe or more."""
         return self.fitted and self.covered_rad > 2.0 * np.pi * (1.0 - 1.5 / PARTS)
 
 
 def lost_radius(ellipse: Ellipse) -> float:
-    """Radius over the amplitude below which a sample is lost."""
+    """Return the radius over the amplitude below which a sample is lost."""
     return float(np.clip(LOST_SIGMA * ellipse.radial_noise, LOST, MOST_LOST))
 
 
 def sound(ellipse: Ellipse, u: FloatArray) -> BoolArray:
-    """Samples, shape (2, n), that are neither lost nor far outside."""
+    """Return the samples, shape (2, n), that are neither lost nor far outside."""
     v = ellipse.round(u)
     radius = v[0] * v[0] + v[1] * v[1]
     return (radius > lost_radius(ellipse) ** 2) & (radius < TOO_LARGE**2)
@@ -113,7 +113,7 @@ def _require_two(points: FloatArray) -> None:
 
 
 def _at_limit(points: FloatArray) -> tuple[float, ...]:
-    """Part of each signal's samples at an extreme, where far more lie there than at the value beside it.
+    """Return the part of each signal's samples at an extreme, where far more lie there than at the value beside it.
 
     A free signal's turns put 2.4 times as many into the outermost code of a converter, 5.3 times at
     most.
@@ -142,7 +142,7 @@ def _sample(signals: Signals) -> FloatArray:
 
 
 def _coarse(points: FloatArray) -> Ellipse:
-    """An ellipse through the sample without lost parts, and the ratio of the signals' noise."""
+    """Return an ellipse through the sample without lost parts, and the ratio of the signals' noise."""
     found = ellipses.circle(points)
     for _ in range(4):
         kept = points[:, sound(found, points)]
@@ -158,7 +158,7 @@ def _coarse(points: FloatArray) -> Ellipse:
 
 
 def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
-    """Factors on the noise variances of both signals, from how the radial noise changes round the circle; (2,)."""
+    """Return the factors on the noise variances of both signals, from how the radial noise changes round the circle; (2,)."""
     if u.shape[1] < 1000:
         return np.ones(2)
     v = ellipse.round(u)
@@ -175,7 +175,7 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
 def _blocks(
     signals: Signals, coarse: Ellipse, scale: FloatArray
 ) -> tuple[list[FloatArray], list[float]]:
-    """Sums of blocks in coordinates of the coarse ellipse, and the index of the middle of each."""
+    """Return the sums of blocks in coordinates of the coarse ellipse, and the index of the middle of each."""
     length = int(np.clip(signals.samples // FEWEST_BLOCKS, LEAST_BLOCK, BLOCK))
     count = max(signals.samples // length, 1)
     every = max(int(np.ceil(count * length / MOST)), 1)
@@ -202,7 +202,7 @@ def _blocks(
 
 
 def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
-    """Blocks with a fading common amplitude removed: it does not change the phase."""
+    """Return the blocks with a fading common amplitude removed: it does not change the phase."""
     count = np.array([block[0, 0] for block in blocks])
     excess = np.array([ellipses.excess(block, whole) for block in blocks])
     expected = 4.0 * whole.radial_noise**2 / count
@@ -219,7 +219,7 @@ def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
 def _knots(
     blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse
 ) -> list[tuple[float, Ellipse]]:
-    """Ellipses of those pieces of time that determine one if they differ; else empty."""
+    """Return the ellipses of those pieces of time that determine one if they differ; else empty."""
     found = []
     for part in np.array_split(np.arange(len(blocks)), min(PIECES, max(len(blocks) // 4, 1))):
         piece = ellipses.fit([blocks[i] for i in part], whole)

@@ -114,7 +114,7 @@ def detect_layout(text: PlainText, file: str) -> CsvLayout:
 
 
 def too_long_a_line(file: str, line: int) -> InputError:
-    """The error of a line that is too long for a table of numbers."""
+    """Return the error of a line that is too long for a table of numbers."""
     return InputError(
         "A line of the file is too long.",
         expected=f"lines of at most {LONGEST_LINE} characters",
@@ -161,7 +161,7 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
 
 
 def _national(data: bytes) -> tuple[str, str]:
-    """Text that is not UTF-8, and its encoding: Chinese (GB 2312) or Western European."""
+    """Return the text that is not UTF-8, and its encoding: Chinese (GB 2312) or Western European."""
     try:
         text = data.decode("gb2312")
     except UnicodeDecodeError:
@@ -332,7 +332,7 @@ def _decimal_of(lines: list[str], delimiter: str) -> str:
 
 
 def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
-    """Columns of numbers that hold text in this row."""
+    """Return the columns of numbers that hold text in this row."""
     return [
         column
         for column in numeric

@@ -75,12 +75,12 @@ class Columns:
 
     @property
     def is_table(self) -> bool:
-        """Whether the names are those of a tabulated response."""
+        """Return whether the names are those of a tabulated response."""
         return {"frequency", "magnitude"} <= self.document["table"].keys()
 
     @property
     def time(self) -> int | str | None:
-        """The column of the times; None if there is none, or the file states its rate."""
+        """Return the column of the times; None if there is none, or the file states its rate."""
         return self.document["sampling"].get("time_column")
 
 

@@ -119,7 +119,7 @@ class InterferometerSection(FileSection):
 
     @property
     def setting(self) -> Interferometer:
-        """The section as the interferometer that it describes."""
+        """Return the section as the interferometer that it describes."""
         return Interferometer(**self.model_dump(exclude={"columns", "rate_hz"}))
 
 
@@ -233,7 +233,7 @@ class UncertaintyEntry(FileSection):
 
     @property
     def effect(self) -> SystematicEffect:
-        """The entry as the record of an effect."""
+        """Return the entry as the record of an effect."""
         freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
         size = max((u for _, u in self.table or ()), default=self.standard_uncertainty or 0.0)
         scale = size if self.table and size else 1.0
@@ -243,7 +243,7 @@ class UncertaintyEntry(FileSection):
 
     @property
     def _shape(self) -> list[tuple[float, float]]:
-        """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
+        """Return the frequency and size of the rows of a table, or of a band of one; empty for neither."""
         if self.table:
             return [(float(f), float(u)) for f, u in self.table]
         low = self.from_hz
@@ -270,7 +270,7 @@ class CapabilityEntry(FileSection):
 
     @property
     def capability(self) -> Capability:
-        """The entry as a capability."""
+        """Return the entry as a capability."""
         return Capability(
             self.quantity, self.expanded_uncertainty, self.from_hz or 0.0, self.to_hz or math.inf
         )

@@ -100,7 +100,7 @@ def _refuse_unwritable(calibration: Calibration) -> None:
 
 
 def record_files(records: list[str]) -> list[str]:
-    """A unique CSV file name for each record, valid on every system."""
+    """Return a unique CSV file name for each record, valid on every system."""
     stems: list[str] = []
     for record in records:
         stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
@@ -121,7 +121,7 @@ def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
 
 
 def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
-    """The columns that the table has, by their names in the file, which are those of its fields."""
+    """Return the columns that the table has, by their names in the file, which are those of its fields."""
     return {
         name: values
         for name in _TABLE_KEYS.values()

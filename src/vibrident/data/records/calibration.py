@@ -138,7 +138,7 @@ class Calibration:
         names: Sequence[str] = (),
         **more: Any,
     ) -> Calibration:
-        """A calibration of records in memory.
+        """Return a calibration of records in memory.
 
         Args:
             reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for
@@ -184,13 +184,13 @@ class Calibration:
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each channel, by its label: of what it holds."""
+        """Return the unit of each channel, by its label: of what it holds."""
         held = {name: known.channel_unit for name, known in self.known_responses.items()}
         return {"reference": self.reference_unit, "response": self.response_unit} | held
 
     @property
     def known_responses(self) -> dict[str, KnownResponse]:
-        """What is known of each channel, by its label; empty where nothing is."""
+        """Return what is known of each channel, by its label; empty where nothing is."""
         stated = {
             "reference": self.reference_known_response,
             "response": self.response_known_response,
@@ -227,7 +227,7 @@ class Calibration:
 
 
 def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
-    """The arrays of a channel, one a record: a single one where the elements are numbers."""
+    """Return the arrays of a channel, one a record: a single one where the elements are numbers."""
     whole = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
     return whole if whole and np.ndim(whole[0]) > 0 else [channel]
 
@@ -258,7 +258,7 @@ def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
 
 
 def _channel(name: str, values: FloatArray | None, unit: str) -> dict[str, float]:
-    """The size of the motion, and the constant beside it."""
+    """Return the size of the motion, and the constant beside it."""
     if values is None:
         return {}
     rms = float(np.std(values))

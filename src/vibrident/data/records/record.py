@@ -114,12 +114,12 @@ class ResponseTable:
 
     @property
     def points(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return int(self.frequency_hz.shape[0])
 
     @property
     def response(self) -> NDArray[np.complex128]:
-        """Complex response, shape (points,); real and positive where the table has no phase."""
+        """Return the complex response, shape (points,); real and positive where the table has no phase."""
         if self.phase_rad is None:
             return self.magnitude.astype(np.complex128)
         return np.asarray(self.magnitude * np.exp(1j * self.phase_rad), dtype=np.complex128)
@@ -237,33 +237,33 @@ class Record:
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return int(self.response.shape[0])
 
     @property
     def sampling_interval_s(self) -> float:
-        """Time between samples, s."""
+        """Return the time between samples, s."""
         return 1.0 / self.sampling_rate_hz
 
     @property
     def duration_s(self) -> float:
-        """Length of the record, s."""
+        """Return the length of the record, s."""
         return self.samples / self.sampling_rate_hz
 
     @property
     def time_s(self) -> FloatArray:
-        """Sample times from the record's first sample, s; shape (samples,)."""
+        """Return the sample times from the record's first sample, s; shape (samples,)."""
         return np.arange(self.samples) / self.sampling_rate_hz
 
     @property
     def mask(self) -> BoolArray:
-        """Samples that may be used; shape (samples,)."""
+        """Return the samples that may be used; shape (samples,)."""
         assert self.valid is not None  # set in __post_init__
         return self.valid
 
     @property
     def reference_mask(self) -> BoolArray:
-        """Samples of the reference that may be used as input; shape (samples,)."""
+        """Return the samples of the reference that may be used as input; shape (samples,)."""
         return self.mask if self.reference_valid is None else self.reference_valid
 
     def part(self, span: slice, step: str) -> Record:
@@ -284,7 +284,7 @@ class Record:
         return replace(self.without_response(bad, reason), reference_valid=reference)
 
     def without_response(self, bad: BoolArray, reason: str) -> Record:
-        """The same where the reference is still the sensor's input."""
+        """Return the same where the reference is still the sensor's input."""
         provenance = self.provenance.then(
             f"{int(np.sum(bad & self.mask))} samples left out: {reason}"
         )

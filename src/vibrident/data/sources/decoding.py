@@ -54,7 +54,7 @@ def chunks(
 
 
 def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[Chunk]:
-    """One chunk, or several where the time stamps jump."""
+    """Yield one chunk, or several where the time stamps jump."""
     to = wanted.calibration
     reference = columns[0] * to.reference.scale
     response = columns[1] * to.response.scale
@@ -73,7 +73,7 @@ def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[C
 
 
 def _columns(wanted: Wanted) -> list[tuple[str, int | str | None]]:
-    """Key and column of reference, response and, where there is one, time."""
+    """Return the key and column of reference, response and, where there is one, time."""
     to = wanted.calibration
     found = [("[reference] column", to.reference.column), ("[response] column", to.response.column)]
     time = to.sampling.time_column
@@ -110,7 +110,7 @@ class _Lines:
         return data[:end], data[end:]
 
     def columns(self, data: bytes) -> list[FloatArray] | None:
-        """The columns wanted, in order."""
+        """Return the columns wanted, in order."""
         from pandas import read_csv
         from pandas.errors import ParserError
 
@@ -206,7 +206,7 @@ class _Frames:
         return data[:end], data[end:]
 
     def columns(self, data: bytes) -> list[FloatArray]:
-        """The columns wanted, in order."""
+        """Return the columns wanted, in order."""
         frames = np.frombuffer(data, dtype="<f4").reshape(-1, self._width).astype(float)
         return [frames[:, place] for place in self._places]
 

@@ -138,7 +138,7 @@ _NO_VALUE = frozenset({
 
 
 def _better_by_pandas(path: Path) -> bool:
-    """Whether pandas is faster: it is loaded already, or the file is large."""
+    """Return whether pandas is faster: it is loaded already, or the file is large."""
     return "pandas" in sys.modules or path.stat().st_size > LIGHT_BYTES
 
 
@@ -181,7 +181,7 @@ class CsvFile(ColumnFile):
         return changed
 
     def in_seconds(self, position: int) -> bool:
-        """Whether the column holds times of day, with or without dates."""
+        """Return whether the column holds times of day, with or without dates."""
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
     def start(self, position: int) -> Start | None:
@@ -282,7 +282,7 @@ class CsvFile(ColumnFile):
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
     def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
-        """The columns of a small purely numeric file; None if it needs the parser."""
+        """Return the columns of a small purely numeric file; None if it needs the parser."""
         if (
             self._numbers is None
             or self._numbers.size != self._row_lines.size * self._layout.fields
@@ -293,7 +293,7 @@ class CsvFile(ColumnFile):
 
     @cached_property
     def _numbers(self) -> FloatArray | None:
-        """All numbers of the file in a row, without loading pandas."""
+        """Return all numbers of the file in a row, without loading pandas."""
         layout = self._layout
         if _better_by_pandas(self._path):
             return None

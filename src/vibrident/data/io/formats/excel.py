@@ -96,7 +96,7 @@ class ExcelFile(StatedFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """The columns of the first sheet."""
+        """Return the columns of the first sheet."""
         return tuple(range(self._numbered))
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
