@@ -37,7 +37,7 @@ from vibrident.use.correction.components import (
     uncertainty_components,
     unknown_samples,
 )
-from vibrident.use.correction.measure_background import (
+from vibrident.use.correction.background import (
     check_ends,
     measure_background,
     starts_in_motion,
@@ -139,7 +139,7 @@ def correct(
         raise InputError(
             "The noise is not usable.",
             expected="a standard deviation in the response unit, 0 or above",
-            content=repr(noise),
+            found=repr(noise),
             where="noise",
             remedy="correct it, or leave it to be estimated",
         )

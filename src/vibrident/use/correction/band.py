@@ -21,7 +21,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.quiet import Surroundings, periodogram
+from vibrident.use.correction.quiet import Baseline, periodogram
 
 BINS_PER_OCTAVE = 12  # spectral bins, and candidates of an edge
 #: A bin has motion if its power exceeds the noise by so many standard deviations of the bin's mean.
@@ -112,7 +112,7 @@ class Content:
         return float(np.sum((1.0 - band.passed(self.frequency_hz)) * amplitude * self.lines))
 
     def ratio(self, band: Band) -> float:
-        """Return the rms of the removed part over that of the highest octave that the band keeps."""
+        """Return the rms of the removed part over that of the highest octave in the band."""
         weights = self.acceleration * self.lines
         removed = 1.0 - passed(self.frequency_hz, 0.0, band.high_hz)
         octave = top_octave(self.frequency_hz, band)
@@ -147,7 +147,7 @@ def measure_content(
     values: FloatArray,
     rate: float,
     sensor: IdentifiedSensor,
-    around: Surroundings,
+    baseline: Baseline,
     event: float,
     highest: float,
 ) -> Content:
@@ -162,7 +162,7 @@ def measure_content(
         highest: highest frequency used, Hz.
     """
     count = values.size
-    transient = around.rest_samples > 0 and around.rests_at_end
+    transient = baseline.rest_samples > 0 and baseline.rests_at_end
     window = np.ones(count) if transient else np.hanning(count)
     power = periodogram(values, window)
     if not transient:
@@ -174,7 +174,7 @@ def measure_content(
     frequency = frequency[used]
     power = power[used]
     inverse = 1.0 / np.abs(sensor.frequency_response(frequency)) ** 2
-    noise = around.noise(frequency)
+    noise = baseline.noise(frequency)
     number = np.floor(BINS_PER_OCTAVE * np.log2(frequency / frequency[0])).astype(int)
     _, number, size = np.unique(number, return_inverse=True, return_counts=True)
 
@@ -183,7 +183,7 @@ def measure_content(
 
     centre = mean(frequency)
     level = mean(noise)
-    spread = (1.0 if transient else 1.94) / size + around.spread
+    spread = (1.0 if transient else 1.94) / size + baseline.spread
     has_motion = mean(power) > level * (1.0 + MIN_MOTION_DEVIATIONS * np.sqrt(spread))
     acceleration = np.maximum(mean((power - noise) * inverse), 0.0)
     limit = level * mean(inverse) * (1.0 + MIN_MOTION_DEVIATIONS * np.sqrt(spread))
@@ -288,7 +288,7 @@ def stated_band(band_hz: tuple[float, float], highest: float, why: str, *, low_e
                 f"0 ≤ low < high ≤ {0.5 * highest:.6g} Hz (the low-pass falls over the octave "
                 f"above high, and {why} ends it)"
             ),
-            content=f"{low:g} to {high:g} Hz",
+            found=f"{low:g} to {high:g} Hz",
             where="band",
             remedy="narrow the band, or leave it to be chosen",
         )
@@ -296,7 +296,7 @@ def stated_band(band_hz: tuple[float, float], highest: float, why: str, *, low_e
         raise InputError(
             "The band begins at zero, where the sensor has no response.",
             expected="a lower edge above zero, or a record that begins at rest",
-            content="0 Hz, and a record that begins in the middle of a motion",
+            found="0 Hz, and a record that begins in the middle of a motion",
             where="band",
             remedy="give a lower edge, or a record with some samples before the motion",
         )
