@@ -38,8 +38,10 @@ def export(
         result: from :func:`vibrident.identify` or :meth:`vibrident.Result.load`.
         form: name of the format, one of ``EXPORTS``.
         folder: of the files; created if missing.
-        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has one.
-        band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
+        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has
+            one.
+        band_hz: band over which errors are stated and the correction filter holds; None takes that
+            of the data.
         without: add-ons to leave out, ``delay`` or ``boxcar``; the file states the error.
         name: of the files, and in them.
         schema: XSD to validate a certificate against.

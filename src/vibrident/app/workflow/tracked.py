@@ -75,7 +75,7 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
     )
     shortest_s = settings.block / rate_hz
     every_s = asked.every_s or (max(shortest_s, min(EVERY_S, length_s / 100)) if length_s else EVERY_S)
-    session = Session.of(known, rate_hz, described.reference.quantity, every_s, settings)
+    session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
     key = {
         "result": known.to_json(),
         "file": asked.calibration.read_text(encoding="utf-8"),

@@ -1,1 +1,1 @@
-"""Recursive identification: sensitivity, resonance, damping and delay kept up to date, with alarms at a stated rate."""
+"""Recursive identification: sensor parameters kept up to date, with alarms at a stated rate."""
