@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
-from vibrident.data.records import Calibration
+from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.identification import fit, identify_run
 from vibrident.fit.judge.document import Uncertainty
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 @in_one_thread
 @watching()
 def identify(
-    calibration: Calibration | str | os.PathLike[str],
+    calibration: GivenCalibration,
     model: GivenModel | None = None,
     estimator: str | Estimator = AUTO,
     *,
@@ -69,11 +68,7 @@ def identify(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
-    if not isinstance(calibration, Calibration):
-        from vibrident.data.io import read
-
-        calibration = read(calibration)
-    calibration = calibration.within(band_hz)
+    calibration = as_calibration(calibration).within(band_hz)
     name = named(model)
     temperatures = temperatures_of(calibration)
     runs = runs_of(calibration)

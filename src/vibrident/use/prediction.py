@@ -16,12 +16,14 @@ import numpy as np
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
+from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.data.screening import Finding, screen
 from vibrident.fit.problem import Coordinates, network_of
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
 from vibrident.physics.discretisation import method
 from vibrident.result import Result
+from vibrident.result.given import GivenResult, as_result
 
 UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothing is searched here
 
@@ -80,17 +82,20 @@ class Predictions:
 
 
 @in_one_thread
-def predict(result: Result, calibration: Calibration) -> Predictions:
+def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
     """Predict the response of a calibration's records.
 
     Args:
-        result: of an identification; its model, estimated parameters and learned residual are used.
-        calibration: records of the same kind of sensor; its own model name is not used.
+        result: of an identification, or the path of its ``result.json``; its model, estimated parameters and learned
+            residual are used.
+        calibration: records of the same kind of sensor, or the path of a calibration file; its own model name is not
+            used.
 
     Raises:
         InputError: the calibration is a table, its units are not the result's, or its records
             cannot be used.
     """
+    result, calibration = as_result(result), as_calibration(calibration)
     sensor = result.to_sensor("a prediction")
     model = sensor.model
     values = dict(sensor.values)

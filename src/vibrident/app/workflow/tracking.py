@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 CHECKPOINT = "track.state"
 RECORDS = "calibration-records"  # the source where none is given
-EVERY_S = 1.0  # time between rows of a stream, s, where nobody says
-WALK = 0.01  # random walk of a parameter in a year, relative, where no history tells it: a choice
-FALSE_ALARMS = 0.01  # expected in a day of motion
 
 
 class Files:

@@ -7,6 +7,7 @@ Its uncertainty has an origin for each entry of ``ORIGINS``; see ``components`` 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,9 +17,10 @@ import numpy as np
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
+from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.screening import Finding
-from vibrident.result import Result
+from vibrident.result.given import GivenResult, as_result
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.band import (
     BINS_PER_OCTAVE,
@@ -103,8 +105,8 @@ class Corrections:
 
 @in_one_thread
 def correct(
-    result: Result,
-    records: Calibration | Sequence[Record],
+    result: GivenResult,
+    records: GivenCalibration | Sequence[Record],
     *,
     band_hz: tuple[float, float] | None = None,
     noise: float | None = None,
@@ -112,9 +114,10 @@ def correct(
     """Restore the acceleration from the measured response of records.
 
     Args:
-        result: of an identification; its parameters, their uncertainties and correlation are used.
-        records: a calibration, or records alone; a reference is used for comparison only. Records
-            without a reference have the excitation ``decay``.
+        result: of an identification, or the path of its ``result.json``; its parameters, their
+            uncertainties and correlation are used.
+        records: a calibration, the path of a calibration file, or records alone; a reference is
+            used for comparison only. Records without a reference have the excitation ``decay``.
         band_hz: lowest and highest frequency to restore; None: chosen for each record from its
             noise and its motion. The low-pass falls to zero over the octave above the highest.
         noise: standard deviation of white noise of the response, response unit; None: from the
@@ -124,10 +127,13 @@ def correct(
         InputError: the model has no linear inverse, the units differ, or a record or the band
             cannot be used.
     """
+    result = as_result(result)
     result.require_linear()
     sensor = result.to_sensor("a correction")
     sensor.require_uncertainty()
     quantity: Quantity = "acceleration"
+    if isinstance(records, str | os.PathLike):
+        records = as_calibration(records)
     if isinstance(records, Calibration):
         records.refuse_known_responses("A correction")
         records.require_response(result.response_unit, "A table holds no response in time.")

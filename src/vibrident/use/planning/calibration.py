@@ -26,6 +26,7 @@ from vibrident.physics.models import parse
 from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.result.document import plain
+from vibrident.result.given import GivenResult, as_result
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total
 from vibrident.use.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
 
@@ -65,7 +66,7 @@ class Plan:
 
 @in_one_thread
 def plan(
-    sensor: str | Result,
+    sensor: GivenResult,
     parameters: Mapping[str, float] | None = None,
     *,
     frequencies_hz: Sequence[float] | FloatArray | None = None,
@@ -88,7 +89,7 @@ def plan(
     result: points as good as those of its own calibration, interpolated over frequency.
 
     Args:
-        sensor: name of a model, or the result of an identification.
+        sensor: name of a model; or the result of an identification, or the path of its ``result.json``.
         parameters: of the model, SI units, frequencies in Hz; None takes the result's.
         frequencies_hz: planned, or the candidates of which ``best`` are chosen; None takes the
             result's.
@@ -112,6 +113,8 @@ def plan(
         InputError: a setting cannot be used; the message says which.
         ModelError: the model is unknown.
     """
+    if not isinstance(sensor, str) or sensor.lower().endswith(".json"):
+        sensor = as_result(sensor)
     model, values = _sensor(sensor, parameters)
     source = sensor if isinstance(sensor, Result) else None
     frequency = _frequencies(frequencies_hz, source)
