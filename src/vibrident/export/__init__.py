@@ -40,8 +40,10 @@ def export(
         result: from :func:`vibrident.identify`, or the path of a ``result.json``.
         form: name of the format, one of ``EXPORTS``.
         folder: of the files; created if missing.
-        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has one.
-        band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
+        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has
+            one.
+        band_hz: band over which errors are stated and the correction filter holds; None takes that
+            of the data.
         without: add-ons to leave out, ``delay`` or ``boxcar``; the file states the error.
         name: of the files, and in them.
         certificate: what a certificate states, given after the fit, as for :func:`vibrident.report`.

@@ -76,7 +76,7 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
         described.reference.standard_uncertainty,
     )
     every_s = asked.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
-    session = Session.of(known, rate_hz, described.reference.quantity, every_s, settings)
+    session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
     key = {
         "result": known.to_json(),
         "file": asked.calibration.read_text(encoding="utf-8"),

@@ -27,8 +27,10 @@ from vibrident.data.records import Calibration, Record
 
 # Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit;
 # time, and more a byte.
-_LIBRARIES_BYTES, _COPIES = 600_000_000, 2
-_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
+_LIBRARIES_BYTES = 600_000_000
+_COPIES = 2
+_SECONDS = 30.0
+_SECONDS_PER_BYTE = 1e-6
 
 
 #: A calibration, or the path of its calibration file.
@@ -97,7 +99,8 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
     """Return the calibration of a checked file, whose relative paths start at ``folder``."""
     quantity = document.reference.quantity
-    described, document = document, as_channels(document)
+    described = document
+    document = as_channels(document)
     records: tuple[Record, ...] = ()
     table = None
     more: tuple[SystematicEffect, ...] = ()

@@ -131,7 +131,7 @@ def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) 
             where="model",
             remedy="name one model, or as many as there are calibrations",
         )
-    return [named(given) for given in model]
+    return [named(model_of_one) for model_of_one in model]
 
 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]) -> list[Result]:
