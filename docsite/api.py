@@ -6,16 +6,13 @@ import inspect
 
 import vibrident
 
+INTRODUCTION = """All of these are names of `vibrident` itself: `vibrident.read`, and so on. They stay;
+[everything else is private](stability.md)."""
 _OPTIONS = "    options:\n      heading_level: 3\n"
-_FURTHER = {
-    "Reports": "vibrident.show.report",
-    "Exports": "vibrident.export",
-    "Comparison": "vibrident.use.comparison",
-}
 
 
 def api() -> str:
-    """Return the page: every public name from where it is defined, then the modules for reports and exports."""
+    """Return the page: every public name from where it is defined."""
     groups: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": []}
     for name in vibrident.__all__:
         value = getattr(vibrident, name)
@@ -23,12 +20,10 @@ def api() -> str:
             groups["Functions"].append(_place(value))
         elif inspect.isclass(value):
             groups["Errors" if issubclass(value, Exception) else "Classes"].append(_place(value))
-    parts = ["# Python interface", "All of these are names of `vibrident` itself: `vibrident.read`, and so on."]
+    parts = ["# Python interface", INTRODUCTION]
     for title, places in groups.items():
         parts.append(f"## {title}")
         parts += [f"::: {place}\n{_OPTIONS}" for place in places]
-    for title, module in _FURTHER.items():
-        parts += [f"## {title}", f"::: {module}\n{_OPTIONS}"]
     return "\n\n".join(parts) + "\n"
 
 

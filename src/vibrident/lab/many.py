@@ -74,6 +74,16 @@ def identify_many(
     Raises:
         ModelError: a model made in Python, and several processes.
         ValueError: ``workers`` is below one, or ``refused`` is something else.
+
+    Examples:
+        >>> import vibrident
+        >>> tones = [100, 300, 650, 1000]
+        >>> draws = (
+        ...     vibrident.simulate(frequencies_hz=tones, samples=1000, response_noise=1e-3, seed=seed)
+        ...     for seed in (1, 2)
+        ... )
+        >>> [result.model for result in vibrident.identify_many(draws)]
+        ['accelerometer', 'accelerometer']
     """
     if workers < 1 or refused not in ("raise", "return"):
         raise ValueError(
