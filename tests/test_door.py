@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import re
 import sys
 
 import pytest
@@ -53,3 +54,14 @@ def test_the_signatures_are_these():
     told = (ROOT / "tests" / "door.txt").read_text(encoding="utf-8")
     remedy = "the public door has changed; if it is meant: python -m tests.support.door > tests/door.txt"
     assert described().splitlines() == told.splitlines(), remedy
+
+
+#: A page that names the classes behind entry points, which are public too.
+ENTRY_POINTS = "plug-ins.md"
+INNER_IMPORT = re.compile(r"^\s*(?:from vibrident\.|import vibrident\.)", re.MULTILINE)
+
+
+def test_documentation_and_tutorials_use_the_door_alone():
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docsite" / "notebooks").glob("*.py"), ROOT / "README.md"]
+    wrong = [page.name for page in pages if INNER_IMPORT.search(page.read_text(encoding="utf-8"))]
+    assert set(wrong) <= {ENTRY_POINTS}

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from vibrident.base.errors import ModelError, VibridentError
+from vibrident.base.errors import InputError, ModelError, VibridentError
 from vibrident.base.memory import ONE_THREAD
 from vibrident.data.records import Calibration
 from vibrident.result import Result
@@ -72,8 +72,8 @@ def identify_many(
             ``return`` it in place of the result.
 
     Raises:
+        InputError: ``workers`` is below one, or ``refused`` is something else.
         ModelError: a model made in Python, and several processes.
-        ValueError: ``workers`` is below one, or ``refused`` is something else.
 
     Examples:
         >>> import vibrident
@@ -86,9 +86,12 @@ def identify_many(
         ['accelerometer', 'accelerometer']
     """
     if workers < 1 or refused not in ("raise", "return"):
-        raise ValueError(
-            f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, "
-            f"{refused!r}"
+        raise InputError(
+            "A setting of identify_many cannot be used.",
+            expected="workers of 1 or more, and refused 'raise' or 'return'",
+            found=f"workers={workers!r}, refused={refused!r}",
+            where="identify_many",
+            remedy="correct it",
         )
     if workers > 1 and not (model is None or isinstance(model, str)):
         raise ModelError(

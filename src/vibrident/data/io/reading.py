@@ -95,7 +95,7 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     Examples:
         >>> import vibrident
         >>> path = vibrident.simulate(frequencies_hz=[160, 400, 650], samples=2000).save("bench")
-        >>> calibration = vibrident.read("bench/calibration.toml")
+        >>> calibration = vibrident.read(path)
         >>> len(calibration.records), calibration.units
         (3, {'reference': 'm/s^2', 'response': 'V'})
     """
