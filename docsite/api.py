@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import inspect
+from pathlib import Path
 
 import vibrident
 
+STABILITY = Path(__file__).parent / "pages" / "stability.md"
 _OPTIONS = "    options:\n      heading_level: 3\n"
 
 
 def api() -> str:
-    """Return the page: every public name from where it is defined."""
+    """Return the page: every public name from where it is defined, and what stays as it is."""
     groups: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": []}
     for name in vibrident.__all__:
         value = getattr(vibrident, name)
@@ -21,6 +23,7 @@ def api() -> str:
     parts = ["# Python interface", "All of these are names of `vibrident` itself: `vibrident.read`, and so on."]
     for title, entries in groups.items():
         parts += [f"## {title}", *entries]
+    parts.append(STABILITY.read_text(encoding="utf-8").rstrip())
     return "\n\n".join(parts) + "\n"
 
 
