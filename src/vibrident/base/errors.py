@@ -5,13 +5,22 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Iterable
-from typing import Any
+from typing import Self, overload
 
 from vibrident.base.settings import Word, python_word, rendered
 
 
 class VibridentError(Exception):
-    """Base of every error that vibrident raises on purpose."""
+    """Base of every error that vibrident raises on purpose.
+
+    Examples:
+        >>> import vibrident
+        >>> try:
+        ...     vibrident.read("calibration.txt")
+        ... except vibrident.VibridentError as error:
+        ...     print(type(error).__name__)
+        InputError
+    """
 
 
 class _Text:
@@ -20,7 +29,13 @@ class _Text:
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, error: Exception | None, owner: type | None = None) -> Any:
+    @overload
+    def __get__(self, error: None, owner: type | None = None) -> Self: ...
+
+    @overload
+    def __get__(self, error: Exception, owner: type | None = None) -> str: ...
+
+    def __get__(self, error: Exception | None, owner: type | None = None) -> Self | str:
         if error is None:
             return self
         return rendered(vars(error)[self._name], python_word)
@@ -41,13 +56,21 @@ class InputError(VibridentError):
         found: what was there instead.
         where: file, line, column, key or record.
         remedy: what the user can do about it.
+
+    Examples:
+        >>> import vibrident
+        >>> try:
+        ...     vibrident.read("no-such-folder/calibration.toml")
+        ... except vibrident.InputError as error:
+        ...     print(error.where)
+        no-such-folder/calibration.toml
     """
 
-    problem = _Text()
-    expected = _Text()
-    found = _Text()
-    where = _Text()
-    remedy = _Text()
+    problem: _Text = _Text()
+    expected: _Text = _Text()
+    found: _Text = _Text()
+    where: _Text = _Text()
+    remedy: _Text = _Text()
 
     def __init__(
         self,
@@ -106,7 +129,16 @@ def did_you_mean(
 
 
 class ModelError(InputError):
-    """The model cannot be built or cannot be used with these data."""
+    """The model cannot be built or cannot be used with these data.
+
+    Examples:
+        >>> import vibrident
+        >>> try:
+        ...     vibrident.parse_model("acelerometer")
+        ... except vibrident.ModelError as error:
+        ...     print(error.remedy)
+        did you mean 'accelerometer'?
+    """
 
 
 def unknown(
@@ -124,4 +156,10 @@ def unknown(
 
 
 class NotConverged(VibridentError):
-    """The estimator stopped before it reached an optimum; the message says where and why."""
+    """The estimator stopped before it reached an optimum; the message says where and why.
+
+    Examples:
+        >>> import vibrident
+        >>> issubclass(vibrident.NotConverged, vibrident.VibridentError)
+        True
+    """

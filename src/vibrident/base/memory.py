@@ -68,7 +68,7 @@ def _one_thread() -> Iterator[None]:
 
 #: Decorator of a function: its matrices are on one core, unless the user's environment says
 #: otherwise. For scripts, which have loaded NumPy before.
-in_one_thread = _one_thread()
+in_one_thread: contextlib.ContextDecorator = _one_thread()
 
 
 @functools.cache

@@ -71,9 +71,9 @@ class Died(Exception):
         self, reason: Literal["time", "memory", "crash"], ending: str, printed: str = ""
     ) -> None:
         super().__init__(f"{ending}\n{printed}".rstrip())
-        self.reason = reason
-        self.ending = ending
-        self.printed = printed
+        self.reason: Literal["time", "memory", "crash"] = reason
+        self.ending: str = ending
+        self.printed: str = printed
 
 
 @dataclass(frozen=True)

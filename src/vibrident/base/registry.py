@@ -66,9 +66,9 @@ class Registry(Generic[T]):
         where: str,
         error: type[InputError] = InputError,
     ) -> None:
-        self.kind = kind
-        self.group = group
-        self.where = where
+        self.kind: str = kind
+        self.group: str = group
+        self.where: str = where
         self._folders = folders
         self._classes = classes
         self._error = error

@@ -18,7 +18,15 @@ _UNITS: dict[EffectKind, str] = {
 
 @dataclass(frozen=True)
 class SystematicEffect:
-    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B)."""
+    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B).
+
+    Examples:
+        >>> import vibrident
+        >>> laser = vibrident.SystematicEffect("laser vibrometer", "gain", 1e-3)
+        >>> skew = vibrident.SystematicEffect("skew of the two channels", "timing", 2e-7)
+        >>> laser.unit, skew.unit
+        ('1', 's')
+    """
 
     source: str  # what it comes from, in words
     # how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad),

@@ -80,6 +80,16 @@ class Result(Part):
             nothing.
         findings: what departs from the fit significantly, whether it matters or not.
         uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> path = result.save("result.json")
+        >>> again = vibrident.Result.load("result.json")
+        >>> again.parameters["damping_ratio"] == result.parameters["damping_ratio"]
+        True
     """
 
     model: str

@@ -6,7 +6,7 @@ import difflib
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
@@ -67,7 +67,7 @@ _STANDARD = "Standard uncertainty (k = 1)."
 class SensorSection(FileSection):
     """[sensor]: the model, and free text for reports."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow")
     manufacturer: _Free = basic()
     type: _Free = basic()
     serial_number: _Free = basic()

@@ -37,16 +37,16 @@ _SECONDS_PER_BYTE = 1e-6
 GivenCalibration = Calibration | str | os.PathLike[str]
 
 
-def as_calibration(given: GivenCalibration) -> Calibration:
+def as_calibration(calibration: GivenCalibration) -> Calibration:
     """Return a calibration, read from its file where a path is given.
 
     Args:
-        given: a calibration, or the path of a calibration file.
+        calibration: a calibration, or the path of a calibration file.
 
     Raises:
         InputError: the file or its data cannot be used.
     """
-    return given if isinstance(given, Calibration) else read(given)
+    return calibration if isinstance(calibration, Calibration) else read(calibration)
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
@@ -91,6 +91,13 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 
     Raises:
         InputError: the file or the data cannot be used.
+
+    Examples:
+        >>> import vibrident
+        >>> path = vibrident.simulate(frequencies_hz=[160, 400, 650], samples=2000).save("bench")
+        >>> calibration = vibrident.read(path)
+        >>> len(calibration.records), calibration.units
+        (3, {'reference': 'm/s^2', 'response': 'V'})
     """
     file = Path(path)
     return calibration_of(read_calibration_file(file), file.parent, str(file))

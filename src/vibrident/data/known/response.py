@@ -51,6 +51,12 @@ class KnownResponse:
             common to all frequencies, different ones are independent.
         source: what states it, in words.
         files: name and SHA-256 of each file that states it.
+
+    Examples:
+        >>> import vibrident
+        >>> amplifier = vibrident.KnownResponse.from_corners(highpass_hz=[0.5], gain=0.01)
+        >>> abs(amplifier.value([0.5, 160.0])).round(5).tolist()
+        [0.00707, 0.01]
     """
 
     shapes: tuple[Shape, ...]

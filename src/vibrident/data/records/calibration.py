@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vibrident.base.amounts import pretty
+from vibrident.base.binding import bound
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
@@ -53,6 +56,15 @@ class Calibration:
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> time = np.arange(4000) / 51200.0
+        >>> motion = np.array([9.8 * np.sin(2 * np.pi * hz * time) for hz in (160.0, 400.0)])
+        >>> calibration = vibrident.Calibration.from_arrays(motion, 0.1 * motion, 51200.0)
+        >>> [record.name for record in calibration.records]
+        ['record 1', 'record 2']
     """
 
     records: tuple[Record, ...] = ()
@@ -181,6 +193,21 @@ class Calibration:
             for answer, signal, rate, motion, name in rows
         ]
         return cls(tuple(records), quantity=quantity, **more)
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write a calibration file and its data files, and return the path of the calibration file.
+
+        Args:
+            folder: created if missing; files of the same names are replaced, others stay.
+
+        Returns:
+            The path of ``calibration.toml``, which :func:`vibrident.read` reads back exactly.
+
+        Raises:
+            InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot
+                represent.
+        """
+        return bound("write_calibration")(folder, self)
 
     @property
     def units(self) -> dict[str, str]:

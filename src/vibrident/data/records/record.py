@@ -40,6 +40,16 @@ class ResponseTable:
 
     Raises:
         InputError: shapes differ, or a value is not finite or not positive where it must be.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> table = vibrident.ResponseTable(
+        ...     np.array([100.0, 160.0]), np.array([0.102, 0.104]), np.deg2rad([-1.1, -1.7])
+        ... )
+        >>> calibration = vibrident.Calibration(table=table)
+        >>> calibration.table.points
+        2
     """
 
     frequency_hz: FloatArray
@@ -156,6 +166,14 @@ class Record:
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples
             or hold a value that is not finite, or the sampling rate is not a positive number.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> motion = np.sin(2 * np.pi * 160.0 * np.arange(4000) / 51200.0)
+        >>> record = vibrident.Record("160 Hz", motion, 0.1 * motion, 51200.0)
+        >>> record.samples, record.duration_s
+        (4000, 0.078125)
     """
 
     name: str

@@ -76,6 +76,15 @@ def identify_together(
         InputError: the data cannot be used, a name is not a parameter, or nothing can be shared.
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
+
+    Examples:
+        >>> import vibrident
+        >>> tones = [100, 200, 400]
+        >>> sine = vibrident.simulate(frequencies_hz=tones, samples=2000, response_noise=1e-3)
+        >>> shock = vibrident.simulate("paper", "shock", samples=2000, response_noise=1e-3)
+        >>> by_sine, by_shock = vibrident.identify_together([sine, shock])
+        >>> by_sine.parameters["damping_ratio"].value == by_shock.parameters["damping_ratio"].value
+        True
     """
     begin = time.perf_counter()
     calibrations = [as_calibration(calibration) for calibration in calibrations]

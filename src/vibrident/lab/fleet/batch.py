@@ -41,9 +41,9 @@ class Identifier:
     """A process that identifies, started when needed and again after it has ended. For one thread at a time."""
 
     def __init__(self, orders: Orders) -> None:
-        self.orders = orders
-        self.memory_bytes = memory_limit(orders)  # None if there is no limit
-        self.ended = False  # True once it must not be started again
+        self.orders: Orders = orders
+        self.memory_bytes: int | None = memory_limit(orders)  # None if there is no limit
+        self.ended: bool = False  # True once it must not be started again
         self._process = Process(idle_s=_IDLE_S)
         self._done = 0
 

@@ -36,6 +36,14 @@ class LeastSquares(Estimator):
 
     Attributes:
         weighting: ``weighted`` by the uncertainty of 1/H, or ``plain`` as in the paper.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> plain = vibrident.LeastSquares(weighting="plain")
+        >>> vibrident.identify(calibration, estimator=plain).estimator
+        'lsm'
     """
 
     name: ClassVar[str] = "lsm"
@@ -130,11 +138,7 @@ def inverse_residual(
     Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which makes the method simple.
     """
     frequency, response, weight = data
-    model, slopes = response_and_slopes(
-        coordinates.model, coordinates.values(z), frequency, quantity
-    )
+    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency, quantity)
     residual = weight * (1.0 / model - 1.0 / response)
     jacobian = -(weight / model**2)[:, None] * slopes.T * coordinates.slopes(z)
-    return np.concatenate([residual.real, residual.imag]), np.concatenate(
-        [jacobian.real, jacobian.imag]
-    )
+    return np.concatenate([residual.real, residual.imag]), np.concatenate([jacobian.real, jacobian.imag])

@@ -1,4 +1,4 @@
-"""A result as it is given: the object itself, or the path of its file."""
+"""A result, or the path of its file: both are taken wherever a result is."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from vibrident.result.result import Result
 GivenResult = Result | str | os.PathLike[str]
 
 
-def as_result(given: GivenResult) -> Result:
+def as_result(result: GivenResult) -> Result:
     """Return a result, read from its file where a path is given.
 
     Args:
-        given: a result, or the path of its ``result.json``.
+        result: a result, or the path of its ``result.json``.
 
     Raises:
         InputError: the file cannot be read or is no result; the message names the file.
     """
-    if isinstance(given, Result):
-        return given
-    path = Path(given)
+    if isinstance(result, Result):
+        return result
+    path = Path(result)
     if path.suffix.lower() == ".toml" and path.is_file():
         raise InputError(
             "A result is needed here, not a calibration file.",
