@@ -1,4 +1,4 @@
-"""Groups of cases by themselves, printed as they run; figures of a state of the code are kept by its name."""
+"""Groups of cases by themselves, printed as they run; figures are kept by the code's state."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ WIDE = 3.0  # ratio of u to that of the same recordings without what is wrong
 PAGE = RESULTS.parents[1] / "docs" / "adversary.md"
 MAX_CASE_CPU_S = 120.0  # a case that needs more is given up and counts as a traceback
 SECTION = "## Drawn groups: "
-TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of
-the run draws what a case's name does not say: where the sensor lies (below the whole band, in it,
-at its end, above, far above), damping, level and colour of the noise, shape of the motion, number
-and length of the records.
+TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The
+number of the run draws what a case's name does not say: where the sensor lies (below the whole
+band, in it, at its end, above, far above), damping, level and colour of the noise, shape of the
+motion, number and length of the records.
 
 - Clean: `quantities`, every quantity of the reference, linear model and motion, `running` where it
-  runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2), brown
-  in both channels; `long`, 2e5 to 2e6 samples. `drift` is no false alarm where the noise is brown.
+  runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2),
+  brown in both channels; `long`, 2e5 to 2e6 samples. `drift` is no false alarm where the noise is
+  brown.
 - The sensor's parameters are the truth: `clocks`, the response is sampled by a clock that is off by
-  1e-6 to 4e-2; `held`, a step, telegraph signals and the stairs of a converter, exact from the poles;
-  `wild`, bursts of 2 to 40 wild samples and single glitches; `friction`, dry friction in the sensor.
+  1e-6 to 4e-2; `held`, a step, telegraph signals and the stairs of a converter, exact from the
+  poles; `wild`, bursts of 2 to 40 wild samples and single glitches; `friction`, dry friction in the
+  sensor.
 - Nothing that is stated is true: `unlike`, models that explain little; `steady`, steady tones and
   noise declared decays.
 
@@ -73,7 +75,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--cases", type=int, default=0, help="so many of each group; 0: all")
     parser.add_argument("--only", default="", metavar="TEXT", help="cases whose name holds this")
     parser.add_argument("--limit", type=float, default=MAX_CASE_CPU_S, help="CPU seconds a case")
-    parser.add_argument("--verbose", action="store_true", help="print all cases, not failures alone")
+    parser.add_argument(
+        "--verbose", action="store_true", help="print all cases, not failures alone"
+    )
     parser.add_argument("--keep", default="", metavar="STATE", help="keep the figures for the page")
     return parser
 
@@ -127,7 +131,9 @@ def describe_failure(line: dict[str, Any]) -> str:
 def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return a header and a row a group: cases, classes, runaways, silence, CPU seconds."""
     head = ("group", "cases", "right", "warned", "refused", "silent-wrong", "false alarm")
-    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "wide", "CPU s", "longest", "limit")]
+    rows: list[tuple[str, ...]] = [
+        (*head, "traceback", "named", "runaway", "wide", "CPU s", "longest", "limit")
+    ]
     for group in dict.fromkeys(line["name"].split("/")[0] for line in lines):
         own = [line for line in lines if line["name"].split("/")[0] == group]
         counts = Counter(line["class"] for line in own)
@@ -173,7 +179,9 @@ def sections() -> list[str]:
         figures = json.loads(file.read_text(encoding="utf-8"))
         state = file.stem.partition("-")[2]
         head = sums([])[0]
-        rows = [tuple(group["figures"].get(label, "") for label in head) for group in figures.values()]
+        rows = [
+            tuple(group["figures"].get(label, "") for label in head) for group in figures.values()
+        ]
         parts += [f"{SECTION}{state}", "", TEXT.format(state=state)]
         parts += [markdown.table(head, rows, right=range(1, len(head))), "", LISTED, ""]
         for name, group in figures.items():
