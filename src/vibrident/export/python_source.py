@@ -29,11 +29,12 @@ def write_module(
 ) -> list[Path]:
     """Write ``NAME_control.py`` or ``NAME_scipy.py``, whose ``sensor()`` is an object of that package.
 
-    ``imports``: line that imports the package; ``kind``: class of the object, its package first; ``make``: expression
-    for it, of ZEROS, POLES and GAIN.
+    ``imports``: line that imports the package; ``kind``: class of the object, its package first;
+    ``make``: expression for it, of ZEROS, POLES and GAIN.
     """
     poles_zeros, words = held(sensor)
-    names, covariance = sensor.known.model.parameter_names, sensor.known.covariance
+    names = sensor.known.model.parameter_names
+    covariance = sensor.known.covariance
     parameters = "".join(
         f"    {name!r}: ({_number(p.value)}, {p.unit!r}, {_number(p.standard_uncertainty)}),\n"
         for name, p in sensor.result.parameters.items()

@@ -141,7 +141,10 @@ def _fit_drive(
         plain = Fitted.from_evidence(evidence, chosen, progress)
         if plain.adequate:
             return plain
-        held = fit_held_drive(Fitted.from_evidence(evidence, held_network, progress))
+        # The hold turns the phase by half a sample: what explains most of the motion is near.
+        near = plain.values if plain.judgement.explained > 0.5 else None
+        held = Fitted.from_evidence(replace(evidence, start=near), held_network, progress)
+        held = fit_held_drive(replace(held, evidence=evidence))
         return held if held.adequate else plain
     held = fit_held_drive(Fitted.from_evidence(evidence, held_network, progress))
     if held.adequate or chosen is held_network:

@@ -14,9 +14,15 @@ CONTROL = Format(
         write_module,
         imports="import control",
         kind="control.TransferFunction",
-        make="control.TransferFunction(GAIN * np.atleast_1d(np.poly(ZEROS).real), np.poly(POLES).real)",
+        make=(
+            "control.TransferFunction(GAIN * np.atleast_1d(np.poly(ZEROS).real), "
+            "np.poly(POLES).real)"
+        ),
     ),
-    holds="a module whose `sensor()` gives a `control.TransferFunction`; parameters, u and covariance beside it",
+    holds=(
+        "a module whose `sensor()` gives a `control.TransferFunction`; parameters, u and "
+        "covariance beside it"
+    ),
     cannot_hold="uncertainty in the object itself",
     extra="control",
 )

@@ -1,7 +1,7 @@
 """SAC poles and zeros: from ground displacement in metres to the response, in rad/s, CONSTANT with its sign.
 
-SAC's input is displacement, so the two zeros of acceleration = s² · displacement are added. ObsPy's writer keeps seven
-digits; this one keeps all.
+SAC's input is displacement, so the two zeros of acceleration = s² · displacement are added. ObsPy's
+writer keeps seven digits; this one keeps all.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from vibrident.export.sensor import ExportedSensor, identity
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.sacpz``."""
     system, words = described(sensor)
-    whole = _cancelled(PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain))
+    whole = _cancelled(
+        PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain)
+    )
     network, station, location, channel = codes(sensor, options)
     lines = [
         f"* NETWORK     : {network}",
@@ -45,7 +47,8 @@ def _cancelled(system: PolesZeros) -> PolesZeros:
     """Poles at zero cancel zeros there."""
     places = [np.flatnonzero(roots == 0) for roots in (system.zeros, system.poles)]
     both = min(map(len, places))
-    zeros, poles = np.delete(system.zeros, places[0][:both]), np.delete(system.poles, places[1][:both])
+    zeros = np.delete(system.zeros, places[0][:both])
+    poles = np.delete(system.poles, places[1][:both])
     return PolesZeros(zeros, poles, system.gain)
 
 

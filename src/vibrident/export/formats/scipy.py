@@ -16,6 +16,9 @@ SCIPY = Format(
         kind="scipy.signal.ZerosPolesGain",
         make="signal.ZerosPolesGain(ZEROS, POLES, GAIN)",
     ),
-    holds="a module whose `sensor()` gives a `scipy.signal.ZerosPolesGain`; parameters, u and covariance beside it",
+    holds=(
+        "a module whose `sensor()` gives a `scipy.signal.ZerosPolesGain`; parameters, u and "
+        "covariance beside it"
+    ),
     cannot_hold="uncertainty in the object itself",
 )

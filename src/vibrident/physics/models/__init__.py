@@ -31,6 +31,7 @@ __all__ = [
     "model_of",
     "named",
     "parse",
+    "parse_model",
     "with_add_ons",
 ]
 
@@ -81,6 +82,9 @@ def parse(name: str) -> SensorModel:
     if not isinstance(core, Model):
         raise _unknown("sensor model", core_name.strip(), CORES, name)
     return with_add_ons(core, add_on_names) if "+" in name else SensorModel(core.name, core)
+
+
+parse_model = parse
 
 
 def with_add_ons(core: Model, names: str) -> SensorModel:
