@@ -13,16 +13,16 @@ from vibrident.physics.discretisation import method
 from vibrident.physics.models.state_space import realise
 
 DISCRETISATIONS = ("bandlimited", "foh", "tustin", "zoh", "euler")
-LONG = 100_000
+LONG_SAMPLES = 100_000
 #: (samples per second, samples a record)
 RECORDINGS = (
     (2560.0, SAMPLES),
     (16000.0, SAMPLES),
     (51200.0, SAMPLES),
     (1e6, SAMPLES),
-    (1e6, LONG),
+    (1e6, LONG_SAMPLES),
 )
-TARGET = 1e-6
+MAX_ERROR = 1e-6
 
 
 def measure(options: Options) -> Section:
@@ -38,7 +38,7 @@ def measure(options: Options) -> Section:
     remarks = (
         "16 000 samples at 1 MHz last 16 ms: 0.16 period of 10 Hz and less than one period of "
         "eight of the 21 tones. "
-        f"{LONG:,} samples hold one period of the lowest.".replace(",", " "),
+        f"{LONG_SAMPLES:,} samples hold one period of the lowest.".replace(",", " "),
         "Start values come from the records themselves; all records start from rest; no noise on "
         "the channels.",
     )
@@ -47,7 +47,7 @@ def measure(options: Options) -> Section:
 
 def _figure(evidence: Evidence, name: str, rate_hz: float, samples: int) -> Figure:
     what = f"{name}, {_rate(rate_hz)}, {samples // 1000} 000 samples"
-    high = TARGET if name == "bandlimited" else None
+    high = MAX_ERROR if name == "bandlimited" else None
     radius = spectral_radius(name, rate_hz)
     notes = (
         [] if radius < 1.0 else [f"unstable at the true parameters: spectral radius {radius:.2f}"]

@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.damaged_bombs import GROUPS
 from bench.damaged_files import DAMAGES
-from bench.damaged_runs import CELLS, FILES, MEMORY_BYTES, block
+from bench.damaged_runs import CELLS, FILES, MAX_MEMORY_BYTES, block
 from bench.study import Study
 from vibrident.show.media import markdown
 
@@ -68,7 +68,7 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
         commit=commit,
         count=len(runs),
         bombs=len(bombs),
-        memory=MEMORY_BYTES / 1e6,
+        memory=MAX_MEMORY_BYTES / 1e6,
         verdict=verdict,
         table=markdown.table(("file", *DAMAGES), rows, range(1, 1 + len(DAMAGES))),
     )

@@ -21,9 +21,9 @@ from bench.damaged_bombs import GROUPS, write_bomb
 from bench.damaged_files import DAMAGES, ROOT, WRITERS, whole_files, whole_result, write_damaged
 
 FILES = (*WRITERS, "c.toml", "result.json")
-SECONDS = 20  # time limit of a case in the long-lived process
-COMMAND_SECONDS = 150  # time limit of a command
-MEMORY_BYTES = 1_000_000_000
+CASE_LIMIT_S = 20  # time limit of a case in the long-lived process
+COMMAND_LIMIT_S = 150  # time limit of a command
+MAX_MEMORY_BYTES = 1_000_000_000
 _ROOM_BYTES = 2_500_000_000
 _COMMAND = "from vibrident.app.cli import main; main()"
 _SERVE = "from bench.damaged_runs import serve; serve()"
@@ -161,7 +161,7 @@ def serve() -> None:
         answer = _in_here(Path(json.loads(line)["target"]))
         stream.write(json.dumps(answer) + "\n")
         stream.flush()
-        if answer["outcome"] == "time" or answer["peak_bytes"] > MEMORY_BYTES:
+        if answer["outcome"] == "time" or answer["peak_bytes"] > MAX_MEMORY_BYTES:
             return  # with what it still holds
 
 
@@ -174,7 +174,7 @@ def _in_here(target: Path) -> dict[str, Any]:
 
     said = io.StringIO()
     _forget_peak()
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, CASE_LIMIT_S)
     outcome = "time"
     more = ""
     with (
@@ -193,7 +193,7 @@ def _in_here(target: Path) -> dict[str, Any]:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
     peak = _peak_bytes()
-    if outcome in ("read", "refused") and peak > MEMORY_BYTES:
+    if outcome in ("read", "refused") and peak > MAX_MEMORY_BYTES:
         outcome = "memory"
     return {"outcome": outcome, "peak_bytes": peak, "said": (more or said.getvalue())[-1500:]}
 
@@ -218,7 +218,7 @@ def _as_a_command(target: Path) -> dict[str, Any]:
                 stdout=subprocess.PIPE,
                 stderr=said,
                 text=True,
-                timeout=COMMAND_SECONDS,
+                timeout=COMMAND_LIMIT_S,
                 check=False,
             )
         except subprocess.TimeoutExpired:
@@ -229,6 +229,6 @@ def _as_a_command(target: Path) -> dict[str, Any]:
     outcome = {0: "read", 2: "refused"}.get(found["status"], f"exit {found['status']}")
     if "Traceback" in text:
         outcome = "traceback"
-    elif found["peak_bytes"] > MEMORY_BYTES and outcome in ("read", "refused"):
+    elif found["peak_bytes"] > MAX_MEMORY_BYTES and outcome in ("read", "refused"):
         outcome = "memory"
     return {"outcome": outcome, "peak_bytes": found["peak_bytes"], "said": text}

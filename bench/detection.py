@@ -15,7 +15,16 @@ from collections import defaultdict
 import numpy as np
 from scipy.stats import beta, chi2, ncx2
 
-from bench.detection_cells import CELLS, CURVE, CURVES, DEFECTS, DETECTED, NOMINAL, Cell, block
+from bench.detection_cells import (
+    CELLS,
+    CURVE_PARTS,
+    CURVES,
+    DEFECTS,
+    DETECTION_RATE,
+    NOMINAL,
+    Cell,
+    block,
+)
 from bench.study import Study
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.show.media import markdown
@@ -62,7 +71,11 @@ def table(lines: list[dict], commit: str) -> str:
 def _needed(degrees: int) -> float:
     power = np.geomspace(1.0, 1e3, 20_000)
     return float(
-        np.sqrt(power[np.argmax(ncx2.sf(chi2.isf(REJECTION, degrees), degrees, power) >= DETECTED)])
+        np.sqrt(
+            power[
+                np.argmax(ncx2.sf(chi2.isf(REJECTION, degrees), degrees, power) >= DETECTION_RATE)
+            ]
+        )
     )
 
 
@@ -82,7 +95,7 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
             bool(set(codes) & set(CODES[: 2 if cell.defect == "cubic" else 1])) for codes in flags
         )
         low = 100.0 * float(beta.ppf(0.05, whole, len(flags) - whole + 1)) if whole else 0.0
-        if whole < DETECTED * len(flags):
+        if whole < DETECTION_RATE * len(flags):
             missed.append(f"`{cell.defect}/{cell.excitation}` at {100 * cell.noise:g} %")
         rows.append(
             (
@@ -125,7 +138,7 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
 
 def _curves(found: dict[str, list[dict]]) -> list[str]:
     rows = []
-    parts = [part for part in CURVE if part > 0.0]
+    parts = [part for part in CURVE_PARTS if part > 0.0]
     for first in (cell for cell in CURVES if cell.part == parts[0]):
         cells = [Cell(first.defect, first.excitation, first.noise, part) for part in parts]
         own = {cell.part: found[cell.name] for cell in cells if found.get(cell.name)}

@@ -108,9 +108,9 @@ EXCITATIONS = ("sine", "random", "sweep")
 NOISES = (0.01, 0.001)
 #: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; the first is
 #: none.
-CURVE = (0.0, 0.5, 0.75, 1.0, 1.5)
-DETECTED = 0.95
-STEPS = 8  # halvings of the interval in which the size of 95 % lies: to a hundredth of a decade
+CURVE_PARTS = (0.0, 0.5, 0.75, 1.0, 1.5)
+DETECTION_RATE = 0.95
+HALVINGS = 8  # halvings of the interval in which the size of 95 % lies: to a hundredth of a decade
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ NOMINAL = tuple(Cell(*row) for row in _ROWS)
 #: noises.
 CURVES = tuple(
     Cell(*row, part)
-    for row, part in itertools.product(_ROWS, CURVE)
+    for row, part in itertools.product(_ROWS, CURVE_PARTS)
     if (row[2] == NOISES[0] and row[1] != "sweep")
     or (part == 0.0 and row[0] in ("mode2", "boxcar"))
 )
@@ -215,7 +215,7 @@ def sized(name: str, excitation: str, noise: float) -> tuple[float, float]:
     # Of the size's decimal logarithm; how λ goes with the size depends on the defect.
     low = -4.0
     high = 0.0
-    for _ in range(STEPS):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         found, degrees, _ = _added(name, excitation, noise, 10.0**middle)
         low, high = (low, middle) if found > needed(degrees) else (middle, high)
@@ -238,7 +238,9 @@ def needed(degrees: float) -> float:
     limit = float(chi2.isf(REJECTION, degrees))
     return math.sqrt(
         brentq(
-            lambda power: float(ncx2.sf(limit, degrees, power)) - DETECTED, 1e-6, 10.0 * limit + 1e3
+            lambda power: float(ncx2.sf(limit, degrees, power)) - DETECTION_RATE,
+            1e-6,
+            10.0 * limit + 1e3,
         )
     )
 

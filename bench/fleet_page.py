@@ -13,7 +13,8 @@ ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "docs" / "fleet.md"
 CORES = (16, 100, 1000)  # cores of the plan
-READS = 3  # how often a data file is read: for its key, by its reader, and for its key once more
+#: How often a data file is read: for its key, by its reader, and for its key once more.
+READS_PER_FILE = 3
 MILLION = 1_000_000
 
 
@@ -75,9 +76,15 @@ def _million(kept: dict[str, Any]) -> str:
     rows = [
         ("hours", [f"{MILLION / rate / 3600:.1f}" for rate in rates.values()]),
         ("sensors a second", [f"{rate:.0f}" for rate in rates.values()]),
-        ("data read, GB/s", [f"{READS * rate * data / 1e9:.2g}" for rate in rates.values()]),
+        (
+            "data read, GB/s",
+            [f"{READS_PER_FILE * rate * data / 1e9:.2g}" for rate in rates.values()],
+        ),
         ("of it from disks", [f"{rate * data / 1e9:.2g}" for rate in rates.values()]),
-        ("files opened a second", [f"{READS * rate * files:.0f}" for rate in rates.values()]),
+        (
+            "files opened a second",
+            [f"{READS_PER_FILE * rate * files:.0f}" for rate in rates.values()],
+        ),
         (
             "calls of the scheduler a second",
             [f"{rate / batch + rate / 100:.2g}" for rate in rates.values()],

@@ -22,8 +22,8 @@ from vibrident.show.media import markdown
 DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
 LIVES = 2000
 WIDTH = "width"
-NOISE = 0.002  # relative standard uncertainty of a calibration's noise
-REFERENCE = 0.005  # relative standard uncertainty of the shared reference
+NOISE_U = 0.002  # relative standard uncertainty of a calibration's noise
+REFERENCE_U = 0.005  # relative standard uncertainty of the shared reference
 
 
 @dataclass(frozen=True)
@@ -99,20 +99,20 @@ def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
         truth[at:] += rng.normal() * (kind.jump or kind.untold)
         if kind.jump:
             events.append(Event(1, "repaired", dates[at] - datetime.timedelta(days=30)))
-    values = 1.0 + NOISE * truth
+    values = 1.0 + NOISE_U * truth
     anew = count // 2 if rng.random() < 0.5 else count
-    errors = REFERENCE * rng.normal(size=2)
+    errors = REFERENCE_U * rng.normal(size=2)
     entries = []
     for i in range(count):
         second = i >= anew
-        read = values[i] * (1 + errors[int(second)]) + NOISE * rng.normal()
-        shared = {f"gain|reference {1 + second}|{REFERENCE:.2g}|": REFERENCE * read}
+        read = values[i] * (1 + errors[int(second)]) + NOISE_U * rng.normal()
+        shared = {f"gain|reference {1 + second}|{REFERENCE_U:.2g}|": REFERENCE_U * read}
         entries.append(
             Entry(
                 i,
                 dates[i],
                 read,
-                float(np.hypot(NOISE, REFERENCE * read)),
+                float(np.hypot(NOISE_U, REFERENCE_U * read)),
                 "V",
                 None,
                 shared,
@@ -153,7 +153,7 @@ def _covered(lived: Life, one: Simulated) -> Iterator[float]:
     )
     low, high = lived.drift.reading(at, shared, float(one.last.u or 0.0)).interval_95
     yield low <= float(one.last.value or 0.0) <= high
-    yield (high - low) / 2 / (2 * NOISE)
+    yield (high - low) / 2 / (2 * NOISE_U)
 
 
 def _agreeing(lived: Life) -> tuple[float, float]:
@@ -179,8 +179,8 @@ def _alarms(lived: Life) -> float:
 def table(lives: int) -> str:
     """Return the study as a Markdown table."""
     lead = (
-        f"{lives} lives a row; noise {100 * NOISE:g} %, reference {100 * REFERENCE:g} % (in half "
-        "of the lives calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, "
+        f"{lives} lives a row; noise {100 * NOISE_U:g} %, reference {100 * REFERENCE_U:g} % (in "
+        "half of the lives calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, "
         "unless said otherwise."
     )
     heads = ("sensors", "next calibration within its 95 %", "sensor within its 95 %")

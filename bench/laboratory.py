@@ -18,9 +18,9 @@ from vibrident.data.io.axes_file import AxesCalibration
 from vibrident.data.records import Calibration, Circumstances, Record
 from vibrident.use.triaxial import sensitivity_matrix
 
-RATE = 8192.0
+RATE_HZ = 8192.0
 SAMPLES = 512
-FREQUENCIES = (160.0, 480.0, 800.0, 960.0)
+FREQUENCIES_HZ = (160.0, 480.0, 800.0, 960.0)
 TRUE = {"sensitivity": 0.1, "natural_frequency": 900.0, "damping_ratio": 0.05}
 NOISE = 2e-4
 
@@ -30,12 +30,12 @@ def response(frequency, sensitivity, natural_frequency, damping_ratio):
     return sensitivity / (1.0 - ratio**2 + 2j * damping_ratio * ratio)
 
 
-def records(rng, values, circumstances, frequencies=FREQUENCIES):
+def records(rng, values, circumstances, frequencies=FREQUENCIES_HZ):
     """Sine records of a sensor with these parameters."""
-    time_s = np.arange(SAMPLES) / RATE
+    time_s = np.arange(SAMPLES) / RATE_HZ
     found = []
     for f in frequencies:
-        f = round(f * SAMPLES / RATE) * RATE / SAMPLES
+        f = round(f * SAMPLES / RATE_HZ) * RATE_HZ / SAMPLES
         phase = rng.uniform(0, 2 * np.pi)
         a = 10.0 * np.cos(2 * np.pi * f * time_s + phase)
         v = np.real(10.0 * response(f, **values) * np.exp(1j * (2 * np.pi * f * time_s + phase)))
@@ -45,7 +45,7 @@ def records(rng, values, circumstances, frequencies=FREQUENCIES):
             for part in (f"{f:g} Hz", *vars(circumstances).values())
             if part not in ("", None)
         )
-        found.append(Record(name, a, v, RATE, "sine", f, circumstances=circumstances))
+        found.append(Record(name, a, v, RATE_HZ, "sine", f, circumstances=circumstances))
     return found
 
 
@@ -91,9 +91,9 @@ OUTPUTS = ("x", "y", "z")
 
 def axes_calibration(rng, frequencies=(80.0, 480.0), motions=False, effects=(), noise=NOISE):
     """Return records of a triaxial sensor, turned into each axis, or moved along all at once."""
-    time_s = np.arange(SAMPLES) / RATE
+    time_s = np.arange(SAMPLES) / RATE_HZ
     signals = []
-    for f in (round(f * SAMPLES / RATE) * RATE / SAMPLES for f in frequencies):
+    for f in (round(f * SAMPLES / RATE_HZ) * RATE_HZ / SAMPLES for f in frequencies):
         drives = (
             rng.standard_normal((5, 3)) + 1j * rng.standard_normal((5, 3))
             if motions
@@ -112,7 +112,7 @@ def axes_calibration(rng, frequencies=(80.0, 480.0), motions=False, effects=(), 
         for name, f, axis, a, v in signals:
             reference = a[motion] if motions else a[OUTPUTS.index(axis)]
             where = Circumstances(axis="" if motions else axis)
-            made.append(Record(name, reference, v[output], RATE, "sine", f, circumstances=where))
+            made.append(Record(name, reference, v[output], RATE_HZ, "sine", f, circumstances=where))
         return Calibration(tuple(made), effects=tuple(effects))
 
     outputs = {name: calibration(i, 0) for i, name in enumerate(OUTPUTS)}

@@ -41,7 +41,7 @@ from vibrident.physics.simulation.optics import (
     write_optical_calibration,
 )
 
-FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
+FREQUENCIES_HZ = (150.0, 250.0, 400.0, 630.0, 1000.0)
 AMPLITUDE = 10.0
 RATE_HZ = 2e5
 SAMPLES = 60_000
@@ -58,7 +58,7 @@ def bound(times: float) -> FloatArray:
     """
     sensor = sensor_named(SENSOR)
     model = parse(sensor.model)
-    f = np.array(FREQUENCIES)
+    f = np.array(FREQUENCIES_HZ)
     values = {name: sensor.parameters[name] for name in PARAMETERS}
 
     def log_response(at: dict[str, float]) -> np.ndarray:
@@ -93,7 +93,7 @@ def coverage(first: int, runs: int, keep: Path) -> None:
             settings = {
                 "sampling_rate_hz": RATE_HZ,
                 "samples": SAMPLES,
-                "frequencies_hz": list(FREQUENCIES),
+                "frequencies_hz": list(FREQUENCIES_HZ),
             }
             settings |= {
                 "amplitude": AMPLITUDE,
@@ -317,10 +317,10 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-ARCS = (6.28, 4.5, 3.0, 2.0, 1.0)  # parts of the circle, rad
+ARCS_RAD = (6.28, 4.5, 3.0, 2.0, 1.0)  # parts of the circle, rad
 NOISES = (0.01, 0.05)  # over the amplitude
 DRAWS = 120
-POINTS = 600  # samples of a draw
+DRAW_SAMPLES = 600  # samples of a draw
 EVERY = 20  # of the draws, the slowest peer takes one in so many
 
 
@@ -328,7 +328,7 @@ def peers(python: str) -> None:
     """Compare the error of the phase with hoqi-bench's ellipse fits, on the same arcs and noise."""
     cases = []
     random = np.random.default_rng(1)
-    for arc in ARCS:
+    for arc in ARCS_RAD:
         for noise in NOISES:
             for _ in range(DRAWS):
                 centre = random.uniform(-0.2, 0.2, 2)
@@ -336,7 +336,7 @@ def peers(python: str) -> None:
                 angle = random.uniform(-0.25, 0.25)
                 middle = random.uniform(0.0, 2.0 * np.pi)
                 phase = middle + 0.5 * arc * np.sin(
-                    np.linspace(0.0, 20.0 * np.pi, POINTS, endpoint=False)
+                    np.linspace(0.0, 20.0 * np.pi, DRAW_SAMPLES, endpoint=False)
                 )
                 u = centre[:, None] + np.stack(
                     [sizes[0] * np.cos(phase), sizes[1] * np.sin(phase + angle)]
@@ -356,14 +356,14 @@ def peers(python: str) -> None:
             [python, str(peer), str(data)], capture_output=True, text=True, check=True
         )
     theirs = json.loads(done.stdout)
-    for i, (arc, noise) in enumerate((a, n) for a in ARCS for n in NOISES):
+    for i, (arc, noise) in enumerate((a, n) for a in ARCS_RAD for n in NOISES):
         row = {
             "arc_rad": arc,
             "noise": noise,
             "vibrident": _median(ours[i * DRAWS : (i + 1) * DRAWS]),
         }
         for name, values in theirs.items():
-            draws = len(values) // (len(ARCS) * len(NOISES))
+            draws = len(values) // (len(ARCS_RAD) * len(NOISES))
             row[name] = _median(values[i * draws : (i + 1) * draws])
         print(json.dumps(row), flush=True)
 

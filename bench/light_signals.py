@@ -15,7 +15,7 @@ RESPONSE_HZ = 51_200.0
 FREQUENCY_HZ = 160.0
 AMPLITUDE = 10.0
 CARRIER_HZ = 5e6
-BLOCK = 1 << 20  # samples written at once
+BLOCK_SAMPLES = 1 << 20  # samples written at once
 CODES = 6000.0  # steps of the converter for the amplitude of a signal
 NOISE = 0.02  # over the amplitude
 
@@ -31,8 +31,8 @@ def write_long(folder: Path, kind: str, samples: int) -> Path:
     names = ["u1", "u2"] if kind == "quadrature" else ["u1"]
     with h5py.File(folder / "optical.h5", "w") as file:
         arrays = [file.create_dataset(name, (samples,), dtype="i2") for name in names]
-        for start in range(0, samples, BLOCK):
-            time = np.arange(start, min(start + BLOCK, samples)) / RATE_HZ
+        for start in range(0, samples, BLOCK_SAMPLES):
+            time = np.arange(start, min(start + BLOCK_SAMPLES, samples)) / RATE_HZ
             moved = (
                 AMPLITUDE
                 / (2.0 * np.pi * FREQUENCY_HZ) ** 2

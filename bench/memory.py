@@ -17,13 +17,13 @@ from vibrident.base.memory import give_back
 from vibrident.physics.simulation import simulate, with_noise
 
 TARGET = 120.0
-LONG = 1_600_000
+LONG_SAMPLES = 1_600_000
 CASES = {
     "sines": "21 × 16 000 samples of sines",
     "random": "21 × 16 000 samples of random motion",
     "long": "1.6 million samples of random motion in one record",
 }
-LOOKS_S = 0.001  # seconds between two looks at the resident memory
+POLL_INTERVAL_S = 0.001  # seconds between two looks at the resident memory
 
 
 def measure(options: Options) -> Section:
@@ -61,7 +61,7 @@ def calibration(name: str) -> Calibration:
         SENSOR,
         "random",
         sampling_rate_hz=RATE_HZ,
-        samples=LONG,
+        samples=LONG_SAMPLES,
         frequencies_hz=[10.0, 4000.0],
         seed=3,
     )
@@ -80,7 +80,7 @@ def bytes_a_sample(name: str) -> float:
     def watch() -> None:
         while not over.is_set():
             peak[0] = max(peak[0], _resident())
-            time.sleep(LOOKS_S)
+            time.sleep(POLL_INTERVAL_S)
 
     watcher = threading.Thread(target=watch)
     watcher.start()

@@ -19,9 +19,9 @@ from bench.scenario_cells import CELLS, NOISES, Cell, block
 from bench.study import Study
 from vibrident.show.media import markdown
 
-BIAS = 0.15  # largest |bias| of a cell, in σ
-SCATTER = 1.10  # largest scatter over the bound
-COVERAGE = (0.92, 0.98)  # range of the coverage
+MAX_BIAS = 0.15  # largest |bias| of a cell, in σ
+MAX_SCATTER = 1.10  # largest scatter over the bound
+COVERAGE_RANGE = (0.92, 0.98)  # range of the coverage
 
 
 def table(lines: list[dict], commit: str) -> str:
@@ -106,12 +106,12 @@ def _row(
     stated = scatter / np.sqrt(np.mean(u**2, axis=0))
     held = np.mean(covered, axis=0)
     chance = 3.0 / np.sqrt(2.0 * max(runs - 1, 1))
-    if np.any(np.abs(bias) > BIAS + 3.0 / np.sqrt(runs)):
+    if np.any(np.abs(bias) > MAX_BIAS + 3.0 / np.sqrt(runs)):
         misses.append(f"bias {np.max(np.abs(bias)):.2f} σ")
-    if np.any(over > SCATTER * (1.0 + chance)):
+    if np.any(over > MAX_SCATTER * (1.0 + chance)):
         misses.append(f"scatter {np.max(over):.2f} × the bound")
     slack = 3.0 * np.sqrt(0.0475 / runs)
-    if np.any((held < COVERAGE[0] - slack) | (held > COVERAGE[1] + slack)):
+    if np.any((held < COVERAGE_RANGE[0] - slack) | (held > COVERAGE_RANGE[1] + slack)):
         misses.append(f"coverage {100 * np.min(held):.0f} to {100 * np.max(held):.0f} %")
     cells = (
         _three(bias, "+.2f"),

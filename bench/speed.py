@@ -24,7 +24,7 @@ from vibrident.physics.simulation import simulate, with_noise
 #: Passes of a filter, at most: sines, and motion of other kinds.
 FILTER_TARGETS = {"ipnn fit": 20.0, "ml fit": 15.0, "ipnn identify": 40.0, "ml identify": 40.0}
 BROAD_TARGETS = {"ipnn fit": 60.0, "ipnn identify": 90.0}
-BROAD = ("random", "sweep", "multisine", "shock")
+BROADBAND_MOTIONS = ("random", "sweep", "multisine", "shock")
 ADAM_TARGET = 100.0
 TWICE_TARGET = 2.1  # for twice the samples
 ADAM_STEPS = 1500  # steps of the paper's training
@@ -54,7 +54,7 @@ def measure(options: Options) -> Section:
         figures.append(
             Figure(what, {"ratio": ratio.median}, high=FILTER_TARGETS[name], note=ratio.note)
         )
-    for kind in steps("speed: other motion", BROAD):
+    for kind in steps("speed: other motion", BROADBAND_MOTIONS):
         jobs = _jobs(broad(kind))
         for name, high in BROAD_TARGETS.items():
             ratio = pairwise(jobs[name], filtering, max(3, pairs // 3), repeats_b=FILTER_PASSES)

@@ -21,7 +21,7 @@ from joblib import Parallel, delayed
 from bench.figures import STDERR, steps
 
 ROOT = Path(__file__).resolve().parents[1]
-BLOCK = 10  # runs in a block: what is lost at most where a study is stopped
+RUNS_PER_BLOCK = 10  # runs in a block: what is lost at most where a study is stopped
 
 
 class Cell(Protocol):
@@ -65,8 +65,8 @@ class Study:
         kept = [] if given.trial else list(self._kept(commit))
         done = {(line["cell"], line["first"]) for line in kept}
         wanted = [
-            (cell.name, given.first + first, min(BLOCK, cell.runs(given.runs) - first))
-            for first in range(0, given.runs, BLOCK)
+            (cell.name, given.first + first, min(RUNS_PER_BLOCK, cell.runs(given.runs) - first))
+            for first in range(0, given.runs, RUNS_PER_BLOCK)
             for cell in self.cells
             if not given.of and given.only in cell.name and first < cell.runs(given.runs)
         ]

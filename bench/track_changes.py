@@ -26,12 +26,12 @@ SAMPLES = 40000
 NOISE = 0.01
 PER_PERIOD = 40.0
 BAND = (0.03, 3.0)
-KNOWN = 1e-3
+START_UNCERTAINTY = 1e-3
 STEPS = ("gain 1 %", "natural frequency 5 %", "damping doubled", "second mode of 1 %")
 HOUR_S = 3600.0
 RAMP = 0.01
 BENDS = 0.05  # part of the force at the largest response
-MOST = 4e7  # samples of a ramp at most
+MAX_RAMP_SAMPLES = 4e7  # samples of a ramp at most
 BETWEEN = np.log(86400.0 / Settings().false_alarms_per_day)  # false alarms, s, as a logarithm
 
 
@@ -80,7 +80,7 @@ class Motion:
 
     def tracker(self) -> Tracker:
         """Start from the true values, known to 0.1 %."""
-        covariance = np.diag([(KNOWN * value) ** 2 for value in self.values.values()])
+        covariance = np.diag([(START_UNCERTAINTY * value) ** 2 for value in self.values.values()])
         return Tracker(self.model, self.values, covariance, self.rate_hz)
 
     def noisy(self, response: FloatArray) -> FloatArray:
@@ -111,7 +111,7 @@ def ramp(one: Motion) -> float:
     for _ in range(4):
         tracked.feed(one.reference, one.noisy(one.response))
     taken = 0
-    while not tracked.alarms and taken < MOST:
+    while not tracked.alarms and taken < MAX_RAMP_SAMPLES:
         growth = rate * (taken + np.arange(SAMPLES))
         tracked.feed(one.reference, one.noisy(one.response * (1.0 + growth)))
         taken += SAMPLES

@@ -26,14 +26,14 @@ from vibrident.export import export
 
 SAMPLES = 8000
 NOISE = 0.01
-BATCH = 5  # runs, of which one is identified as well
+RUNS_PER_BATCH_FIT = 5  # runs, of which one is identified as well
 NAMES = tuple(TRUTH)
-PIECE = 1_000_000
+PIECE_SAMPLES = 1_000_000
 
 
 def scatter(kind: str, runs: int) -> tuple[Figure, ...]:
     """Measure scatter over the batch's and coverage of 95 % intervals; start values off by 2 %."""
-    beside = max(4, runs // BATCH)
+    beside = max(4, runs // RUNS_PER_BATCH_FIT)
     tracked = np.zeros((runs, 3))
     u = np.zeros((runs, 3))
     batch = np.zeros((beside, 3))
@@ -91,7 +91,7 @@ def long_run(
     most = 0.0
     alarms = 0
     rng = np.random.default_rng(1)
-    for _ in range(max(1, samples // PIECE)):
+    for _ in range(max(1, samples // PIECE_SAMPLES)):
         alarms = one.feed(*make(rng))
         value, u, _, _ = one.read()
         most = max(most, float(np.max(np.abs(value - np.array(list(TRUTH.values()))) / u)))
@@ -141,18 +141,18 @@ def firmware() -> list[Figure]:
 
 def speed() -> Figure:
     """Million samples a second on one core."""
-    u, y = record("random", PIECE, np.random.default_rng(1), NOISE)
+    u, y = record("random", PIECE_SAMPLES, np.random.default_rng(1), NOISE)
     found = {}
     one = tracker(None, u=1e-3)
     begin = time.process_time()
     fed(one, u, y, lambda n: list(range(16384, n, 16384)))
-    found["Python"] = PIECE / (time.process_time() - begin) / 1e6
+    found["Python"] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
     for label, single in (("C, double", False), ("C, float", True)):
         other = compiled(single=single)
         other.feed(u[:1000].copy(), y[:1000].copy())
         begin = time.process_time()
         other.feed(u, y)
-        found[label] = PIECE / (time.process_time() - begin) / 1e6
+        found[label] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
     return Figure("million samples a second", found, "plain")
 
 
@@ -168,17 +168,19 @@ def measure(options: Options) -> Section:
             quiet = {}
             off = {}
             for kind in ("random", "tone", "rest", "dead reference")[: 4 if pieces < 100 else 1]:
-                quiet[kind], off[kind], _ = long_run(pieces * PIECE, _piece(kind, PIECE))
+                quiet[kind], off[kind], _ = long_run(
+                    pieces * PIECE_SAMPLES, _piece(kind, PIECE_SAMPLES)
+                )
             figures.append(
                 Figure(
-                    f"alarms in {pieces * PIECE:.0e} samples without a change",
+                    f"alarms in {pieces * PIECE_SAMPLES:.0e} samples without a change",
                     quiet,
                     "plain",
                     high=0.0,
                 )
             )
             figures.append(Figure("largest deviation there, in u", off, "sigma"))
-        u, y = record("random", PIECE, np.random.default_rng(3), NOISE)
+        u, y = record("random", PIECE_SAMPLES, np.random.default_rng(3), NOISE)
         ends = [one for one in (compiled(), compiled(single=True)) if one.feed(u, y) == 0]
         (double, u_double, *_), (single, *_) = (one.read() for one in ends)
         apart = float(np.max(np.abs(double - single) / u_double))

@@ -23,7 +23,7 @@ GAIN = 0.1
 NATURAL_HZ = 1200.0
 DAMPING = 0.2
 #: Most that data which do not suit may take, in units of those that do.
-MOST = 3.0
+MAX_TIME_RATIO = 3.0
 #: Rounds of runs.
 ROUNDS = 8
 
@@ -173,5 +173,5 @@ def measure(options: Options) -> Section:
         base = min(base, spent(suited)[0])
         least = {name: min(least[name], spent(make)[0]) for name, make in UNSUITED.items()}
     found = {name: least[name] / base for name in least}
-    figures = (Figure("over data that suit", found, high=MOST),)
+    figures = (Figure("over data that suit", found, high=MAX_TIME_RATIO),)
     return Section("unsuited", f"Data that do not suit the model, {SAMPLES} samples", figures)

@@ -13,8 +13,8 @@ import numpy as np
 
 from bench.adversary.physics import TAU, Motion, Sensor
 
-REPEATS = 400
-CLOSE = 1e-13
+MAX_ITERATIONS = 400
+TOLERANCE = 1e-13
 
 
 def bent(
@@ -42,13 +42,13 @@ def bent(
     linear = mobility * sensor.gain * push
     cubic = sensor.parameters["cubic_stiffness"]
     value = np.fft.irfft(linear, points)
-    for _ in range(REPEATS):
+    for _ in range(MAX_ITERATIONS):
         after = np.fft.irfft(linear - mobility * np.fft.rfft(cubic * value**3), points)
         change = np.max(np.abs(after - value)) / np.max(np.abs(linear))
         value = after
         if not np.isfinite(change):
             break
-        if np.max(np.abs(change)) * points < CLOSE * points:
+        if np.max(np.abs(change)) * points < TOLERANCE * points:
             spectrum = (
                 np.fft.rfft(value) * 2.0 / points * np.exp(-s * sensor.parameters.get("delay", 0.0))
             )

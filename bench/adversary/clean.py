@@ -75,14 +75,15 @@ FEW_SENSORS = (
     "pickup-below-damped",
 )
 BENCH_SENSORS = ("in-light", "in-damped", "above-light", "pickup-below-damped")
-EACH = 3  # noises that each sensor and motion are tried with; each takes the next in turn
+#: Noises that each sensor and motion are tried with; each takes the next in turn.
+NOISES_PER_CASE = 3
 
 
 def cases() -> Cases:
     """Return the names and makers."""
     turn = itertools.cycle(NOISES)
     for sensor, motion in itertools.product(SENSORS, MOTIONS):
-        for _ in range(EACH):
+        for _ in range(NOISES_PER_CASE):
             noise = next(turn)
             yield f"{sensor}/{motion}/{noise.name}", partial(_maker, sensor, motion, noise)
     for motion, noises in BENCH.items():

@@ -22,14 +22,14 @@ NOISES = (
 )
 SENSORS = ("in-sharp", "in-light", "below-light", "edge-light", "pickup-in-light")
 SAMPLES = 2000
-GROWTH = (0.1, 1.0)  # damping grows by this much from small motion to the first swing
+DAMPING_GROWTH = (0.1, 1.0)  # damping grows by this much from small motion to the first swing
 
 
 def cases() -> Cases:
     """Return the names and makers."""
     for sensor, noise, count in itertools.product(SENSORS, NOISES, (1, 4)):
         yield f"alone {count}/{sensor}/{noise.name}", partial(_alone, sensor, noise, count)
-    for growth, noise, count in itertools.product(GROWTH, NOISES, (1, 4)):
+    for growth, noise, count in itertools.product(DAMPING_GROWTH, NOISES, (1, 4)):
         yield (
             f"damping grows {growth:g}/{count}/{noise.name}",
             partial(_growing, growth, noise, count),

@@ -23,11 +23,11 @@ from bench.adversary.physics import TAU, Motion, Real, Sensor
 from bench.adversary.recording import RATES, Setting, recorded
 from bench.adversary.trial import Cases, Trial, calibration
 
-OVER = 16  # steps a sample
+STEPS_PER_SAMPLE = 16  # steps a sample
 SIZES = {"0.1 to 1 %": (1e-3, 1e-2), "1 to 10 %": (1e-2, 1e-1)}
 MOTIONS = ("random", "sweep running", "sweep", "multisine", "sine", "burst")
 STEADY = ("tone", "two tones", "tone in noise", "growing tone", "beating tones", "noise")
-COUNTS = (1, 3)
+RECORD_COUNTS = (1, 3)
 
 
 def friction() -> Cases:
@@ -38,7 +38,7 @@ def friction() -> Cases:
 
 def steady() -> Cases:
     """Return the names and makers: what is declared a decay and is none."""
-    for kind, count in itertools.product(STEADY, COUNTS):
+    for kind, count in itertools.product(STEADY, RECORD_COUNTS):
         yield f"{kind}/{count}", partial(_steady, kind, count)
 
 
@@ -69,11 +69,11 @@ def rubbed(moves: list[Motion], sensor: Sensor, part: float, samples: int, rate:
     it; where the mass turns it sticks as long as the spring and the acceleration are below F.
     A quarter of the record before it begins is computed and left out.
     """
-    step = 1.0 / (rate * OVER)
+    step = 1.0 / (rate * STEPS_PER_SAMPLE)
     before = samples // 4
-    t = (np.arange((samples + before) * OVER + 1) - before * OVER) * step
+    t = (np.arange((samples + before) * STEPS_PER_SAMPLE + 1) - before * STEPS_PER_SAMPLE) * step
     push = np.array([_at(move, t) for move in moves])
-    inner = push[:, before * OVER :: OVER]
+    inner = push[:, before * STEPS_PER_SAMPLE :: STEPS_PER_SAMPLE]
     force = part * np.array([level(values) for values in inner])
     w = TAU * sensor.parameters["natural_frequency"]
     d = sensor.parameters["damping_ratio"]
@@ -87,9 +87,9 @@ def rubbed(moves: list[Motion], sensor: Sensor, part: float, samples: int, rate:
     from_slope = whole[:2, 3]
     state = np.zeros((len(moves), 2))
     out = np.zeros((len(moves), samples))
-    for k in range((samples + before) * OVER):
-        if k % OVER == 0 and k >= before * OVER:
-            out[:, k // OVER - before] = state[:, 0]
+    for k in range((samples + before) * STEPS_PER_SAMPLE):
+        if k % STEPS_PER_SAMPLE == 0 and k >= before * STEPS_PER_SAMPLE:
+            out[:, k // STEPS_PER_SAMPLE - before] = state[:, 0]
         drive = push[:, k]
         direction = np.sign(state[:, 1])
         resting = direction == 0.0

@@ -17,14 +17,14 @@ from bench.adversary.judge import BAD, SILENT, judged, quiet
 from vibrident.show.media import markdown
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-WIDE = 3.0  # ratio of u to that of the same recordings without what is wrong
+MAX_U_RATIO = 3.0  # ratio of u to that of the same recordings without what is wrong
 PAGE = RESULTS.parents[1] / "docs" / "adversary.md"
 MAX_CASE_CPU_S = 120.0  # a case that needs more is given up and counts as a traceback
 SECTION = "## Drawn groups: "
-TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The
-number of the run draws what a case's name does not say: where the sensor lies (below the whole
-band, in it, at its end, above, far above), damping, level and colour of the noise, shape of the
-motion, number and length of the records.
+INTRODUCTION = """Written by `python -m bench.adversary --groups NAME … --first RUN
+--keep {state}`. The number of the run draws what a case's name does not say: where the sensor lies
+(below the whole band, in it, at its end, above, far above), damping, level and colour of the noise,
+shape of the motion, number and length of the records.
 
 - Clean: `quantities`, every quantity of the reference, linear model and motion, `running` where it
   runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2),
@@ -43,8 +43,9 @@ standard uncertainty is more than three times that of the same recordings withou
 and the case is in the list. A case is given up
 after the CPU seconds in `limit` and counts as a traceback then.
 """
-LISTED = """Failures and runaways. `python -m bench.adversary --show NAME --run RUN` runs one again.
-"""
+LIST_INTRODUCTION = (
+    "Failures and runaways. `python -m bench.adversary --show NAME --run RUN` runs one again.\n"
+)
 
 
 def main(arguments: list[str]) -> int:
@@ -108,7 +109,7 @@ def _limited(case: Case, run: int, limit_s: float) -> dict[str, Any]:
 
 def is_failure(line: dict[str, Any]) -> bool:
     """Return whether a case belongs on the list: a bad class, a runaway, or u far too large."""
-    wide = (line.get("u_ratio") or 0.0) > WIDE
+    wide = (line.get("u_ratio") or 0.0) > MAX_U_RATIO
     return line["class"] in BAD or bool(line.get("runaway")) or wide
 
 
@@ -144,7 +145,7 @@ def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
                 *(str(counts[kind] or "") for kind in (*head[2:], "traceback")),
                 str(sum(bool(line.get("named")) for line in own) or ""),
                 str(sum(bool(line.get("runaway")) for line in own) or ""),
-                str(sum((line.get("u_ratio") or 0.0) > WIDE for line in own) or ""),
+                str(sum((line.get("u_ratio") or 0.0) > MAX_U_RATIO for line in own) or ""),
                 f"{sum(line['cpu'] for line in own):.0f}",
                 f"{max(line['cpu'] for line in own):.1f}",
                 f"{max(line.get('limit', 0.0) for line in own):.0f}",
@@ -182,8 +183,8 @@ def sections() -> list[str]:
         rows = [
             tuple(group["figures"].get(label, "") for label in head) for group in figures.values()
         ]
-        parts += [f"{SECTION}{state}", "", TEXT.format(state=state)]
-        parts += [markdown.table(head, rows, right=range(1, len(head))), "", LISTED, ""]
+        parts += [f"{SECTION}{state}", "", INTRODUCTION.format(state=state)]
+        parts += [markdown.table(head, rows, right=range(1, len(head))), "", LIST_INTRODUCTION, ""]
         for name, group in figures.items():
             failures = [f"- {text}" for text in group["failures"]]
             parts += [f"`{name}`, run {group['first']}:", "", *(failures or ["- none"]), ""]

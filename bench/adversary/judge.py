@@ -18,11 +18,13 @@ from bench.adversary.trial import Trial
 from vibrident import Result, VibridentError, identify
 from vibrident.physics.naming import in_words
 
-LIMIT = 4.0  # A parameter further from the truth than this many standard uncertainties is wrong
-AWAY = 0.3  # of the truth: a parameter that is wrong by more was found at another optimum
-ROUNDING = 1e-8  # errors below this part of the truth are rounding
+#: A parameter further from the truth than this many standard uncertainties is wrong.
+MAX_DISTANCE_U = 4.0
+#: Of the truth: a parameter that is wrong by more was found at another optimum.
+MAX_RELATIVE_ERROR = 0.3
+ROUNDING_ERROR = 1e-8  # errors below this part of the truth are rounding
 #: A stated impact is true within this part of the real one, or one standard uncertainty.
-IMPACT_WITHIN = 0.3
+IMPACT_TOLERANCE = 0.3
 #: What speaks of single parameters: heeded for those that its message names.
 OF_PARAMETERS = ("weakly_determined", "at_bound")
 #: Derived parameters and what they are made of.
@@ -33,7 +35,7 @@ MADE_OF = {
 }
 #: A weakly determined parameter is no false alarm where its stated uncertainty is above this part
 #: of its value.
-WEAK = 0.009
+WEAK_UNCERTAINTY = 0.009
 
 RIGHT = "right"
 WARNED = "warned"
@@ -83,7 +85,7 @@ def judged(trial: Trial) -> dict[str, Any]:
 def of_result(trial: Trial, result: Result) -> dict[str, Any]:
     """Return the class of a trial that gave a result."""
     z = distances(result, trial.truth)
-    wrong = [name for name, value in z.items() if value > LIMIT]
+    wrong = [name for name, value in z.items() if value > MAX_DISTANCE_U]
     unheeded = [name for name in wrong if not heeded(name, result)]
     alarms = [] if trial.cause else false_alarms(trial, result)
     kind = (
@@ -113,14 +115,14 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
 
 
 def runaway(result: Result, truth: Mapping[str, float], z: Mapping[str, float]) -> list[str]:
-    """Return the parameters that another optimum gets wrong by more than ``AWAY`` of the truth."""
+    """Return the parameters that another optimum gets wrong, relative to the truth."""
     return [
         name
         for name, distance in z.items()
-        if distance > LIMIT
+        if distance > MAX_DISTANCE_U
         and name not in MADE_OF
         and math.isfinite(truth[name])
-        and abs(result.parameters[name].value - truth[name]) > AWAY * abs(truth[name])
+        and abs(result.parameters[name].value - truth[name]) > MAX_RELATIVE_ERROR * abs(truth[name])
     ]
 
 
@@ -169,7 +171,7 @@ def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
             less = -less
         told = math.copysign(float(found["size"]), less * stated.value)
         off = (stated.value - _without(trial, name)) / stated.standard_uncertainty
-        true = abs(off - told) <= max(IMPACT_WITHIN * abs(off), 1.0)
+        true = abs(off - told) <= max(IMPACT_TOLERANCE * abs(off), 1.0)
         return {"code": warning.code, "parameter": name, "off": off, "told": told, "true": true}
     return None
 
@@ -195,7 +197,7 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
         if parameter is None or parameter.standard_uncertainty is None:
             continue
         error = abs(parameter.value - true)
-        if math.isfinite(true) and error <= ROUNDING * abs(true):
+        if math.isfinite(true) and error <= ROUNDING_ERROR * abs(true):
             found[name] = 0.0
         elif not parameter.standard_uncertainty > 0.0:
             found[name] = math.inf
@@ -257,7 +259,9 @@ def _weak(message: str, result: Result) -> bool:
     text = named(message)
     for name, parameter in result.parameters.items():
         u = parameter.standard_uncertainty
-        if name in text and (u is None or name == "delay" or u > WEAK * abs(parameter.value)):
+        if name in text and (
+            u is None or name == "delay" or u > WEAK_UNCERTAINTY * abs(parameter.value)
+        ):
             return True
     return False
 

@@ -9,7 +9,7 @@ from bench.adversary.physics import TAU, Motion, Real
 #: A motion on a periodic grid repeats after this many lengths of the record: its ends do not meet
 #: within it.
 PERIOD = 1.37
-NOTHING = 1e-13  # lines of sweeps and shocks below this part of the largest are nothing
+NEGLIGIBLE_LINE = 1e-13  # lines of sweeps and shocks below this part of the largest are nothing
 
 
 def sine(frequency_hz: float, amplitude: float, rng: np.random.Generator) -> Motion:
@@ -85,7 +85,7 @@ def _of_samples(values: Real, rate: float, limit: float) -> Motion:
     keep = (
         (frequency > 0.0)
         & (frequency < limit * rate)
-        & (np.abs(spectrum) > NOTHING * np.abs(spectrum).max())
+        & (np.abs(spectrum) > NEGLIGIBLE_LINE * np.abs(spectrum).max())
     )
     last = int(np.flatnonzero(keep)[-1])
     keep[1 : last + 1] = True

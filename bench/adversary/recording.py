@@ -14,8 +14,8 @@ from bench.adversary.physics import TAU, Complex, Motion, Real, Sensor
 
 #: Samples a second that there are; all else is set in parts of it.
 RATES = (100.0, 512.0, 2_000.0, 10_000.0, 51_200.0, 1e6)
-LOW = 0.005  # lowest frequency of the motion, over the rate
-TOP = 0.2  # highest frequency of the motion, over the rate
+LOWEST_RATIO = 0.005  # lowest frequency of the motion, over the rate
+HIGHEST_RATIO = 0.2  # highest frequency of the motion, over the rate
 #: Natural frequency over the top of the band.
 PLACES = {
     "below": (0.05, 0.15),
@@ -45,9 +45,9 @@ DECLARED = {
     "rung": "sine",
     "few tones": "multisine",
 }  # what is declared of each motion
-FEW = 5  # tones of a multisine that tells hardly more than the parameters
+FEW_TONES = 5  # tones of a multisine that tells hardly more than the parameters
 #: Samples of a period of sines whose generator keeps in step with the recorder.
-LOCKED = (5, 6, 8, 10, 16, 25, 50, 125)
+LOCKED_PERIODS = (5, 6, 8, 10, 16, 25, 50, 125)
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
     pickup = core.startswith("pickup-")
     place, damping = core.removeprefix("pickup-").split("-")
     rate = float(rng.choice(RATES))
-    low = LOW * rate
-    top = TOP * rate
+    low = LOWEST_RATIO * rate
+    top = HIGHEST_RATIO * rate
     frequency = top * rng.uniform(*PLACES[place])
     gain = 10.0 ** rng.uniform(-9.0, 9.0) * float(rng.choice([-1.0, 1.0]))
     parameters = {
@@ -92,7 +92,7 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
 def _add_on(
     name: str, size: float, rate: float, frequency: float, low: float, rng: np.random.Generator
 ) -> dict:
-    top = TOP * rate
+    top = HIGHEST_RATIO * rate
     if name == "delay":
         return {"delay": (size or rng.uniform(0.05, 3.0)) / rate}
     if name == "highpass":
@@ -121,7 +121,7 @@ def excite(
         grid = np.geomspace(max(low, 3.1 * rate / samples), top, count)
         return [motions.sine(f * rng.uniform(0.97, 1.0), 10.0, rng) for f in grid]
     if motion in ("multisine", "few tones"):
-        tones = 15 if motion == "multisine" else FEW
+        tones = 15 if motion == "multisine" else FEW_TONES
         return [
             motions.multisine(_spread(low, top, tones, rate / samples, rng), 10.0, rng)
             for _ in range(count)
@@ -139,7 +139,10 @@ def excite(
         moving = [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
         return [motions.gated(m, samples, rate, 0.45) for m in moving]
     if motion == "locked":
-        return [motions.sine(rate / period, 10.0 * rng.uniform(0.5, 2.0), rng) for period in LOCKED]
+        return [
+            motions.sine(rate / period, 10.0 * rng.uniform(0.5, 2.0), rng)
+            for period in LOCKED_PERIODS
+        ]
     if motion == "rung":
         begun = rng.uniform(0.0, 0.1, count)
         steady = excite("sine", given, rng, (count, samples))

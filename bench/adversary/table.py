@@ -13,11 +13,11 @@ from scipy.stats import beta
 from bench.adversary.judge import (
     ALARM,
     BAD,
-    IMPACT_WITHIN,
-    LIMIT,
+    IMPACT_TOLERANCE,
+    MAX_DISTANCE_U,
     REFUSED,
     RIGHT,
-    ROUNDING,
+    ROUNDING_ERROR,
     SILENT,
     TRACEBACK,
     WARNED,
@@ -26,7 +26,7 @@ from vibrident.show.media import markdown
 
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
 Row = tuple[str, ...]
-LISTED = 400  # most failures that are listed by name
+MAX_LISTED = 400  # most failures that are listed by name
 HEAD = """# Sensors, motions and defects from a simulator of its own
 
 Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, in an order by chance;
@@ -79,7 +79,11 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
         for run, one in enumerate(line["runs"], line["first"])
     ]
     head = HEAD.format(
-        runs=len(found), cases=len(CASES), commit=commit, limit=LIMIT, rounding=ROUNDING
+        runs=len(found),
+        cases=len(CASES),
+        commit=commit,
+        limit=MAX_DISTANCE_U,
+        rounding=ROUNDING_ERROR,
     )
     parts = [head, *_verdict(found)]
     clean = [one for one in found if one["name"].startswith("clean/")]
@@ -168,12 +172,12 @@ def _impacts(found: list[dict[str, Any]]) -> list[str]:
         rows.append(
             (f"`{code}`" if code else "all", str(len(own)), f"{100 * sum(own) / len(own):.0f} %")
         )
-    far = [one["true"] for one in told if abs(one["off"]) > LIMIT]
+    far = [one["true"] for one in told if abs(one["off"]) > MAX_DISTANCE_U]
     if far:
         rows.insert(
             1,
             (
-                f"of them more than {LIMIT:g} u off",
+                f"of them more than {MAX_DISTANCE_U:g} u off",
                 str(len(far)),
                 f"{100 * sum(far) / len(far):.0f} %",
             ),
@@ -184,7 +188,7 @@ def _impacts(found: list[dict[str, Any]]) -> list[str]:
         "Defects that a departure names, where the model explains the data: is the parameter that "
         "it moves most as far",
         "from where the same recordings without the defect lead to as the warning says, within "
-        f"{100 * IMPACT_WITHIN:.0f} % or one standard uncertainty? Target: 80 %.",
+        f"{100 * IMPACT_TOLERANCE:.0f} % or one standard uncertainty? Target: 80 %.",
         "",
         markdown.table(("warning", "cases", "true"), rows, right=(1, 2)),
         "",
@@ -214,9 +218,9 @@ def _failures(found: list[dict[str, Any]]) -> list[str]:
     )
     rows = [
         (one["class"], f"`{one['name']}`{_run(one)}", _worst(one), _said(one))
-        for one in failed[:LISTED]
+        for one in failed[:MAX_LISTED]
     ]
-    more = [f"… and {len(failed) - LISTED} more.", ""] if len(failed) > LISTED else []
+    more = [f"… and {len(failed) - MAX_LISTED} more.", ""] if len(failed) > MAX_LISTED else []
     return [
         "## What failed",
         "",
