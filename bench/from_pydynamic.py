@@ -1,4 +1,4 @@
-"""Functions of PyDynamic beside this package's on the same data, into docs/pydynamic.md."""
+"""Functions of PyDynamic beside this package's on the same data, into studies/pydynamic.md."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from vibrident.physics.models import parse
 from vibrident.result import Result
 from vibrident.show.media import markdown
 
-PAGE = Path(__file__).parents[1] / "docs" / "pydynamic.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "studies" / "pydynamic.md"
+NAMES_PAGE = ROOT / "docs" / "pydynamic.md"
 TRUE = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 NAMES = ("sensitivity", "damping_ratio", "natural_frequency")  # in the order of PyDynamic
 RATE_HZ = 12800.0
@@ -43,12 +45,11 @@ def main() -> None:
         HZ, given["size"], given["phase"], given["size_u"], given["size_u"] / given["size"]
     )
     result = identify(Calibration(table=table, model="accelerometer"))
-    missing = [
-        name for name in theirs["names"] if f"`{name}`" not in PAGE.read_text(encoding="utf-8")
-    ]
+    named = NAMES_PAGE.read_text(encoding="utf-8")
+    missing = [name for name in theirs["names"] if f"`{name}`" not in named]
     if missing:
         raise ValueError(
-            f"{PAGE}: expected every public function of PyDynamic, found none of "
+            f"{NAMES_PAGE}: expected every public function of PyDynamic, found none of "
             f"{', '.join(missing)}"
         )
     rows = [

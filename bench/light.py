@@ -6,7 +6,7 @@
     --samples 20000000 python -m bench.light peers            (ellipse fits of hoqi-bench, from an
     environment that holds it)
 
-Each prints its figures; docs/interferometer.md quotes them.
+Each prints its figures; studies/interferometer.md quotes them.
 """
 
 from __future__ import annotations

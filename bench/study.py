@@ -43,7 +43,7 @@ class Study:
 
     Attributes:
         name: of the module; of the file of runs, bench/results/<name>.jsonl, and the page,
-            docs/<name>.md.
+            studies/<name>.md.
         title: for ``--help``.
         runs: a cell, unless asked otherwise.
         cells: all of them.
@@ -80,7 +80,7 @@ class Study:
         if given.trial:
             sys.stdout.write(page)
         else:
-            target = ROOT / "docs" / f"{self.name}.md"
+            target = ROOT / "studies" / f"{self.name}.md"
             target.write_text(page, encoding="utf-8")
             STDERR.print(f"written: {target}", soft_wrap=True)
         return 0

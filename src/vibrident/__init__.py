@@ -79,7 +79,7 @@ bind(
     known_response="vibrident.result.known:known_response",
     sensor_html="vibrident.show.notebook:sensor",
     with_add_ons="vibrident.physics.models:with_add_ons",
-    zeros_and_poles="vibrident.export.python_source:system",
+    zeros_and_poles="vibrident.export.approximation:system",
 )
 
 __all__ = [*_WHERE, "__version__"]  # pyright: ignore[reportUnsupportedDunderAll]

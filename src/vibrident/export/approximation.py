@@ -16,10 +16,20 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.export.poles_zeros import PolesZeros, paired, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
+from vibrident.result.sensor import IdentifiedSensor
 from vibrident.show.views import K
 
 TOLERANCE = 1e-10  # largest relative error of an approximation over the band
 MOST_ORDER = 12
+
+
+def system(known: IdentifiedSensor) -> PolesZeros:
+    """Return a sensor as poles and zeros in rad/s; delay and window are approximated in its band.
+
+    Raises:
+        InputError: the model is not linear, or poles and zeros cannot hold it.
+    """
+    return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
 
 
 def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:

@@ -21,9 +21,10 @@ TITLE = (
 )
 _SOURCE = (
     "Li, Liu, Cai, Yao, Pan, Yang. Mathematics 2025, 13(22), 3609. Every table and figure of the "
-    "paper from this package, the paper's numbers in italics beside ours; docs/paper.md explains "
-    "them. The paper's data are private: section 5 is rerun on a simulated interferometer, and on "
-    "measured records of another sensor where they are at hand; each table says which."
+    "paper from this package, the paper's numbers in italics beside ours; studies/paper.md "
+    "explains them. The paper's data are private: section 5 is rerun on a simulated "
+    "interferometer, and on measured records of another sensor where they are at hand; each table "
+    "says which."
 )
 
 
@@ -72,6 +73,6 @@ def filled(text: str, tables: Sequence[Table], where: str) -> str:
             "<!-- reproduce:begin table4 --> … <!-- reproduce:end table4 -->",
             found="none of them",
             where=where,
-            remedy="give a document with marks, docs/paper.md say",
+            remedy="give a document with marks, studies/paper.md say",
         )
     return text

@@ -263,19 +263,15 @@ def _revision(connection: sa.Connection) -> str | None:
 
 def _migrate(connection: sa.Connection, revision: str) -> None:
     """Run the migrations up to a revision, within the connection's transaction."""
-    from alembic.config import Config
-    from alembic.runtime.environment import EnvironmentContext
+    from alembic.migration import MigrationContext
+    from alembic.operations import Operations
     from alembic.script import ScriptDirectory
 
-    settings = Config()
-    settings.set_main_option("script_location", "vibrident.lab.history:migrations")
-    scripts = ScriptDirectory.from_config(settings)
-
-    def steps(now: Any, _: Any) -> Any:
-        return scripts._upgrade_revs(revision, now)
-
-    with EnvironmentContext(settings, scripts, fn=steps, destination_rev=revision) as environment:
-        environment.configure(
-            connection=connection, version_table=schema.VERSION_TABLE, transactional_ddl=False
-        )
-        environment.run_migrations()
+    scripts = ScriptDirectory(str(Path(__file__).with_name("migrations")))
+    options = {"version_table": schema.VERSION_TABLE}
+    context = MigrationContext.configure(connection, opts=options)
+    older_first = reversed(list(scripts.iterate_revisions(revision, _revision(connection))))
+    with Operations.context(context):
+        for script in older_first:
+            script.module.upgrade()
+    context.stamp(scripts, revision)

@@ -127,8 +127,8 @@ def inverse_residual(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the paper's residual w (1/H_model − 1/H), shape (2 n,), and its slopes.
 
-    ``data``: (f, H, w). Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which is what
-    makes the method simple (PAPER, LSM).
+    ``data``: (f, H, w). Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which makes the
+    method simple.
     """
     frequency, response, weight = data
     model, slopes = response_and_slopes(
