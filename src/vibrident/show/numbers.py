@@ -15,7 +15,7 @@ from typing import TypeGuard
 
 from vibrident.base import amounts
 from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, Scale, pretty, scaled
-from vibrident.base.nominal import nominal_name, same
+from vibrident.base.nominal import is_same_frequency, nominal_name
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 from vibrident.show.views import K
@@ -233,7 +233,7 @@ def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
 def nominal_frequency(frequency_hz: float) -> str | None:
     """Nominal ISO 266 name (Hz) of a nominal or an exact base-10 one-third-octave frequency; None for any other."""
     nearest = nominal_name(frequency_hz, math.inf)
-    if nearest is not None and same(float(nearest), frequency_hz):
+    if nearest is not None and is_same_frequency(float(nearest), frequency_hz):
         return nearest
     return nominal_name(frequency_hz, 5e-4)
 

@@ -81,8 +81,8 @@ class Key:
         """Return the unit in which a form asks beside the other keys, and its number in one."""
         if self.in_form_by is None:
             return self.in_form
-        other, units = self.in_form_by
-        return units.get(row.get(other) or "", ("", 1.0))
+        other_key, units = self.in_form_by
+        return units.get(row.get(other_key) or "", ("", 1.0))
 
     def applies(self, row: Mapping[str, Any]) -> bool:
         """Return whether the key has a meaning beside the values of the others."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import SystematicEffect
-from vibrident.data.io.alignment import Channel, align
+from vibrident.data.io.alignment import ClockedChannel, align
 from vibrident.data.io.calibration_file import (
     CalibrationFile,
     RecordsEntry,
@@ -32,7 +32,7 @@ _GLOB_SIGNS = re.compile(r"[*?\[]")
 
 @dataclass(frozen=True)
 class Part:
-    """One record to read: a file and the entry that asks for it."""
+    """Record to read: a file and the entry that asks for it."""
 
     entry: RecordsEntry
     file: str  # relative to the calibration file
@@ -78,8 +78,10 @@ def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[s
     if calibration.table is not None:
         return [calibration.table.file]
     parts = list(_parts(calibration.records, folder, where))
-    others = [part.entry.reference_file for part in parts if part.entry.reference_file is not None]
-    return list(dict.fromkeys([*(part.file for part in parts), *others]))
+    reference_files = [
+        part.entry.reference_file for part in parts if part.entry.reference_file is not None
+    ]
+    return list(dict.fromkeys([*(part.file for part in parts), *reference_files]))
 
 
 def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[Part]:
@@ -116,10 +118,10 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
 
 def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
     """Refuse samples in two entries, which would count twice."""
-    seen: dict[Path, list[Part]] = {}
+    parts_of_file: dict[Path, list[Part]] = {}
     for part in parts:
-        others = seen.setdefault((folder / part.file).resolve(), [])
-        for earlier in others:
+        earlier_parts = parts_of_file.setdefault((folder / part.file).resolve(), [])
+        for earlier in earlier_parts:
             if part.start_s < earlier.stop_s and earlier.start_s < part.stop_s:
                 raise InputError(
                     "Two [[records]] entries contain the same samples.",
@@ -129,7 +131,7 @@ def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
                     remedy="narrow the glob, or give each entry its own part with start_s and "
                     "stop_s",
                 )
-        others.append(part)
+        earlier_parts.append(part)
 
 
 def _record_names(parts: Sequence[Part]) -> list[str]:
@@ -227,7 +229,7 @@ def timing_effects(readings: Sequence[ReadRecord]) -> tuple[SystematicEffect, ..
 
 def _step(
     name: str,
-    channel: Channel,
+    channel: ClockedChannel,
     conversion: Conversion,
     section: ReferenceSection | ResponseSection,
     unit: str,
@@ -239,7 +241,9 @@ def _step(
     return f"{name}: column {channel.position + 1}{label}{factor} × {section.scale!r} → {unit}"
 
 
-def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Channel, Channel | None]:
+def _load(
+    part: Part, calibration: CalibrationFile, folder: Path
+) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Load the response and, but for a decay, the reference, each with its clock."""
     main = open_columns(folder / part.file)
     wanted = [(main, calibration.response.column, "[response] column")]
@@ -247,12 +251,12 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Chann
         reference_file = part.entry.reference_file
         source = main if reference_file is None else open_columns(folder / reference_file)
         wanted.append((source, calibration.reference.column, "[reference] column"))
-    channels: list[Channel] = []
+    channels: list[ClockedChannel] = []
     for source, column, key in wanted:
         assert column is not None  # checked with the calibration file
         position = source.position_of(column, key)
         source.require_over_time(position, key)
-        channels.append(Channel(source, position, np.empty(0)))
+        channels.append(ClockedChannel(source, position, np.empty(0)))
     for source in dict.fromkeys(channel.source for channel in channels):  # each file once
         places = [n for n, channel in enumerate(channels) if channel.source is source]
         columns = source.load([channels[n].position for n in places])
@@ -263,8 +267,8 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Chann
 
 
 def _with_clocks(
-    part: Part, calibration: CalibrationFile, main: ColumnFile, channels: Sequence[Channel]
-) -> tuple[Channel, Channel | None]:
+    part: Part, calibration: CalibrationFile, main: ColumnFile, channels: Sequence[ClockedChannel]
+) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Return response and reference with their clocks; a file without one has the other's."""
     reader = clock_reader(part, calibration, main)
     clocks = []
@@ -282,7 +286,7 @@ def _with_clocks(
 
 
 def clock_reader(part: Part, calibration: CalibrationFile, main: ColumnFile) -> ClockReader:
-    """Return what finds the clocks of the channels of a part."""
+    """Return the reader of the clocks of a part's channels."""
     stated_hz = part.entry.rate_hz
     time_column = None
     if stated_hz is None:

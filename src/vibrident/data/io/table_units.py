@@ -48,7 +48,7 @@ _RELATIVE = re.compile(r"(?<![^\W_])rel(?:ative?|ativ)?(?![^\W_])", re.IGNORECAS
 
 @dataclass(frozen=True)
 class Conversion:
-    """What leads from the numbers of a column to the unit of the table, before ``scale``."""
+    """Conversion of the numbers of a column to the unit of the table, before ``scale``."""
 
     factor: float = 1.0
     #: level: in dB re ``factor``, 20 lg; relative: to the value that an uncertainty belongs to
@@ -212,12 +212,12 @@ def require_coverage(column: TableColumn, stated: float) -> None:
     factor = _COVERAGE.search(name)
     expanded = _EXPANDED.search(name)
     if factor is not None and float(factor.group(1).replace(",", ".")) != stated:
-        found = f"k = {factor.group(1)}"
+        coverage = f"k = {factor.group(1)}"
         number = factor.group(1)
     elif factor is None and expanded is not None and stated == 1.0:
-        found = expanded.group(0)
+        coverage = expanded.group(0)
         number = "k"
     else:
         return
     remedy = f"state coverage_factor = {number}; or divide it by {number}, and correct the header"
-    raise column.refused(f"uncertainties of k = {stated:g}", found, remedy)
+    raise column.refused(f"uncertainties of k = {stated:g}", coverage, remedy)

@@ -1,4 +1,4 @@
-"""What the lines above the data of a text file state: rate, interval, start and units of columns.
+"""Read the lines above the data of a text file: rate, interval, start and units of columns.
 
 One rule for all makers: a line holds a key and its values, and the key is sought in one table, in
 the usual languages.
@@ -120,12 +120,12 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
     for match in _STATEMENT.finditer(text):
         kind = next(kind for kind in _KEYS if match[kind.replace(" ", "_")] is not None)
         is_row = match[0].endswith(delimiter) and delimiter != BLANKS
-        rest = text[match.end() :] if is_row else text[match.end() :].lstrip(_SEPARATORS + " ")
+        remainder = text[match.end() :] if is_row else text[match.end() :].lstrip(_SEPARATORS + " ")
         is_word = kind in ("units", "time unit", "dimension")
         gap = delimiter if is_row or (delimiter not in (BLANKS, ",") and not is_word) else "[,;\t]"
-        if is_word and not re.search(gap, rest):
+        if is_word and not re.search(gap, remainder):
             gap = r"\s+"
-        values = _trimmed([cell.strip() for cell in re.split(gap, rest)])
+        values = _trimmed([cell.strip() for cell in re.split(gap, remainder)])
         unit = (match["bracket"] or match["word"] or "").strip()
         numbers = [_NUMBER.match(value) for value in values]
         is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in _OF_ANYTHING and not (
@@ -177,22 +177,22 @@ def read_head(
     Raises:
         InputError: a rate or interval has no usable number or unit, or two contradict each other.
     """
-    found = [s for line in lines for s in statements(line, delimiter)]
+    statements_of_head = [s for line in lines for s in statements(line, delimiter)]
     columns = [_Column(index in numeric) for index in range(width)]
-    time_unit = next((s.values[0] for s in found if s.kind == "time unit"), "")
+    time_unit = next((s.values[0] for s in statements_of_head if s.kind == "time unit"), "")
     abscissa = parse_unit(time_unit)
     for column in columns:
         column.is_over_frequency = abscissa is not None and abscissa.dimension == (("s", -1),)
-    for statement in found:
+    for statement in statements_of_head:
         if statement.kind == "dimension":
             for column, value in _by_column(statement, columns):
                 column.is_over_frequency = value.lower().startswith("freq")
-    for statement in found:
+    for statement in statements_of_head:
         if statement.kind == "units":
             _take_units(statement, columns, x_column)
         elif statement.kind in ("rate", "interval"):
             _take_clock(statement, columns, decimal, time_unit, file)
-    _take_starts(found, lines, columns, delimiter, decimal)
+    _take_starts(statements_of_head, lines, columns, delimiter, decimal)
     return HeadFacts(
         tuple(column.unit for column in columns),
         tuple(_agreed(column, file) for column in columns),
@@ -263,12 +263,12 @@ def _clock(statement: Statement, value: str, decimal: str, time_unit: str, file:
 
 def _number(text: str, decimal: str) -> float | None:
     """Return a number of a head; None for one that has two readings."""
-    other = "." if decimal == "," else ","
+    other_sign = "." if decimal == "," else ","
     if _GROUPED.fullmatch(text) and not re.fullmatch(rf"[+-]?\d+{re.escape(decimal)}\d+", text):
         return None
     text = text.replace(",", ".") if decimal == "," else text
     try:
-        return None if other == "," and "," in text else float(text)
+        return None if other_sign == "," and "," in text else float(text)
     except ValueError:
         return None
 
@@ -319,14 +319,14 @@ def _unusable(statement: Statement, expected: str, file: str) -> InputError:
 
 
 def _take_starts(
-    found: Sequence[Statement],
+    statements_of_head: Sequence[Statement],
     lines: Sequence[HeadLine],
     columns: list[_Column],
     delimiter: str,
     decimal: str,
 ) -> None:
     """Set the start of each column: in seconds, or as a time of day to fractions of a second."""
-    for statement in found:
+    for statement in statements_of_head:
         if statement.kind != "start":
             continue
         stamp = " ".join(statement.values)

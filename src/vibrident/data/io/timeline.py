@@ -244,5 +244,5 @@ def _plausible_unit(
     return 1.0, ""
 
 
-def _uneven(problem: str, found: str, where: str) -> InputError:
-    return InputError(problem, expected=_EXPECTED, found=found, where=where, remedy=_REMEDY)
+def _uneven(problem: str, value: str, where: str) -> InputError:
+    return InputError(problem, expected=_EXPECTED, found=value, where=where, remedy=_REMEDY)

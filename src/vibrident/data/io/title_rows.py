@@ -39,14 +39,14 @@ def columns_of(data: Sequence[list[str]], above: Sequence[list[str]], fields: in
 
 def keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
     """Return statements by keys beside the names, with their values in s below (Rigol)."""
-    found = []
+    head_lines = []
     for (i, row), (_, below) in pairwise(rows.items()):
-        found += [
+        head_lines += [
             HeadLine(i + 1, f"{key}: {value} s")
             for key, value in zip(row[columns:], below[columns:], strict=False)
             if is_key(key) and value
         ]
-    return found
+    return head_lines
 
 
 def names_and_units(

@@ -76,29 +76,11 @@ _PREFIX_WORDS = {
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
 #: What programs write where there is no unit.
-# fmt: skip
-_NO_UNIT = frozenset(
-    (
-        "",
-        "-",
-        "--",
-        "none",
-        "n/a",
-        "unknown",
-        "unit",
-        "units",
-        "eu",
-        "arb",
-        "a.u.",
-        "au",
-        "raw",
-        "?",
-        "[]",
-        "()",
-        "1",
-    )
-)
-#: Of what numbers the rows, in place of a unit.
+_NO_UNIT = frozenset((
+    "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
+    "?", "[]", "()", "1",
+))  # fmt: skip
+#: Names of row numbers that stand in place of a unit.
 _COUNTERS = frozenset((
     "#", "sample", "samples", "smp", "point", "points", "tick", "ticks", "count", "counts", "index",
     "sequence", "number", "no", "no.", "nr", "nr.", "bin", "bins", "line", "lines",
@@ -124,15 +106,15 @@ class Unit:
     factor: float
     dimension: tuple[tuple[str, int], ...]
 
-    def over(self, other: Unit) -> Unit:
+    def over(self, divisor: Unit) -> Unit:
         """Return this unit divided by another."""
         exponents = Counter(dict(self.dimension))
-        exponents.subtract(dict(other.dimension))
-        return Unit(self.factor / other.factor, _sorted(exponents))
+        exponents.subtract(dict(divisor.dimension))
+        return Unit(self.factor / divisor.factor, _sorted(exponents))
 
-    def times(self, other: Unit) -> Unit:
+    def times(self, factor: Unit) -> Unit:
         """Return the product of two units."""
-        return self.over(Unit(1.0 / other.factor, tuple((b, -e) for b, e in other.dimension)))
+        return self.over(Unit(1.0 / factor.factor, tuple((b, -e) for b, e in factor.dimension)))
 
 
 def _sorted(exponents: Counter[str]) -> tuple[tuple[str, int], ...]:

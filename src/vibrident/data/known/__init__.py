@@ -1,4 +1,4 @@
-"""What is known of a channel: its complex response over frequency, with its uncertainty."""
+"""Known responses of channels: complex, over frequency, with their uncertainty."""
 
 from vibrident.data.known.response import KnownResponse, refuse_known
 from vibrident.data.known.shapes import DigitalFilter, PolesZeros, Shape, Tabulated

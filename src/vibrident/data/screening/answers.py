@@ -27,8 +27,8 @@ from vibrident.data.screening.wild import (
     RIDGE,
     STANDS_OUT,
     TOGETHER,
-    Channel,
     Event,
+    PredictedChannel,
 )
 
 #: Lags of the autocorrelation that represents the band of a motion.
@@ -48,12 +48,14 @@ class Answer:
             predicts it.
     """
 
-    reference: Channel
-    response: Channel
+    reference: PredictedChannel
+    response: PredictedChannel
     delay: int = 0
 
     @classmethod
-    def all_from_channels(cls, reference: Channel, response: Channel) -> tuple[Answer, ...]:
+    def all_from_channels(
+        cls, reference: PredictedChannel, response: PredictedChannel
+    ) -> tuple[Answer, ...]:
         """Return the best prediction, and those of other delays that are as good within chance.
 
         The best is found downhill in the delay, from zero and from the delay of the largest
@@ -111,7 +113,7 @@ class Answer:
 
     @functools.cached_property
     def _usual(self) -> BoolArray:
-        """Return the samples at which neither channel shows an event, nor before; shape (samples,)."""
+        """Return the samples with no event of either channel at or before them, shape (samples,)."""
         usual = (
             self.response.follows
             & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
@@ -146,7 +148,7 @@ class Answer:
 
     @functools.cached_property
     def _band_filter(self) -> FloatArray:
-        """Return the windowed autocorrelation of the reference: a filter that keeps the motion's band.
+        """Return the reference's windowed autocorrelation, a filter of its motion's band.
 
         Shape (2 BAND_LAGS + 1,).
         """
@@ -154,7 +156,7 @@ class Answer:
         return np.concatenate([later[:0:-1], later]) * np.hanning(2 * BAND_LAGS + 3)[1:-1]
 
     def denies(self, label: str, event: Event) -> bool:
-        """Tell whether a channel's wild samples are no motion: the errors are those that they leave.
+        """Tell whether a channel's wild samples are no motion, by the errors that they leave.
 
         The response to the reference is known within the band of its motion alone, so that only
         this band is compared. Where the errors are lost in noise, the wild samples must exceed all

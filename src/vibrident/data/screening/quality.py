@@ -22,7 +22,7 @@ from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import (
     MAX_RUN_SAMPLES,
     MAX_SHORT_RUN_SAMPLES,
-    Channel,
+    PredictedChannel,
     breaks,
     moves,
 )
@@ -198,7 +198,7 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
         else MAX_SHORT_RUN_SAMPLES
     )
     channels = {
-        label: Channel.from_values(values, record.mask, longest)
+        label: PredictedChannel.from_values(values, record.mask, longest)
         for label, values, _ in _channels(record)
     }
     for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
@@ -265,7 +265,9 @@ def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
     return record, findings
 
 
-def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
+def _longest_part(
+    record: Record, channels: Mapping[str, PredictedChannel]
+) -> tuple[Record, list[Finding]]:
     """Return the longest part of a steady motion in which no time was lost, and the finding.
 
     ``channels``: the record's channels as predicted before; computed anew where samples were
@@ -276,7 +278,8 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
         channels = {
-            label: Channel.from_values(values, valid) for label, values, _ in _channels(record)
+            label: PredictedChannel.from_values(values, valid)
+            for label, values, _ in _channels(record)
         }
     places = breaks(**channels)
     if places.size:
@@ -304,7 +307,7 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     return record, [finding]
 
 
-def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]:
+def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
@@ -350,7 +353,10 @@ def _without(
     The reference stays in use where only the response is spoilt.
     """
     count = int(np.sum(bad & (record.reference_mask if label == "reference" else record.mask)))
-    text = f"{record.name}: {observation}; {count} of {record.samples} samples are left out of the fit."
+    text = (
+        f"{record.name}: {observation}; {count} of {record.samples} samples are left out of the "
+        "fit."
+    )
     remaining = (
         record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
     )

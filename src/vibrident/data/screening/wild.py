@@ -105,7 +105,7 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class PredictedChannel:
     """A channel and the errors of its prediction.
 
     Attributes:
@@ -121,7 +121,7 @@ class Channel:
     @classmethod
     def from_values(
         cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN_SAMPLES
-    ) -> Channel:
+    ) -> PredictedChannel:
         """Return a channel from values and their validity, both of shape (samples,)."""
         middle = float(np.median(values[valid])) if valid.any() else 0.0
         size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
@@ -183,7 +183,7 @@ class Channel:
         return self._fitted[1]
 
     def level(self, places: NDArray[np.int_]) -> FloatArray:
-        """Return the usual size of the errors around samples, in standard deviations, at least one."""
+        """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
         reach = NEAR + 2 * self.longest  # less than a third of the samples are disturbed
         around = sliding_window_view(
             np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
@@ -192,7 +192,7 @@ class Channel:
 
     @functools.cached_property
     def events(self) -> tuple[Event, ...]:
-        """Return the places where the channel does not go on as predicted; none if there are too many."""
+        """Return the places where the channel does not go on as predicted; none if too many."""
         if not self.readable:
             return ()
         size = np.abs(self.errors)
@@ -381,7 +381,7 @@ class Samples:
         return Samples(self.windows, clean) if np.sum(clean) > 0.5 * np.sum(self.clean) else self
 
 
-def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
+def moves(other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
     """Return which odd samples are motion, as the other channel shows an event there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
@@ -403,7 +403,7 @@ def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series = np.diff(other_channel.series, prepend=other_channel.series[:1])
-            other_channel = Channel.from_values(
+            other_channel = PredictedChannel.from_values(
                 series, other_channel.valid & np.roll(other_channel.valid, 1)
             )
         if places.size and other_channel.readable:
@@ -418,7 +418,7 @@ def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
     return moved
 
 
-def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
+def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[np.int_]:
     """Return the samples at which both channels of a stationary motion jump: time was lost there.
 
     Both channels go on elsewhere, no wild samples explain that, and nothing lies between the motion
@@ -445,7 +445,7 @@ def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
     return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
 
 
-def _breaks_off(channel: Channel, place: int) -> bool:
+def _breaks_off(channel: PredictedChannel, place: int) -> bool:
     """Tell whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
     errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]

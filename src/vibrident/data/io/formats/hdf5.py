@@ -236,7 +236,7 @@ class Hdf5File(ArrayFile):
                 for (column, target), zero in zip(wanted, zeros, strict=True):
                     values = target[begin - start : end - start]
                     # subtracted as stored, to keep the digits
-                    values[:] = column.of(rows) - zero if zero else column.of(rows)
+                    values[:] = column.values_in(rows) - zero if zero else column.values_in(rows)
                     if array in self._since:
                         values *= self._since[array][0]
                     elif array in self._packing:
@@ -245,7 +245,7 @@ class Hdf5File(ArrayFile):
 
 def _first(dataset: Any, column: ArrayColumn) -> Any:
     """Return the first number of a column as it is stored."""
-    return column.of(_rows(dataset, 0, 1))[0]
+    return column.values_in(_rows(dataset, 0, 1))[0]
 
 
 def _rows(dataset: Any, start: int, stop: int) -> Any:

@@ -56,7 +56,7 @@ class MiniSeedFile(ColumnFile):
             )
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
-        """Traces in the order of the file; obspy's warnings mean damage."""
+        """Return the traces in the order of the file; obspy's warnings mean damage."""
         # a name would be globbed, fetched or unpacked
         with (
             path.open("rb") as stream,

@@ -65,9 +65,12 @@ class ParquetFile(StatedFile):
             ):
                 refused[field.name] = f"of type {field.type}"
                 continue
-            own = of_columns.get(field.name)
-            own = {**(own if isinstance(own, dict) else {}), **_metadata(field.metadata)}
-            levels = [statements(own), _of_column(of_file, field.name)]
+            metadata = of_columns.get(field.name)
+            metadata = {
+                **(metadata if isinstance(metadata, dict) else {}),
+                **_metadata(field.metadata),
+            }
+            levels = [statements(metadata), _of_column(of_file, field.name)]
             clock = clock_of(levels, f"{path}, column {field.name!r}")
             unit = nearest_unit(field.name, levels[0], levels[1])
             if start := start_of(levels):

@@ -34,7 +34,8 @@ _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of f
 _TIME_SIGNALS = (0, 1)
 #: Frequency response function, and transmissibility.
 _RESPONSES = (4, 5)
-_TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
+_TIME = 17  # specific data type of an abscissa
+_FREQUENCY = 18  # the same
 _COMPLEX = (5, 6)  # ordinate data types
 _DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
 #: Length and force by units code of data set 164, and units of a specific data type: its Table.

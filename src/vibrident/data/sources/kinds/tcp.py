@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 from vibrident.base.errors import InputError
 from vibrident.data.sources.decoding import PIECE, chunks
-from vibrident.data.sources.source import Chunk, Source, Wanted
+from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
-CONNECT_S = 10.0  # seconds to wait for a connection
+CONNECT_TIMEOUT_S = 10.0
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
+def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     address, _, form = wanted.address.partition("#")
     host, _, port = address.rpartition(":")
     if not (host and port.isdecimal() and int(port) < 65536):
@@ -28,12 +28,12 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
 
 def _pieces(host: str, port: int, idle_s: float | None) -> Iterator[bytes]:
     try:
-        with socket.create_connection((host, port), timeout=CONNECT_S) as connection:
+        with socket.create_connection((host, port), timeout=CONNECT_TIMEOUT_S) as connection:
             connection.settimeout(idle_s)
             while piece := connection.recv(PIECE):
                 yield piece
     except TimeoutError:
-        return  # nothing came for as long as was to be waited
+        return  # no data for idle_s: the end of the stream
     except OSError as error:
         raise InputError(
             "There is no connection.",
