@@ -113,7 +113,7 @@ class Answer:
 
     @functools.cached_property
     def _usual(self) -> BoolArray:
-        """Return the samples with no event of either channel at or before them (samples,)."""
+        """Return which samples have no event of either channel at or before them."""
         usual = (
             self.response.follows
             & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
