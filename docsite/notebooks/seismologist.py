@@ -3,17 +3,14 @@
 #
 # A seismometer of 1 Hz is calibrated on a table whose displacement a laser measures. What
 # the observatory needs is its response in StationXML, and ground motion from its counts.
-# Table, laser and sensor are simulated here; at the end the same is done with recordings
-# of a real SM-3, where they are at hand.
+# Table, laser and sensor are simulated here.
 
 # %%
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 import vibrident
-from vibrident.app.workflow.real import real_data, write_real
 from vibrident.export import export
 from vibrident.physics.models import parse
 
@@ -116,40 +113,9 @@ axes[1].fill_between(
 axes[1].set(xlabel="Time in s", ylabel="Difference, ±2 u", xlim=(10, 40))
 axes[1].grid(alpha=0.3)
 
-# %% [markdown]
-# ## A real SM-3
-#
-# The recordings of a real SM-3 are public, but not ours to give away: the next cell finds
-# them where `VIBRIDENT_DATA` names their folder, and says so where it does not. A current
-# drives the mass through the calibration coil, a laser looks at it. The header of these
-# files lies: what it calls `FuncGen` is the drive, `Laser` is true, and the column named
-# after the seismometer is dead. The results printed by the authors' program state a
-# damping of 0.775; their formula lacks a square.
-
-# %%
-data, real = real_data(), None
-if data:
-    sm3 = Path("sm3")
-    sm3.mkdir()
-    write_real(data, sm3)  # copies, with the calibration file that says what is what
-    print((sm3 / "calibration.toml").read_text())
-    real = vibrident.identify(sm3 / "calibration.toml")
-    print(real.summary())
-else:
-    print("Left out: VIBRIDENT_DATA does not name a folder with sm3/.")
-
-# %% [markdown]
-# Where the recordings are there, the natural frequency lies near 0.475 Hz and the damping
-# near 0.71. The natural frequency of this sensor moves by 1.5 % with the amplitude, as
-# its free decay shows, and the drive was not the same at each frequency: the warnings say
-# that the model does not explain everything, and u is larger for it.
-
 # %% [check]
 for name, true in TRUE.items():
     parameter = result.parameters[name]
     assert abs(parameter.value - true) < 4 * parameter.standard_uncertainty
 assert np.allclose(theirs, ours, rtol=1e-4)
 assert inside > 0.9
-if real is not None:
-    assert abs(real.parameters["natural_frequency"].value - 0.475) < 0.005
-    assert abs(real.parameters["damping_ratio"].value - 0.71) < 0.01

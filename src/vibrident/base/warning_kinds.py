@@ -1,6 +1,6 @@
 """Warnings of a result, with meaning and remedy; a new one needs a code and an entry here.
 
-docs/warnings.md states the module and the threshold of each warning.
+docsite/pages/warnings states the causes of each, with an example.
 """
 
 from __future__ import annotations

@@ -48,9 +48,9 @@ def option(
     return typer.Option(value, name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more)
 
 
-def flag(*names: str, help: str, value: bool | None = False, panel: str | None = None, hidden: bool = False) -> Any:
+def flag(*names: str, help: str, value: bool = False, panel: str | None = None) -> Any:
     """An option without a value."""
-    return typer.Option(value, *names, help=help, rich_help_panel=panel, hidden=hidden)
+    return typer.Option(value, *names, help=help, rich_help_panel=panel)
 
 
 def between(

@@ -33,6 +33,22 @@ _SECONDS = 30.0
 _SECONDS_PER_BYTE = 1e-6
 
 
+#: A calibration, or the path of its calibration file.
+GivenCalibration = Calibration | str | os.PathLike[str]
+
+
+def as_calibration(calibration: GivenCalibration) -> Calibration:
+    """Return a calibration, read from its file where a path is given.
+
+    Args:
+        calibration: a calibration, or the path of a calibration file.
+
+    Raises:
+        InputError: the file or its data cannot be used.
+    """
+    return calibration if isinstance(calibration, Calibration) else read(calibration)
+
+
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     """Read as :func:`read` does; binary data files in a separate process, with limits.
 

@@ -1,1 +1,1 @@
-"""Sources of samples in chunks: records, a growing file, standard input, a network, a device."""
+"""Sources of samples in chunks: records, a growing file, standard input, a device."""

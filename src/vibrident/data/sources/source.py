@@ -36,7 +36,7 @@ class SourceRequest:
     calibration: CalibrationFile  # the calibration file: columns, scales, units, sampling
     file: Path  # its path
     rate_hz: float  # samples per second
-    # what to open: a file, a host and port, a device; or the form of the data, for standard input
+    # what to open: a file, a device; or the form of the data, for standard input
     address: str = ""
     position: int = 0  # where to go on; 0: from the beginning
     # seconds without new samples after which a source that would wait ends; None: it waits

@@ -33,7 +33,7 @@ def correct(
     ),
     rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
     scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
-    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+    pictures: bool = flag("--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True),
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 
@@ -54,12 +54,12 @@ def correct(
         from vibrident.app.workflow.uses import correct as run
 
         made = run(known, data, output.path, band_hz=limits, noise=noise, track=track)
-        if not no_plots:
+        if pictures:
             from vibrident.show import plots
 
             plots.save(made.figures[0], output.path / "correction.png")
     show_made(made)
-    wrote([folder / "correction.json", folder / "*.csv", *([] if no_plots else [folder / "correction.png"])])
+    wrote([folder / "correction.json", folder / "*.csv", *([folder / "correction.png"] if pictures else [])])
 
 
 def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float | None, asked: tuple[Any, ...]) -> None:

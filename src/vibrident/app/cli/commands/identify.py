@@ -59,7 +59,6 @@ def identify(
     ),
     strict: bool = flag("--strict", help="Exit with 3 if the result carries a warning."),
     pictures: bool = flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True),
-    plots: bool | None = flag("--plots/--no-plots", help="", hidden=True, value=None),  # the older name
     excerpts: bool = flag("--excerpts/--no-excerpts", help=_EXCERPTS, value=True),
     weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
@@ -107,8 +106,7 @@ def identify(
     request = Request(estimator_name, settings, models, uncertainty, shared, posterior, options.band(band), weights)
     request.check(len(calibrations))
     with written_whole(folder) as output:
-        drawn = pictures if plots is None else plots
-        results = _identified(request, calibrations, output.path, drawn, excerpts)
+        results = _identified(request, calibrations, output.path, pictures, excerpts)
     _show(results, output.files, context, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:

@@ -11,8 +11,9 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import note, out, show_made, wrote
 from vibrident.app.cli.options import between, flag, option
 from vibrident.app.workflow.made import Teller
-from vibrident.app.workflow.tracking import EVERY_S, FALSE_ALARMS, RECORDS, WALK
+from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
+from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -26,18 +27,18 @@ def track(
     folder: Path = option("--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")),
     follow: bool = flag("--follow", help="The record's file grows: go on as it does, and after an interruption."),
     stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
-    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from tcp=HOST:PORT, or a plug-in."),
+    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from a source of another package."),
     idle: float | None = between("--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"),
     every: float | None = between(
         "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
     ),
     rate: float = between(
-        "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, FALSE_ALARMS
+        "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, FALSE_ALARMS_PER_DAY
     ),
     store: str | None = option(
-        "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{WALK:.0%} a year"
+        "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{DRIFT_PER_YEAR:.0%} a year"
     ),
-    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+    pictures: bool = flag("--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True),
 ) -> None:
     """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor changes.
 
@@ -53,7 +54,7 @@ def track(
     with _live() as tell:
         made, written = run(asked, tell)
     show_made(made)
-    if not no_plots:
+    if pictures:
         from vibrident.show import plots
 
         written.append(plots.save(made.figures[0], folder / "track.png"))
