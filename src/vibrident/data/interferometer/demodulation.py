@@ -95,9 +95,8 @@ def demodulate(
         values, sine = without_slow_motion(values, valid, rate, near_hz)
     values = values - np.mean(values[valid])
     open_gaps = 0 if near_hz is None else int(np.unique(piece[~spoilt]).size - 1)
-    carrier = (
-        None if near_hz is None else residual_carrier
-    )  # beside other motion the carrier's slope is not known
+    # beside other motion the carrier's slope is not known
+    carrier = None if near_hz is None else residual_carrier
     cyclic = None
     if residual_carrier is None or carrier is not None:
         motion_signals = signals if carrier is None else without_residual_carrier(signals, carrier)
