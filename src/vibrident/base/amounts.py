@@ -49,7 +49,7 @@ SUPERSCRIPTS = str.maketrans("0123456789-+", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺"
 
 
 @dataclass(frozen=True)
-class Scale:
+class UnitScale:
     """Factor to values in ``unit``, which is ready for print."""
 
     factor: float
@@ -76,7 +76,7 @@ def pretty(unit: str) -> str:
     return text.replace("*", "·") or "1"
 
 
-def scaled(unit: str, size: float) -> Scale:
+def scaled(unit: str, size: float) -> UnitScale:
     """Choose the SI prefix that makes a number read well.
 
     Args:
@@ -95,20 +95,20 @@ def scaled(unit: str, size: float) -> Scale:
         or not math.isfinite(size)
         or size == 0
     ):
-        return Scale(1.0, pretty(unit))
+        return UnitScale(1.0, pretty(unit))
     symbol = lead.group()
     present = 0
     if symbol not in _NATURAL and symbol[:1] in _EXPONENTS:
         present = _EXPONENTS[symbol[0]]
         symbol = symbol[1:]
     if symbol not in _NATURAL:
-        return Scale(1.0, pretty(unit))
+        return UnitScale(1.0, pretty(unit))
     decade = math.floor(math.log10(abs(size)) + 1e-9) + present
     lowest, highest = _NATURAL[symbol]
     wanted = min(max(3 * math.floor(decade / 3), lowest), highest)
     if symbol == "Hz" and 0 <= decade < 4:  # 4096 Hz reads better than 4.096 kHz
         wanted = 0
-    return Scale(
+    return UnitScale(
         10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :])
     )
 

@@ -10,7 +10,7 @@ import vibrident
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.choice import choose
 from vibrident.data.interferometer.effects import combined, cyclic_error
-from vibrident.data.interferometer.phase import Path, unwrapped
+from vibrident.data.interferometer.phase import PhasePath, unwrapped
 from vibrident.data.interferometer.setting import signals_in_memory
 from vibrident.data.interferometer.sine import fit_sine
 from vibrident.data.interferometer.survey import survey
@@ -184,7 +184,7 @@ def test_clean_signals_raise_no_alarm():
         chosen, measured = choose(seen, "abcd"), []
         alarms += sum(bool(choice.findings) for choice in chosen)
         for signals, choice in zip(drawn, chosen, strict=True):
-            path = Path()
+            path = PhasePath()
             list(unwrapped(signals, choice.ellipse, choice.knots, path))
             alarms += bool(path.gaps) or path.counted != path.by_phase
             measured.append(

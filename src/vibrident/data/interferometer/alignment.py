@@ -26,7 +26,7 @@ from vibrident.data.interferometer.decimation import (
     reach,
 )
 from vibrident.data.interferometer.demodulation import Demodulated
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 from vibrident.data.interferometer.survey import BLOCK
 
 #: Half the filter's length, by Kaiser's formula for a transition from 0.4 to 0.5 of the rate.
@@ -134,7 +134,11 @@ def optical_factor(rate_hz: float, response_hz: float) -> int:
 
 
 def aligned_channels(
-    demodulated: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float
+    demodulated: Demodulated,
+    optical: SampledSignals,
+    response: SampledSignals,
+    every: int,
+    delay_s: float,
 ) -> AlignedDisplacement:
     """Return the displacement and the response at the same instants.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.decimation import HALF, PASS, at_lower_rate, filtered, taps
-from vibrident.data.interferometer.setting import FloatArray, Signals
+from vibrident.data.interferometer.setting import FloatArray, SampledSignals
 
 PIECE = 8192  # samples of each of 48 pieces in which the carrier is searched
 MIN_TO_LARGEST = 1e-4  # the carrier's band is above this share of the largest line
@@ -31,8 +31,8 @@ USABLE_ROOM = 0.8  # usable share of the room beside the carrier
 
 
 def mix_down(
-    raw: Signals, near_hz: float, response_hz: float, where: str, most: float
-) -> tuple[Signals, float]:
+    raw: SampledSignals, near_hz: float, response_hz: float, where: str, most: float
+) -> tuple[SampledSignals, float]:
     """Mix a heterodyne signal down to two signals in quadrature; return these and its carrier, Hz.
 
     Args:
@@ -89,7 +89,9 @@ def mix_down(
     return at_lower_rate(raw, factor, block), carrier_hz
 
 
-def without_residual_carrier(raw: Signals, residual: np.polynomial.Legendre) -> Signals:
+def without_residual_carrier(
+    raw: SampledSignals, residual: np.polynomial.Legendre
+) -> SampledSignals:
     """Return two signals in quadrature whose phase has no residual carrier, only the motion.
 
     ``residual``: phase of the residual carrier, rad, as a function of the index of a sample.

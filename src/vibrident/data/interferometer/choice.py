@@ -18,7 +18,7 @@ MAX_STABLE_CHANGE = 0.02  # of centre, ratio or quadrature over the amplitude; m
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class EllipseChoice:
     """Ellipse chosen for a record."""
 
     ellipse: Ellipse  # to be used, with its covariance
@@ -32,7 +32,7 @@ class Choice:
     error: FloatArray | None = None
 
 
-def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
+def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[EllipseChoice]:
     """Choose an ellipse for each record of a set-up."""
     steady = [i for i, each in enumerate(surveys) if each.covers_fringe and not each.knots]
     with_fringe = [each for each in surveys if each.covers_fringe]
@@ -45,10 +45,10 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[Choice]:
         if record_survey.knots and (record_survey.covers_fringe or drifts):
             choices.append(_unsteady_choice(record_survey, name, index))
         elif record_survey.covers_fringe and common is None:
-            choices.append(Choice(record_survey.ellipse, (), "of this record", index))
+            choices.append(EllipseChoice(record_survey.ellipse, (), "of this record", index))
         elif record_survey.covers_fringe and common is not None:
             choices.append(
-                Choice(
+                EllipseChoice(
                     common.with_size_of(record_survey.ellipse),
                     (),
                     f"common to {len(steady)} records",
@@ -80,13 +80,13 @@ def _clipping_findings(record_survey: Survey, name: str) -> list[OpticalFinding]
     ]
 
 
-def carrier_choice(record_survey: Survey, index: int) -> Choice:
+def carrier_choice(record_survey: Survey, index: int) -> EllipseChoice:
     """Return the circle about zero of a heterodyne signal, which needs no ellipse."""
     radius = np.hypot(record_survey.points[0], record_survey.points[1])
     size = float(np.median(radius))
     noise = np.full(2, max(float(np.median(np.abs(radius - size))) / 0.6745, 1e-9 * size) ** 2)
     circle = Ellipse(np.zeros(2), size * np.eye(2), np.zeros((5, 5)), noise)
-    return Choice(circle, (), "none: a carrier", index)
+    return EllipseChoice(circle, (), "none: a carrier", index)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def _common(ellipses: Sequence[Ellipse]) -> tuple[_CommonShape | None, FloatArra
     )
 
 
-def _unsteady_choice(record_survey: Survey, name: str, index: int) -> Choice:
+def _unsteady_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
     change = record_survey.change
     findings: tuple[OpticalFinding, ...] = ()
     if change > MAX_STABLE_CHANGE:
@@ -136,7 +136,7 @@ def _unsteady_choice(record_survey: Survey, name: str, index: int) -> Choice:
         * 1.5
     )
     ellipse = replace(record_survey.ellipse, covariance=covariance)
-    return Choice(
+    return EllipseChoice(
         ellipse, record_survey.knots, "of this record, followed in time", index, change, findings
     )
 
@@ -149,7 +149,7 @@ def _borrowed_choice(
     steady: Sequence[int],
     common: _CommonShape | None,
     scatter: FloatArray,
-) -> Choice:
+) -> EllipseChoice:
     """Return the ellipse of a larger motion."""
     source = min(steady, key=lambda i: (abs(i - index), i))
     ellipse = (
@@ -168,13 +168,13 @@ def _borrowed_choice(
             )
             findings.append(OpticalFinding("ellipse_unstable", text))
     return _checked(
-        record_survey, name, index, Choice(ellipse, (), origin, group, 0.0, tuple(findings))
+        record_survey, name, index, EllipseChoice(ellipse, (), origin, group, 0.0, tuple(findings))
     )
 
 
 def _unsteady_borrowed_choice(
     record_survey: Survey, name: str, index: int, surveys: Sequence[Survey]
-) -> Choice:
+) -> EllipseChoice:
     """Return the mean ellipse of a larger motion whose ellipse changes.
 
     Its changes are in the covariance.
@@ -188,11 +188,14 @@ def _unsteady_borrowed_choice(
         source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0))
     )
     return _checked(
-        record_survey, name, index, Choice(ellipse, (), "of a larger motion, its mean", index)
+        record_survey,
+        name,
+        index,
+        EllipseChoice(ellipse, (), "of a larger motion, its mean", index),
     )
 
 
-def _arc_choice(record_survey: Survey, name: str, index: int) -> Choice:
+def _arc_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
     """Return the arc's own ellipse or a circle, with a finding."""
     kind = (
         "an ellipse through this arc"
@@ -205,12 +208,12 @@ def _arc_choice(record_survey: Survey, name: str, index: int) -> Choice:
         "its uncertainty is in the budget. A record of larger motion in the same set-up gives the "
         "ellipse."
     )
-    return Choice(
+    return EllipseChoice(
         record_survey.ellipse, (), kind, index, 0.0, (OpticalFinding("few_fringes", text),)
     )
 
 
-def _checked(record_survey: Survey, name: str, index: int, choice: Choice) -> Choice:
+def _checked(record_survey: Survey, name: str, index: int, choice: EllipseChoice) -> EllipseChoice:
     """Return the choice, widened and with a finding if the samples lie off the borrowed ellipse."""
     ellipse = choice.ellipse
     points = record_survey.points[:, usable_samples(ellipse, record_survey.points)]

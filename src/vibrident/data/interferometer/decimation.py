@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 
 PASS = 0.4  # edge of the pass band over the new rate
 STOP = 0.6  # edge of the stop band over the new rate
@@ -98,7 +98,7 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
 
 
 def filtered(
-    raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
+    raw: SampledSignals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
 ) -> Any:
     """Return new samples, from ``start`` on, of signals that are read block by block.
 
@@ -130,10 +130,14 @@ def _collected(
     return np.concatenate(values, axis=1)
 
 
-def at_lower_rate(raw: Signals, factor: int, block: Callable[[int, int], FloatArray]) -> Signals:
+def at_lower_rate(
+    raw: SampledSignals, factor: int, block: Callable[[int, int], FloatArray]
+) -> SampledSignals:
     """Return signals at a lower rate, whose filtered samples ``block`` computes."""
     first_s = lost_at_an_end(factor) / raw.rate_hz
-    return Signals(decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s)
+    return SampledSignals(
+        decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s
+    )
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:

@@ -10,12 +10,23 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer import effects, phase
 from vibrident.data.interferometer.carrier import without_residual_carrier
-from vibrident.data.interferometer.choice import Choice
+from vibrident.data.interferometer.choice import EllipseChoice
 from vibrident.data.interferometer.decimation import decimated, lost_at_an_end, spoilt_outputs
 from vibrident.data.interferometer.effects import CyclicError, cyclic_error
-from vibrident.data.interferometer.phase import MAX_FRACTION_TURNS, TURN, Gap, Path, turns_over_gap
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Interferometer, Signals
-from vibrident.data.interferometer.sine import Sine, fit_sine, without_slow_motion
+from vibrident.data.interferometer.phase import (
+    MAX_FRACTION_TURNS,
+    TURN,
+    Gap,
+    PhasePath,
+    turns_over_gap,
+)
+from vibrident.data.interferometer.setting import (
+    BoolArray,
+    FloatArray,
+    Interferometer,
+    SampledSignals,
+)
+from vibrident.data.interferometer.sine import FittedSine, fit_sine, without_slow_motion
 from vibrident.data.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.data.interferometer.survey import Survey
 
@@ -41,10 +52,10 @@ class Demodulated:
 
 
 def demodulate(
-    signals: Signals,
+    signals: SampledSignals,
     setting: Interferometer,
     survey: Survey,
-    choice: Choice,
+    choice: EllipseChoice,
     factor: int,
     name: str,
     near_hz: float | None,
@@ -67,7 +78,7 @@ def demodulate(
     Raises:
         InputError: the motion is too fast, or too much of the phase is lost.
     """
-    path = Path()
+    path = PhasePath()
     knots = [(at, piece.for_phase) for at, piece in choice.knots]
     blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
     values = decimated(blocks, signals.samples, factor)
@@ -141,7 +152,11 @@ def demodulate(
 
 
 def _bridged(
-    signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
+    signals: SampledSignals,
+    choice: EllipseChoice,
+    gaps: Sequence[Gap],
+    values: FloatArray,
+    position: np.ndarray,
 ) -> tuple[FloatArray, np.ndarray]:
     """Return the values with the turns lost in gaps restored, and the piece of each value.
 
@@ -236,9 +251,9 @@ def _phase_error_response(
     values: FloatArray,
     valid: BoolArray,
     rate: float,
-    sine: Sine | None,
-    choice: Choice,
-    signals: Signals,
+    sine: FittedSine | None,
+    choice: EllipseChoice,
+    signals: SampledSignals,
     cyclic: CyclicError | None,
 ) -> effects.PhaseErrorResponse:
     noise = choice.ellipse.radial_noise
@@ -261,7 +276,9 @@ def _phase_error_response(
     )
 
 
-def _slip_findings(path: Path, open_gaps: int, left_out: float, name: str) -> list[OpticalFinding]:
+def _slip_findings(
+    path: PhasePath, open_gaps: int, left_out: float, name: str
+) -> list[OpticalFinding]:
     if not path.gaps and path.counted == path.by_phase:
         return []
     lost = [gap for gap in path.gaps if not gap.jump]
@@ -285,7 +302,7 @@ def _slip_findings(path: Path, open_gaps: int, left_out: float, name: str) -> li
     return [OpticalFinding("fringe_slip", text + ".")]
 
 
-def _require_slow(path: Path, name: str) -> None:
+def _require_slow(path: PhasePath, name: str) -> None:
     if any(gap.jump for gap in path.gaps) and path.fastest > MAX_CHANGE_BESIDE_JUMPS_RAD:
         raise InputError(
             "The motion is too fast for the sampling of the optical signals.",

@@ -26,8 +26,13 @@ from scipy.special import j1
 from vibrident.data.effects import EffectKind, SystematicEffect
 from vibrident.data.interferometer.decimation import PASS
 from vibrident.data.interferometer.ellipse import Ellipse
-from vibrident.data.interferometer.phase import ORDERS, TURN, Path, unwrapped, waves
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals, signals_in_memory
+from vibrident.data.interferometer.phase import ORDERS, TURN, PhasePath, unwrapped, waves
+from vibrident.data.interferometer.setting import (
+    BoolArray,
+    FloatArray,
+    SampledSignals,
+    signals_in_memory,
+)
 
 HARMONIC_CHANCE = 1e-4  # a harmonic is significant below this probability
 MAX_PIECES = 64  # of a record
@@ -79,7 +84,7 @@ class CyclicError:
 
 
 def cyclic_error(
-    signals: Signals,
+    signals: SampledSignals,
     ellipse: Ellipse,
     knots: Sequence[tuple[float, Ellipse]],
     fringes_a_sample: float,
@@ -118,7 +123,7 @@ def cyclic_error(
     normals = []
     scores = []
     for start in starts.tolist():
-        path = Path()
+        path = PhasePath()
         piece = signals_in_memory(signals.block(start, start + length), signals.rate_hz)
         moved = [(at - start, knot) for at, knot in knots]
         phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))

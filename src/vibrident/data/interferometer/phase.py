@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vibrident.data.interferometer.ellipse import Ellipse
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 from vibrident.data.interferometer.survey import MAX_RADIUS, lost_radius
 
 BLOCK = 1 << 16  # samples in a block: few enough for the processor's cache
@@ -53,7 +53,7 @@ class Gap:
 
 
 @dataclass
-class Path:
+class PhasePath:
     """Findings of unwrapping a record, filled block by block.
 
     Attributes:
@@ -78,10 +78,10 @@ class Path:
 
 
 def unwrapped(
-    signals: Signals,
+    signals: SampledSignals,
     ellipse: Ellipse,
     knots: Sequence[tuple[float, Ellipse]],
-    path: Path,
+    path: PhasePath,
     error: FloatArray | None = None,
 ) -> Iterator[FloatArray]:
     """Yield the unwrapped phase, rad, block by block, and fill ``path``.
@@ -142,7 +142,12 @@ def _usable(v: FloatArray, ellipse: Ellipse) -> BoolArray:
 
 
 def _unwrapped_block(
-    angle: FloatArray, good: BoolArray, last: float, before: float | None, start: int, path: Path
+    angle: FloatArray,
+    good: BoolArray,
+    last: float,
+    before: float | None,
+    start: int,
+    path: PhasePath,
 ) -> tuple[FloatArray, float, float | None]:
     """Return the phase of a block, its last value and its last change.
 
@@ -211,13 +216,13 @@ def _continued(angle: FloatArray, last: float) -> tuple[FloatArray, FloatArray]:
     return phase, change
 
 
-def _add_gaps(path: Path, good: BoolArray, start: int) -> None:
+def _add_gaps(path: PhasePath, good: BoolArray, start: int) -> None:
     edges = np.flatnonzero(np.diff(np.concatenate([[True], good, [True]]).astype(np.int8)))
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         _add_gap(path, Gap(start + first, start + end, False))
 
 
-def _add_gap(path: Path, gap: Gap) -> None:
+def _add_gap(path: PhasePath, gap: Gap) -> None:
     """Add a gap, joined to the last one if they touch."""
     if path.gaps and gap.start <= path.gaps[-1].stop:
         last = path.gaps.pop()
@@ -230,7 +235,7 @@ def _count_half_fringes(
     phase: FloatArray,
     good: BoolArray,
     carried: tuple[float, int] | None,
-    path: Path,
+    path: PhasePath,
 ) -> tuple[float, int] | None:
     """Count half fringes twice: by changes of sign of the first signal, and by the phase."""
     if (
@@ -251,7 +256,7 @@ def _count_half_fringes(
     return float(sign[-1]), int(cell[-1])
 
 
-def turns_over_gap(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
+def turns_over_gap(signals: SampledSignals, ellipse: Ellipse, gap: Gap) -> int | None:
     """Return the turns missing behind a gap, where the phase continues from the nearest turn.
 
     A polynomial of time and a step behind the gap are fitted to the phase on both sides. With the
@@ -276,7 +281,7 @@ def turns_over_gap(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
     return None
 
 
-def _phase(signals: Signals, ellipse: Ellipse, start: int, stop: int) -> FloatArray:
+def _phase(signals: SampledSignals, ellipse: Ellipse, start: int, stop: int) -> FloatArray:
     v = ellipse.to_unit_circle(signals.block(start, stop).astype(float))
     return np.unwrap(np.arctan2(v[1], v[0]))
 

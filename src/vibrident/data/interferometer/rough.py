@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibrident.data.interferometer.choice import Choice
+from vibrident.data.interferometer.choice import EllipseChoice
 from vibrident.data.interferometer.decimation import (
     PASS,
     at_lower_rate,
@@ -13,8 +13,13 @@ from vibrident.data.interferometer.decimation import (
     spoilt_outputs,
     taps,
 )
-from vibrident.data.interferometer.phase import Path, unwrapped
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals, signals_in_memory
+from vibrident.data.interferometer.phase import PhasePath, unwrapped
+from vibrident.data.interferometer.setting import (
+    BoolArray,
+    FloatArray,
+    SampledSignals,
+    signals_in_memory,
+)
 from vibrident.data.interferometer.sine import peak_frequency
 
 PIECE = 1 << 20  # samples in which a sine is looked for first
@@ -29,12 +34,12 @@ BAND_TO_HIGHEST = 6.4
 MIN_SAMPLES = 1 << 12  # fewest samples that are kept of slow signals
 
 
-def rough_frequency(signals: Signals, choice: Choice) -> float:
+def rough_frequency(signals: SampledSignals, choice: EllipseChoice) -> float:
     """Return the approximate frequency of a sine, Hz."""
     samples = PIECE
     while True:
         piece = _first_samples(signals, samples)
-        phase = np.concatenate(list(unwrapped(piece, choice.ellipse, choice.knots, Path())))
+        phase = np.concatenate(list(unwrapped(piece, choice.ellipse, choice.knots, PhasePath())))
         every = max(piece.samples // MEANS, 1)
         means = phase[: piece.samples // every * every].reshape(-1, every).mean(axis=1)
         frequency_hz = peak_frequency(
@@ -45,7 +50,9 @@ def rough_frequency(signals: Signals, choice: Choice) -> float:
         samples *= 4
 
 
-def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[float, bool]:
+def highest_frequency(
+    signals: SampledSignals, choice: EllipseChoice, factor: int
+) -> tuple[float, bool]:
     """Return the highest frequency of the motion, Hz, and whether light is lost.
 
     Up to that frequency the motion stands above the noise of the phase. The entire record is
@@ -53,7 +60,7 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[fl
 
     ``factor``: by which the phase may be decimated.
     """
-    path = Path()
+    path = PhasePath()
     phase = decimated(
         unwrapped(signals, choice.ellipse, choice.knots, path), signals.samples, factor
     )
@@ -61,7 +68,7 @@ def highest_frequency(signals: Signals, choice: Choice, factor: int) -> tuple[fl
     return _highest(phase[None, :], spoilt, signals.rate_hz / factor), bool(path.gaps)
 
 
-def at_needed_rate(signals: Signals) -> Signals | None:
+def at_needed_rate(signals: SampledSignals) -> SampledSignals | None:
     """Return two signals at the lower rate that their spectrum needs; None if none is lower.
 
     Each sample then has less noise. The ellipse of a motion below a fringe is told from noise
@@ -84,7 +91,7 @@ def at_needed_rate(signals: Signals) -> Signals | None:
     )
 
 
-def _first_samples(signals: Signals, samples: int) -> Signals:
+def _first_samples(signals: SampledSignals, samples: int) -> SampledSignals:
     return signals_in_memory(
         signals.block(0, min(signals.samples, samples)).astype(float, copy=False), signals.rate_hz
     )

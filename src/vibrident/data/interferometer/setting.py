@@ -40,8 +40,8 @@ class Interferometer:
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
-    """Signals that are read block by block; all of one sampling rate and length."""
+class SampledSignals:
+    """Signals of one sampling rate and length that are read block by block."""
 
     samples: int  # of each
     rate_hz: float  # samples per second
@@ -50,9 +50,9 @@ class Signals:
     first_s: float = 0.0  # time of the first sample; above zero for filtered ones
 
 
-def signals_in_memory(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> Signals:
+def signals_in_memory(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> SampledSignals:
     """Return signals that are in memory, from values of shape (signals, samples)."""
-    return Signals(
+    return SampledSignals(
         values.shape[1],
         rate_hz,
         lambda start, stop: np.asarray(values[:, start:stop], dtype=float),

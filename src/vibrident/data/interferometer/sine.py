@@ -21,7 +21,7 @@ MAX_FREQUENCY_RATIO = 1.3  # largest error of an approximate frequency, as a fac
 
 
 @dataclass(frozen=True)
-class Sine:
+class FittedSine:
     """Sine with offset and slope: amplitude · cos(2π f t + angle) + mean + slope · t.
 
     Time t in s from the first sample.
@@ -45,7 +45,7 @@ def fit_sine(
     rate_hz: float,
     near_hz: float | None = None,
     known_hz: float | None = None,
-) -> Sine | None:
+) -> FittedSine | None:
     """Fit a sine, offset and slope to the valid samples; None for less than a period.
 
     Args:
@@ -82,7 +82,7 @@ def fit_sine(
     amplitudes, *_ = np.linalg.lstsq(rows[:4].T, used, rcond=None)
     mean = float(amplitudes[2] - amplitudes[3] * middle / span)
     angle = float(np.arctan2(-amplitudes[1], amplitudes[0]) - omega * middle)
-    return Sine(
+    return FittedSine(
         float(np.hypot(amplitudes[0], amplitudes[1])),
         angle,
         omega / (2.0 * np.pi),
@@ -137,7 +137,7 @@ def peak_frequency(
 
 def without_slow_motion(
     values: FloatArray, valid: BoolArray, rate_hz: float, near_hz: float | None
-) -> tuple[FloatArray, Sine | None]:
+) -> tuple[FloatArray, FittedSine | None]:
     """Return the values without slow motion, and the sine in them; None for less than a period.
 
     Args:

@@ -12,7 +12,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.interferometer import ellipse as ellipses
 from vibrident.data.interferometer import moments
 from vibrident.data.interferometer.ellipse import Ellipse
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 
 GUESS_PIECES = 64  # pieces of the record for the first guess and for pictures
 GUESS_PIECE_SAMPLES = 1024
@@ -75,7 +75,7 @@ def usable_samples(ellipse: Ellipse, u: FloatArray) -> BoolArray:
     return (radius > lost_radius(ellipse) ** 2) & (radius < MAX_RADIUS**2)
 
 
-def survey(signals: Signals) -> Survey:
+def survey(signals: SampledSignals) -> Survey:
     """Survey two signals in quadrature.
 
     Raises:
@@ -145,7 +145,7 @@ def _shares_at_limit(points: FloatArray) -> tuple[float, ...]:
     return tuple(shares)
 
 
-def _sample_points(signals: Signals) -> FloatArray:
+def _sample_points(signals: SampledSignals) -> FloatArray:
     length = min(GUESS_PIECE_SAMPLES, max(signals.samples // GUESS_PIECES, 1))
     if signals.samples <= GUESS_PIECES * GUESS_PIECE_SAMPLES:
         return signals.block(0, signals.samples).astype(float)
@@ -193,7 +193,7 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
 
 
 def _block_sums(
-    signals: Signals, coarse: Ellipse, scale: FloatArray
+    signals: SampledSignals, coarse: Ellipse, scale: FloatArray
 ) -> tuple[list[FloatArray], list[float]]:
     """Return sums of blocks in coordinates of the coarse ellipse, and the middle index of each."""
     length = int(np.clip(signals.samples // MIN_BLOCKS, MIN_BLOCK_SAMPLES, BLOCK))

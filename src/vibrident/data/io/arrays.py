@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import MAX_COLUMNS, Channel, Start
+from vibrident.data.io.columns import MAX_COLUMNS, Channel, StartTime
 from vibrident.data.io.stated import StatedFile, Statement, clock_of, nearest_unit
 
 #: Fields of a compound type that is a complex number, as h5py's, MATLAB's and others' are.
@@ -126,7 +126,7 @@ class ArrayFile(StatedFile):
         path: Path,
         channels: Sequence[Channel],
         refused: dict[str, str],
-        starts: Mapping[str, Start],
+        starts: Mapping[str, StartTime],
     ) -> None:
         """Take channels whose handles are ArrayColumns, the refused arrays: name → reason, and
         the starts of arrays: name → start.

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.keys import Shown, key
+from vibrident.data.io.keys import FormKind, key
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, NotNegative, Number, Positive, Text
 from vibrident.data.io.toml_text import read_toml, toml_document
@@ -55,12 +55,12 @@ _Text = Annotated[
     BeforeValidator(_integer_as_text),
     Field(min_length=1, description="text in quotes, not empty"),
 ]
-_Address = Annotated[_Text, Shown("lines")]
+_Address = Annotated[_Text, FormKind("lines")]
 _Date = Annotated[
     str,
     BeforeValidator(_date_as_text),
     Field(description="a date such as 2025-03-31"),
-    Shown("date"),
+    FormKind("date"),
 ]
 _Lines = Annotated[
     list[Annotated[str, Field(min_length=1)]],
@@ -71,7 +71,7 @@ _Quantities = Annotated[
     list[Literal["magnitude", "phase"]],
     BeforeValidator(_as_list),
     Field(min_length=1, description='"magnitude", "phase" or a list of both'),
-    Shown("lines"),
+    FormKind("lines"),
 ]
 _Country = Annotated[
     str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")

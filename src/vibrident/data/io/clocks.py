@@ -13,7 +13,7 @@ from decimal import Decimal
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.columns import Clock, ColumnFile, StartTime
 from vibrident.data.io.header_units import header, is_time, seconds_per_unit
 from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
@@ -191,7 +191,7 @@ class ClockReader:
 
 def _timeline_of_stamps(source: ColumnFile, position: int, stamps: FloatArray) -> Timeline:
     """Return the timeline of stamps that a format gives each sample of a channel, in seconds."""
-    start = source.start(position) or Start.on_own_clock(float(stamps[0]))
+    start = source.start(position) or StartTime.on_own_clock(float(stamps[0]))
     resolution_s = float(np.spacing(np.max(np.abs(stamps))))
 
     def locate(row: int) -> str:

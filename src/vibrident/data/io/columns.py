@@ -75,14 +75,14 @@ def require_few(path: Path, columns: Sequence[object], what: str = "columns") ->
 
 
 @dataclass(frozen=True)
-class Start:
+class StartTime:
     """Time of a first sample; comparable only if both or neither are of the epoch."""
 
     ns: int
     epoch: bool  # since 1970-01-01 UTC; else since the file's own zero, such as its trigger
 
     @classmethod
-    def on_own_clock(cls, seconds: float) -> Start:
+    def on_own_clock(cls, seconds: float) -> StartTime:
         """Return a start in seconds from the file's own zero."""
         return cls(round(seconds * 1e9), epoch=False)
 
@@ -93,7 +93,7 @@ class Clock:
 
     rate_hz: float  # samples per second
     rate_rounding: float = 1e-9  # relative; most that the file's rounding changes the true rate
-    start: Start | None = None  # of the first sample; None if the file states none
+    start: StartTime | None = None  # of the first sample; None if the file states none
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class ColumnFile(ABC):
         """Return the time of each sample in seconds, where the format gives a channel its own."""
         return None
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
         clock = self.clock(position)
         return None if clock is None else clock.start

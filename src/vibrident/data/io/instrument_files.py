@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
-from vibrident.data.known import DigitalFilter, KnownResponse, PolesZeros, Shape, Tabulated
+from vibrident.data.known import DigitalFilter, KnownResponse, RationalResponse, Shape, Tabulated
 from vibrident.data.records import FloatArray
 
 _ZEROS_AND_POLES = re.compile(r"^\s*(ZEROS|POLES|CONSTANT)\s+(\S+)", re.IGNORECASE)
@@ -205,12 +205,12 @@ def _poles(stage: Any, rate_hz: Any) -> Shape:
         factor *= turn ** (poles.size - zeros.size)
         poles = turn * poles
         zeros = turn * zeros
-    return PolesZeros(poles.astype(complex), zeros.astype(complex), factor)
+    return RationalResponse(poles.astype(complex), zeros.astype(complex), factor)
 
 
-def _gain(value: Any) -> PolesZeros:
+def _gain(value: Any) -> RationalResponse:
     none = np.zeros(0, dtype=complex)
-    return PolesZeros(none, none, float(value))
+    return RationalResponse(none, none, float(value))
 
 
 def _plain(unit: str | None) -> str:

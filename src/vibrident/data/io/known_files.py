@@ -21,7 +21,7 @@ from vibrident.data.io.known_section import KnownResponseEntry
 from vibrident.data.io.reader import sha256
 from vibrident.data.io.table_file import read_table
 from vibrident.data.io.units import QUANTITY_UNITS, factor_between, parse_unit, quantity_of
-from vibrident.data.known import KnownResponse, PolesZeros
+from vibrident.data.known import KnownResponse, RationalResponse
 from vibrident.data.known.unsure import flat_effects
 from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
 
@@ -200,7 +200,7 @@ def _scaled(known: KnownResponse, factor: float) -> KnownResponse:
     if factor == 1.0:
         return known
     none = np.zeros(0, dtype=complex)
-    return replace(known, shapes=(*known.shapes, PolesZeros(none, none, factor)))
+    return replace(known, shapes=(*known.shapes, RationalResponse(none, none, factor)))
 
 
 def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
@@ -223,5 +223,5 @@ def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> K
     poles, zeros = (origin, none) if steps > 0 else (none, origin)
     if steps == 0 and math.isclose(parsed.factor, 1.0):
         return known
-    shape = PolesZeros(poles, zeros, 1.0 / parsed.factor)
+    shape = RationalResponse(poles, zeros, 1.0 / parsed.factor)
     return replace(known, shapes=(*known.shapes, shape))

@@ -19,14 +19,14 @@ from vibrident.data.interferometer.carrier import (
     mix_down,
     without_residual_carrier,
 )
-from vibrident.data.interferometer.choice import Choice, carrier_choice, choose
+from vibrident.data.interferometer.choice import EllipseChoice, carrier_choice, choose
 from vibrident.data.interferometer.demodulation import Demodulated, demodulate
 from vibrident.data.interferometer.effects import effects
 from vibrident.data.interferometer.rough import at_needed_rate, highest_frequency, rough_frequency
 from vibrident.data.interferometer.setting import (
     FloatArray,
     Interferometer,
-    Signals,
+    SampledSignals,
     signals_in_memory,
 )
 from vibrident.data.interferometer.summary import OpticalFinding
@@ -45,12 +45,12 @@ from vibrident.data.io.optical_motion import (
 )
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import (
-    Part,
+    RecordPart,
     clock_reader,
+    missing_rate,
     named_parts,
-    no_rate,
     read_record,
-    scaled,
+    scaled_limit,
 )
 from vibrident.data.io.sampling import SAME_RATE, cut
 from vibrident.data.io.sections import InterferometerSection
@@ -73,10 +73,10 @@ class _OpticalRecord:
     ``sampled_together``: whether the optical signals and the response share their samples.
     """
 
-    part: Part
+    part: RecordPart
     name: str
-    optical: Signals
-    response: Signals
+    optical: SampledSignals
+    response: SampledSignals
     step: str  # the response's, for the history
     clock: ChannelClock
     sampled_together: bool
@@ -146,7 +146,7 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
 
 def _with_ellipses(
     opened: Sequence[_OpticalRecord], setting: Interferometer
-) -> tuple[list[_OpticalRecord], list[Survey], list[Choice]]:
+) -> tuple[list[_OpticalRecord], list[Survey], list[EllipseChoice]]:
     """Return the records with their surveys and ellipses.
 
     Signals of a small motion are filtered to a lower rate, which removes noise.
@@ -206,7 +206,7 @@ def _errors_located(raw: _OpticalRecord) -> Iterator[None]:
 
 
 def _open(
-    part: Part,
+    part: RecordPart,
     name: str,
     calibration: CalibrationFile,
     section: InterferometerSection,
@@ -225,7 +225,7 @@ def _open(
     beside_response = [at, *places] if optical_file is main else [at]
     clock = clock_reader(part, calibration, main).clock_of(main, at, beside_response)
     if clock is None:
-        raise no_rate(part.where)
+        raise missing_rate(part.where)
     sampling = clock.clock
     require_even(clock, main, part.where)
     optical_hz = _optical_rate(section, calibration, optical_file, places, clock, part)
@@ -256,8 +256,8 @@ def _open(
 
 
 def _signals_of(
-    source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part
-) -> Signals:
+    source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: RecordPart
+) -> SampledSignals:
     """Return columns of a file as signals to be read block by block.
 
     Values that are not finite are refused.
@@ -273,7 +273,7 @@ def _signals_of(
                 source.require_finite(position, column, rows.start + start, REPAIR)
         return values
 
-    return Signals(rows.stop - rows.start, rate_hz, block)
+    return SampledSignals(rows.stop - rows.start, rate_hz, block)
 
 
 def _optical_rate(
@@ -282,7 +282,7 @@ def _optical_rate(
     optical_file: ColumnFile,
     places: Sequence[int],
     response: ChannelClock,
-    part: Part,
+    part: RecordPart,
 ) -> float:
     """Return the rate of the optical signals; InputError for one that contradicts or is too low."""
     time_column = calibration.sampling.time_column if section.rate_hz is None else None
@@ -322,7 +322,7 @@ def _begins_s(raw: _OpticalRecord) -> float:
 def _record(
     raw: _OpticalRecord,
     survey: Survey,
-    choice: Choice,
+    choice: EllipseChoice,
     setting: Interferometer,
     calibration: CalibrationFile,
     folder: Path,
@@ -392,7 +392,7 @@ def _record(
         valid=aligned.valid,
         start_time_s=_begins_s(raw) + raw.part.start_s + aligned.start_s,
         provenance=Provenance(raw.part.file, sha256(folder / raw.part.file), history),
-        response_full_scale=scaled(calibration.response.full_scale, to_response),
+        response_full_scale=scaled_limit(calibration.response.full_scale, to_response),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,
         band_hz=entry.band_hz,

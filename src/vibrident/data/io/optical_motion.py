@@ -6,7 +6,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.alignment import AlignedDisplacement
-from vibrident.data.interferometer.setting import Signals
+from vibrident.data.interferometer.setting import SampledSignals
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import BLOCK
 
@@ -65,7 +65,7 @@ def require_motion(aligned: AlignedDisplacement, excitation: str, name: str) -> 
         )
 
 
-def power_share_outside(response: Signals, aligned: AlignedDisplacement) -> float:
+def power_share_outside(response: SampledSignals, aligned: AlignedDisplacement) -> float:
     """Return the share of a response's power so near to its ends that no fit uses it."""
     margin_s = UNSEEN_END_SAMPLES / aligned.rate_hz
     first_s = aligned.start_s + margin_s

@@ -16,7 +16,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.effects import Capability, StatedKind, SystematicEffect
 from vibrident.data.interferometer.setting import Interferometer
 from vibrident.data.interferometer.setting import Kind as Signals
-from vibrident.data.io.keys import Shown, basic, expert, key
+from vibrident.data.io.keys import FormKind, basic, expert, key
 
 
 class FileSection(BaseModel):
@@ -36,7 +36,7 @@ Column = Annotated[
     int | str,
     AfterValidator(_column),
     Field(description="a column number from 1, or a header name"),
-    Shown("column"),
+    FormKind("column"),
 ]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
 NotNegative = Annotated[
@@ -99,7 +99,7 @@ class InterferometerSection(FileSection):
     columns: Annotated[
         list[Column],
         Field(min_length=1, max_length=2, description="a list of column numbers or names"),
-        Shown("columns"),
+        FormKind("columns"),
     ] = basic("Signals", default=..., about="Of two, cos comes before sin.")
     wavelength_m: Positive = basic(
         "Wavelength in the medium", "m", default=..., in_form=("nm", 1e9)
@@ -186,7 +186,7 @@ _Table = Annotated[
         min_length=1,
         description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]",
     ),
-    Shown("pairs"),
+    FormKind("pairs"),
 ]
 
 

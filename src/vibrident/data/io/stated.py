@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.columns import Clock, ColumnFile, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
 from vibrident.data.io.units import factor_between
@@ -60,9 +60,9 @@ class Statement:
 class StatedFile(ColumnFile):
     """A file that may state a column's start without its rate."""
 
-    _starts: Mapping[int, Start]  # by position
+    _starts: Mapping[int, StartTime]  # by position
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample."""
         return super().start(position) or self._starts.get(position)
 
@@ -133,7 +133,7 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
     return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
 
 
-def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
+def start_of(levels: Sequence[Mapping[str, Statement]]) -> StartTime | None:
     """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
     stated = next((level["start"] for level in levels if "start" in level), None)
     value = None if stated is None else scalar(stated.value)
@@ -142,10 +142,10 @@ def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
     if isinstance(value, str) and (start := _date(value)):
         return start
     seconds = _number(value) * stated.factor
-    return Start.on_own_clock(seconds) if math.isfinite(seconds) else None
+    return StartTime.on_own_clock(seconds) if math.isfinite(seconds) else None
 
 
-def _date(text: str) -> Start | None:
+def _date(text: str) -> StartTime | None:
     """Return the start of a date of ISO 8601, UTC where it names no zone; None for no date."""
     date = _DATE.fullmatch(text.strip())
     if date is None:
@@ -156,10 +156,10 @@ def _date(text: str) -> Start | None:
     except ValueError:
         return None
     east_minutes = int(f"{hours[0]}{60 * int(hours[1:]) + int(minutes)}") if hours else 0
-    return Start(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
+    return StartTime(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
 
 
-def seconds_since(unit: str) -> tuple[float, Start] | None:
+def seconds_since(unit: str) -> tuple[float, StartTime] | None:
     """Return seconds per unit and the start of "milliseconds since 2024-05-01 12:00", else None."""
     amount, _, day = unit.partition(" since ")
     factor = factor_between(amount, "s")

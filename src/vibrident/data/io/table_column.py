@@ -14,8 +14,8 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import header, last_name, short_name
 from vibrident.data.io.units import (
+    is_no_unit,
     parse_unit,
-    says_nothing,
     split_unit,
     without_brackets,
 )
@@ -65,7 +65,7 @@ class TableColumn:
     def stated_unit(self) -> str:
         """Return the unit that the file states beside the name; "" for none."""
         text = self.source.stated_unit(self.position)
-        return "" if says_nothing(text) else without_brackets(text.strip())
+        return "" if is_no_unit(text) else without_brackets(text.strip())
 
     def units(self) -> Iterator[tuple[str, bool]]:
         """Yield the texts that may be the unit, likeliest first, and whether each is surely one."""

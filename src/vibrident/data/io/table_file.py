@@ -13,7 +13,7 @@ from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.table_column import TableColumn
 from vibrident.data.io.table_units import (
-    Conversion,
+    ColumnConversion,
     frequency_conversion,
     phase_conversion,
     require_coverage,
@@ -160,7 +160,7 @@ def _require_complex(section: TableSection, source: ColumnFile) -> None:
 
 def _conversions(
     calibration: CalibrationFile, source: ColumnFile, positions: Mapping[str, int]
-) -> dict[str, Conversion]:
+) -> dict[str, ColumnConversion]:
     """Return what leads from the numbers of each column to the table's units."""
     section = calibration.table
     assert section is not None
@@ -250,7 +250,7 @@ def _history(
     calibration: CalibrationFile,
     source: ColumnFile,
     positions: Mapping[str, int],
-    conversions: Mapping[str, Conversion],
+    conversions: Mapping[str, ColumnConversion],
 ) -> list[str]:
     """Return what was done with each column, in words."""
     scale = calibration.response.scale / calibration.reference.scale

@@ -121,12 +121,12 @@ def _sorted(exponents: Counter[str]) -> tuple[tuple[str, int], ...]:
     return tuple(sorted((base, exponent) for base, exponent in exponents.items() if exponent))
 
 
-def says_nothing(text: str) -> bool:
+def is_no_unit(text: str) -> bool:
     """Tell whether a stated unit is one of the words for none, such as "-" or "n/a"."""
     return text.strip().lower() in _NO_UNIT
 
 
-def counts_rows(text: str) -> bool:
+def is_row_counter(text: str) -> bool:
     """Tell whether a text in place of a unit says that a column numbers the rows."""
     return text.strip().lower() in _COUNTERS
 
@@ -135,7 +135,7 @@ def counts_rows(text: str) -> bool:
 def parse_unit(text: str) -> Unit | None:
     """Return the unit that a text names; None where it names none that is known."""
     plain = text.strip().translate(PLAIN_SIGNS).replace("-^", "^-")  # as s⁻² becomes s-^2
-    if says_nothing(plain) or len(plain) > MAX_UNIT_LENGTH:
+    if is_no_unit(plain) or len(plain) > MAX_UNIT_LENGTH:
         return None
     plain = _RUN_TOGETHER.sub(r"(m/s^\1)", plain)
     if plain.lower() in _WORDS:

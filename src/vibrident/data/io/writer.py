@@ -15,7 +15,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.base.files import atomic_write, unwritable
-from vibrident.data.io.record_files import same_name
+from vibrident.data.io.record_files import duplicate_name
 from vibrident.data.io.toml_text import toml_document
 from vibrident.data.records import (
     Calibration,
@@ -96,7 +96,7 @@ def _refuse_unwritable(calibration: Calibration) -> None:
                 remedy="write the calibration before samples are left out",
             )
         if names.count(record.name) > 1:
-            raise same_name(record.name, "calibration to be written")
+            raise duplicate_name(record.name, "calibration to be written")
 
 
 def record_files(records: list[str]) -> list[str]:

@@ -17,7 +17,7 @@ from vibrident.data.known.shapes import (
     ComplexArray,
     DigitalFilter,
     FloatArray,
-    PolesZeros,
+    RationalResponse,
     Shape,
     Tabulated,
 )
@@ -189,7 +189,9 @@ class KnownResponse:
         Raises:
             InputError: a pole is unstable, or a number cannot be used.
         """
-        shape = PolesZeros(np.asarray(poles, complex), np.asarray(zeros, complex), float(gain))
+        shape = RationalResponse(
+            np.asarray(poles, complex), np.asarray(zeros, complex), float(gain)
+        )
         effects = flat_effects(source, standard_uncertainty, phase_uncertainty_rad)
         return cls((shape,), channel_unit, effects=effects, source=source)
 
@@ -266,7 +268,7 @@ class KnownResponse:
             )
         rates = 2.0 * np.pi * np.array(corners)
         gain = float(gain * np.prod(rates[len(highpass_hz) :]))
-        shape = PolesZeros(-rates.astype(complex), np.zeros(len(highpass_hz), complex), gain)
+        shape = RationalResponse(-rates.astype(complex), np.zeros(len(highpass_hz), complex), gain)
         effects = flat_effects(source, standard_uncertainty, 0.0)
         if corner_uncertainty > 0.0:
             sides = [(hz, True) for hz in highpass_hz] + [(hz, False) for hz in lowpass_hz]

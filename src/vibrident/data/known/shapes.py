@@ -22,8 +22,8 @@ ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class PolesZeros:
-    """gain · Π(s − zeros) / Π(s − poles) · e^{−s delay}.
+class RationalResponse:
+    """Response gain · Π(s − zeros) / Π(s − poles) · e^{−s delay}.
 
     Attributes:
         poles, zeros: rad/s, shapes (p,) and (z,).
@@ -71,7 +71,7 @@ class PolesZeros:
 
 @dataclass(frozen=True, eq=False)
 class DigitalFilter:
-    """Σ b_k z^{−k} / Σ a_k z^{−k} · e^{+jω advance} with z = e^{jω/rate}.
+    """Digital filter Σ b_k z^{−k} / Σ a_k z^{−k} · e^{+jω advance} with z = e^{jω/rate}.
 
     Attributes:
         numerator, denominator: b and a, by ascending powers of 1/z.
@@ -212,7 +212,7 @@ class Tabulated:
         return error
 
 
-Shape = PolesZeros | DigitalFilter | Tabulated
+Shape = RationalResponse | DigitalFilter | Tabulated
 
 
 def _spline(x: FloatArray, columns: FloatArray) -> Any:

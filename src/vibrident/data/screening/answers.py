@@ -27,7 +27,7 @@ from vibrident.data.screening.wild import (
     RIDGE,
     STANDS_OUT,
     TOGETHER,
-    Event,
+    ChannelEvent,
     PredictedChannel,
 )
 
@@ -38,7 +38,7 @@ MAX_MISSED_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class PredictedResponse:
     """The response as predicted from its past and from the reference.
 
     Attributes:
@@ -55,7 +55,7 @@ class Answer:
     @classmethod
     def all_from_channels(
         cls, reference: PredictedChannel, response: PredictedChannel
-    ) -> tuple[Answer, ...]:
+    ) -> tuple[PredictedResponse, ...]:
         """Return the best prediction, and those of other delays that are as good within chance.
 
         The best is found downhill in the delay, from zero and from the delay of the largest
@@ -77,16 +77,18 @@ class Answer:
             if each.deviation <= limit
         )
 
-    def _downhill(self, latest: int) -> Answer:
+    def _downhill(self, latest: int) -> PredictedResponse:
         """Return the prediction of a local optimum of the delay, below ``latest``."""
         better = min(self._neighbours(latest), key=lambda each: each.deviation, default=self)
         return better._downhill(latest) if better.deviation < self.deviation else self
 
-    def _neighbours(self, latest: int) -> list[Answer]:
+    def _neighbours(self, latest: int) -> list[PredictedResponse]:
         """Return the predictions of neighbouring delays, below ``latest``."""
         delays = [self.delay + step for step in (-2 * ORDER, -ORDER // 2, ORDER // 2, 2 * ORDER)]
         return [
-            Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest
+            PredictedResponse(self.reference, self.response, delay)
+            for delay in delays
+            if 0 <= delay < latest
         ]
 
     @functools.cached_property
@@ -155,7 +157,7 @@ class Answer:
         later = _products(self.reference.series, self.reference.series)[: BAND_LAGS + 1]
         return np.concatenate([later[:0:-1], later]) * np.hanning(2 * BAND_LAGS + 3)[1:-1]
 
-    def denies(self, label: str, event: Event) -> bool:
+    def denies(self, label: str, event: ChannelEvent) -> bool:
         """Tell whether a channel's wild samples are no motion, by the errors that they leave.
 
         The response to the reference is known within the band of its motion alone, so that only

@@ -13,7 +13,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
-from vibrident.data.screening.answers import Answer
+from vibrident.data.screening.answers import PredictedResponse
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.decays import is_sustained
 from vibrident.data.screening.gaps import lost_samples
@@ -283,7 +283,7 @@ def _longest_part(
         }
     places = breaks(**channels)
     if places.size:
-        answers = Answer.all_from_channels(**channels)
+        answers = PredictedResponse.all_from_channels(**channels)
         places = places[
             [all(answer.breaks_off(int(place)) for answer in answers) for place in places]
         ]
@@ -317,7 +317,7 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
         return {label: bad for label, bad in wild.items() if bad.any()}
-    answers = Answer.all_from_channels(**channels)
+    answers = PredictedResponse.all_from_channels(**channels)
     for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue

@@ -64,8 +64,8 @@ _EXTENSIONS = sorted(itertools.product(range(GUARD), repeat=2), key=sum)
 
 
 @dataclass(frozen=True)
-class Event:
-    """A place where a channel does not go on as predicted.
+class ChannelEvent:
+    """Place where a channel does not go on as predicted.
 
     Attributes:
         first: first sample that those before it do not explain.
@@ -96,7 +96,7 @@ class Event:
         """Return whether at most two samples lie between those that either side explains."""
         return not self.wild and self.end - self.first <= MAX_SHORT_RUN_SAMPLES
 
-    def meets(self, event: Event) -> bool:
+    def meets(self, event: ChannelEvent) -> bool:
         """Tell whether another channel's event happens at the same time."""
         (low, high), (event_low, event_high) = (
             sorted((each.first, each.end)) for each in (self, event)
@@ -151,18 +151,18 @@ class PredictedChannel:
         return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_SIZE)
 
     @functools.cached_property
-    def prediction(self) -> Prediction:
+    def prediction(self) -> LinearPrediction:
         """Return the prediction fitted to the samples that it explains well."""
         return self._fitted[0]
 
     @functools.cached_property
-    def _fitted(self) -> tuple[Prediction, FloatArray]:
+    def _fitted(self) -> tuple[LinearPrediction, FloatArray]:
         """Return the prediction, and its errors matched to a wild sample.
 
         The first fit stands where its errors are noise or rounding: where the largest of them is
         below NOISE standard deviations, estimated by their median.
         """
-        samples = Samples.from_series(self.series, self.follows)
+        samples = PredictionSamples.from_series(self.series, self.follows)
         prediction = samples.fit()
         errors = prediction.matched(self.series, self.judged)
         size = np.abs(errors)
@@ -191,7 +191,7 @@ class PredictedChannel:
         return np.maximum(np.median(around[places], axis=1) / MEDIAN, 1.0)
 
     @functools.cached_property
-    def events(self) -> tuple[Event, ...]:
+    def events(self) -> tuple[ChannelEvent, ...]:
         """Return the places where the channel does not go on as predicted; none if too many."""
         if not self.readable:
             return ()
@@ -209,7 +209,7 @@ class PredictedChannel:
         events = (self._events_at(places[group], float(np.max(level[group]))) for group in groups)
         return tuple(itertools.chain.from_iterable(events))
 
-    def _events_at(self, places: NDArray[np.int_], level: float) -> tuple[Event, ...]:
+    def _events_at(self, places: NDArray[np.int_], level: float) -> tuple[ChannelEvent, ...]:
         """Return the events at samples next to each other; none next to invalid samples."""
         low = max(int(places[0]) - ORDER, ORDER)
         high = min(int(places[-1]) + ORDER + 1, self.valid.size - ORDER)
@@ -238,11 +238,11 @@ class PredictedChannel:
             lone, wild = self._explained(errors, usual, behind - begin)
             # A corner of the motion looks much like a wild sample that neither error shows.
             if lone:
-                return (Event(begin, behind, strength, lone, wild and end > first),)
-        motion = Event(first, end, strength, lone=False, wild=False)
+                return (ChannelEvent(begin, behind, strength, lone, wild and end > first),)
+        motion = ChannelEvent(first, end, strength, lone=False, wild=False)
         for begin, behind in around_peak:
             if self._far_off(begin, behind):
-                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (
+                return ChannelEvent(begin, behind, strength, lone=True, wild=True), *[motion] * (
                     not motion.is_abrupt
                 )
         return (motion,)
@@ -283,7 +283,7 @@ class PredictedChannel:
         sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
         return sizes, errors - design @ sizes
 
-    def sizes(self, event: Event) -> FloatArray:
+    def sizes(self, event: ChannelEvent) -> FloatArray:
         """Return by how much wild samples differ from the prediction of their neighbours."""
         errors = self.prediction.both(self.series[event.first - ORDER : event.end + ORDER])[0]
         return self._split(errors, event.end - event.first)[0]
@@ -301,8 +301,8 @@ class PredictedChannel:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
-    """A prediction fitted to a channel.
+class LinearPrediction:
+    """Linear prediction fitted to a channel.
 
     Attributes:
         taps: error of the sample after a wild one of size one, and of those after that; shape
@@ -333,7 +333,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class PredictionSamples:
     """Samples that a prediction is fitted to, with those before them, in blocks of a record.
 
     Attributes:
@@ -345,7 +345,7 @@ class Samples:
     clean: BoolArray
 
     @classmethod
-    def from_series(cls, series: FloatArray, follows: BoolArray) -> Samples:
+    def from_series(cls, series: FloatArray, follows: BoolArray) -> PredictionSamples:
         """Return evenly spread samples of a series, and which of them can be predicted.
 
         Args:
@@ -360,16 +360,16 @@ class Samples:
         rows = (begins.astype(int)[:, None] + np.arange(length)).ravel()
         return cls(windows[rows], follows[rows + ORDER])
 
-    def fit(self) -> Prediction:
+    def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
         windows = self.windows if self.clean.all() else self.windows[self.clean]
         products = windows.T @ windows
         products = products + products[::-1, ::-1]
         products += RIDGE * (np.trace(products) + len(windows)) * np.eye(ORDER + 1)
         taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
-        return Prediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
+        return LinearPrediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
 
-    def without_worst(self, prediction: Prediction) -> Samples:
+    def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
         """Return the samples without those near large errors of a prediction.
 
         Returns all samples if more than half would go: half may lie at rest, which says nothing
@@ -378,7 +378,11 @@ class Samples:
         size = np.abs(self.windows @ prediction.taps[::-1])
         usual = float(np.median(size[self.clean])) / MEDIAN
         clean = self.clean & ~_near(self.clean & (size > NOISE * usual), ORDER)
-        return Samples(self.windows, clean) if np.sum(clean) > 0.5 * np.sum(self.clean) else self
+        return (
+            PredictionSamples(self.windows, clean)
+            if np.sum(clean) > 0.5 * np.sum(self.clean)
+            else self
+        )
 
 
 def moves(other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:

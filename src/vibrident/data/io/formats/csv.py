@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, Start, unreadable
+from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, StartTime, unreadable
 from vibrident.data.io.csv_layout import (
     CsvLayout,
     detect_layout,
@@ -184,12 +184,12 @@ class CsvFile(ColumnFile):
         """Return whether the column holds times of day, with or without dates."""
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first row: its own stamp, or the head's statement."""
         if not self.in_seconds(position):
             return super().start(position)
         stamps = self._stamps([position])[0]
-        return Start(int(stamps.ns[0]), epoch=stamps.dated)
+        return StartTime(int(stamps.ns[0]), epoch=stamps.dated)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Parse these columns; each has shape (rows,).

@@ -18,7 +18,7 @@ from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, column
 from vibrident.data.io.columns import (
     Channel,
     ColumnFile,
-    Start,
+    StartTime,
     reading,
     require_few,
     require_room,
@@ -53,7 +53,7 @@ class MatlabFile(ArrayFile):
     def __init__(self, path: Path) -> None:
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[str, Start] = {}
+        starts: dict[str, StartTime] = {}
         self._numbers: dict[str, int] = {}
         with reading(path, _EXPECTED):
             for name, value, levels in _leaves(_variables(path)):

@@ -24,7 +24,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -73,7 +73,7 @@ class MdfFile(ColumnFile):
                 times_s, lambda row: f"time stamp of {self.locate(position, row)}"
             )
             if clock is not None and self._zero_ns is not None:
-                start = Start(self._zero_ns + round(float(times_s[0]) * 1e9), epoch=True)
+                start = StartTime(self._zero_ns + round(float(times_s[0]) * 1e9), epoch=True)
                 clock = replace(clock, start=start)
             self._clocks[group] = clock
         return self._clocks[group]

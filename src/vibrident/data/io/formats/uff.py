@@ -16,7 +16,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -157,7 +157,7 @@ class UffFile(ColumnFile):
         seconds = _seconds(header)
         if header["abscissa_spacing"] == 1:
             interval = float(header["abscissa_inc"])
-            start = Start.on_own_clock(header["abscissa_min"] * seconds)
+            start = StartTime.on_own_clock(header["abscissa_min"] * seconds)
             return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
         times_s = _times(file.read_sets(place), int(header["num_pts"]))
         return clock_from_times(
