@@ -17,7 +17,7 @@ from vibrident.data.screening import gaps, screen
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
-from vibrident.data.screening.wild import GUARD, MAX_RUN_SAMPLES, ORDER, PredictedChannel, breaks
+from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, ORDER, PredictedChannel, breaks
 from vibrident.physics.simulation import SENSORS, simulate
 
 N = 4000
@@ -348,7 +348,7 @@ def test_a_run_of_wild_samples_is_found(motion: str, length: int, size: float, r
         values = free + bad * size * scale * rng.choice([-1.0, 1.0], N) * rng.uniform(0.7, 1.3, N)
         wild = PredictedChannel.from_values(values, ALL, MAX_RUN_SAMPLES).wild
         assert np.all(wild[bad])
-        assert np.sum(wild & ~bad) <= 3 * 2 * GUARD
+        assert np.sum(wild & ~bad) <= 3 * 2 * GUARD_SAMPLES
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine"])

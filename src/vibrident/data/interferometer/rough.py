@@ -71,7 +71,7 @@ def highest_frequency(
 def at_needed_rate(signals: SampledSignals) -> SampledSignals | None:
     """Return two signals at the lower rate that their spectrum needs; None if none is lower.
 
-    Each sample then has less noise. The ellipse of a motion below a fringe is told from noise
+    Each sample then has less noise. The ellipse of a motion below a fringe is separated from noise
     sample by sample, so that it is determined as well at any rate.
     """
     piece = _first_samples(signals, PIECE)

@@ -17,7 +17,8 @@ def cyclic_errors(
 ) -> list[CyclicError | None]:
     """Return the significant cyclic error of each record.
 
-    It is one of the set-up; beside a carrier, whose phase begins anew, each record has its own.
+    Quadrature signals share the error of their set-up. The phase of a carrier begins anew in each
+    record, so that each heterodyne record has an error of its own.
     """
     measured = [each.answer.cyclic for each in demodulated]
     if setting.kind == "quadrature":
@@ -32,8 +33,8 @@ def remaining_covariances(
 ) -> list[tuple[Sequence[PhaseErrorResponse], FloatArray]]:
     """Return the covariances of what remains of cyclic errors.
 
-    That is the uncertainty of those taken out, and beside a carrier those that a record does not
-    show, of the size of the others' and of unknown phase.
+    For errors that were removed, it is that of their estimates. Heterodyne records whose error is
+    not significant get an error of unknown phase and of the size of the others'.
     """
     known = [error for error in errors if error is not None]
     if not known:

@@ -35,7 +35,7 @@ def read_signal(
         unit: of the response.
 
     Raises:
-        InputError: nothing tells the sampling rate, or the file contradicts rate or unit.
+        InputError: nothing states the sampling rate, or the file contradicts rate or unit.
     """
     source = open_columns(path)
     place = source.position_of(_key(column), "⟦correct.column⟧")

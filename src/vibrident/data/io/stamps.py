@@ -63,7 +63,7 @@ def parse_stamps(
 
     Args:
         cells: of the column, stripped.
-        missing: what stands for no value.
+        missing: texts that stand for no value.
         locate: description of a row's place, for messages.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Rows of names and units above the columns of a text file, and what makers write beside them."""
+"""Read the rows of names and units above the columns of a text file, as makers write them."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ _PREFIX_WORDS = {
 }  # fmt: skip
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
-#: What programs write where there is no unit.
+#: Texts that programs write in place of a missing unit.
 _NO_UNIT = frozenset((
     "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
     "?", "[]", "()", "1",

@@ -19,14 +19,14 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.screening.wild import (
     BLOCK,
     MAX_BLOCKS,
-    MEDIAN,
+    MEDIAN_OF_NORMAL,
     MIN_BREAK,
-    NEAR,
-    NOISE,
+    NEIGHBOURS,
+    MAX_NOISE_SIGMA,
     ORDER,
     RIDGE,
-    STANDS_OUT,
-    TOGETHER,
+    MIN_WILD_SIGMA,
+    MAX_SAMPLES_APART,
     ChannelEvent,
     PredictedChannel,
 )
@@ -69,7 +69,7 @@ class PredictedResponse:
         best = min(minima, key=lambda each: each.deviation)
         # A standard deviation estimated by the median of n sizes scatters by 1.17 / √n of itself.
         limit = best.deviation * (
-            1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
+            1.0 + MAX_NOISE_SIGMA * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
         )
         return tuple(
             each
@@ -123,7 +123,7 @@ class PredictedResponse:
         for channel, delay in ((self.reference, self.delay), (self.response, 0)):
             for event in channel.events:
                 first, end = sorted((event.first + delay, event.end + delay))
-                usual[max(first - TOGETHER, 0) : end + ORDER + 1] = False
+                usual[max(first - MAX_SAMPLES_APART, 0) : end + ORDER + 1] = False
         return usual
 
     @functools.cached_property
@@ -146,7 +146,7 @@ class PredictedResponse:
 
     def _deviation(self, errors: FloatArray, near: slice) -> float:
         size = np.abs(errors[near][self._usual[near]])
-        return float(np.median(size)) / MEDIAN if size.size else np.inf
+        return float(np.median(size)) / MEDIAN_OF_NORMAL if size.size else np.inf
 
     @functools.cached_property
     def _band_filter(self) -> FloatArray:
@@ -176,25 +176,28 @@ class PredictedResponse:
             errors = np.convolve(errors, self._band_filter, mode="same")
             reach = BAND_LAGS
         span = slice(max(first - reach, 0), first - reach + effect.size)
-        around = NEAR + 2 * effect.size
+        around = NEIGHBOURS + 2 * effect.size
         usual = self._deviation(errors, slice(max(span.start - around, 0), span.stop + around))
         if float(np.linalg.norm(errors[span])) < MAX_MISSED_SHARE * float(np.linalg.norm(effect)):
             return False
-        if float(np.max(np.abs(errors[span]), initial=0.0)) > STANDS_OUT * usual:
+        if float(np.max(np.abs(errors[span]), initial=0.0)) > MIN_WILD_SIGMA * usual:
             return True
         regular_sizes = np.abs(channel.series[~channel.wild])
         return float(np.max(np.abs(sizes))) > float(np.max(regular_sizes))
 
     def breaks_off(self, place: int) -> bool:
         """Tell whether the response at a sample does not follow from its past and the reference."""
-        near = slice(max(place - TOGETHER, ORDER), place + self.delay + ORDER + TOGETHER)
+        near = slice(
+            max(place - MAX_SAMPLES_APART, ORDER), place + self.delay + ORDER + MAX_SAMPLES_APART
+        )
         own_part = np.convolve(
             self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid"
         )
         largest = float(np.max(np.abs(self.errors[near])))
-        reach = slice(max(near.start - NEAR, 0), near.stop + NEAR)
+        reach = slice(max(near.start - NEIGHBOURS, 0), near.stop + NEIGHBOURS)
         return largest > max(
-            MIN_BREAK * float(np.max(np.abs(own_part))), NOISE * self._deviation(self.errors, reach)
+            MIN_BREAK * float(np.max(np.abs(own_part))),
+            MAX_NOISE_SIGMA * self._deviation(self.errors, reach),
         )
 
 

@@ -27,10 +27,10 @@ from vibrident.data.screening.wild import (
     moves,
 )
 
-#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing
-#: anti-alias filter.
-ALIAS_POWER = 0.01
-#: Samples on either side that the interpolation of the reference takes in.
+#: Share of the reference's power above 0.45 of the sampling rate from which on aliasing is
+#: reported.
+MIN_ALIAS_POWER = 0.01
+#: Samples on either side that an interpolation of the reference uses.
 REACH = 40
 #: A record that lost samples is used if at least this share of it is intact over REACH samples on
 #: either side …
@@ -39,7 +39,7 @@ MIN_INTACT_SHARE = 0.05
 MIN_INTACT_SAMPLES = 128
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
-#: Motions throughout which the channels go together in one way.
+#: Motions throughout which the response follows the reference linearly.
 LINEAR = (*STEADY, "sweep")
 
 
@@ -374,7 +374,7 @@ def _aliasing_findings(record: Record) -> list[Finding]:
     power = np.abs(fft.rfft((values - values.mean()) * np.hanning(record.samples))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
-    if above <= ALIAS_POWER * total:
+    if above <= MIN_ALIAS_POWER * total:
         return []
     text = (
         f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of "

@@ -30,37 +30,37 @@ BLOCK = 256
 #: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
 #: Refits without the samples that the previous fit did not explain.
-ROUNDS = 3
+REFITS = 3
 #: Wild samples and breaks exceed STANDS_OUT standard deviations; noise alone seldom exceeds NOISE.
-STANDS_OUT = 9.0
-NOISE = 5.0
+MIN_WILD_SIGMA = 9.0
+MAX_NOISE_SIGMA = 5.0
 #: Wild samples are larger than MIN_STEPS steps of the converter, and than this share of the
 #: channel's range: rounding.
 MIN_STEPS = 4.0
-MIN_SIZE = 1e-7
-#: Longest run of wild samples where a reference shows what is motion, and where nothing does.
+MIN_RELATIVE_SIZE = 1e-7
+#: Longest run of wild samples if a reference shows the motion, and without one.
 MAX_RUN_SAMPLES = 40
 MAX_SHORT_RUN_SAMPLES = 2
-#: Samples beside a longer run that are as likely wild, only not far enough off to show it.
-GUARD = 4
-#: Largest number of wild runs, as a part of the samples; more are the channel's nature.
-MAX_SHARE = 0.01
-#: Samples on either side that show how large errors usually are, beside those that a run of wild
-#: ones disturbs.
-NEAR = 40
+#: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
+GUARD_SAMPLES = 4
+#: Largest number of wild runs over the number of samples; more of them are the channel's nature.
+MAX_WILD_SHARE = 0.01
+#: Samples on either side that show the usual size of errors, in addition to those that a run of
+#: wild samples disturbs.
+NEIGHBOURS = 40
 #: Median magnitude of normal errors, in standard deviations.
-MEDIAN = 0.6745
+MEDIAN_OF_NORMAL = 0.6745
 #: Largest distance, in samples, of the same event in both channels.
-TOGETHER = 2
+MAX_SAMPLES_APART = 2
 #: A break is larger than this share of the motion's standard deviation; smaller changes are motion.
 MIN_BREAK = 2e-3
 #: The motion goes on after a break: of BESIDE samples on either side, the smaller standard
 #: deviation is at least ALIKE times the larger one.
-BESIDE = 64
-ALIKE = 0.2
+SIDE_SAMPLES = 64
+MIN_DEVIATION_RATIO = 0.2
 
 
-_EXTENSIONS = sorted(itertools.product(range(GUARD), repeat=2), key=sum)
+_EXTENSIONS = sorted(itertools.product(range(GUARD_SAMPLES), repeat=2), key=sum)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class ChannelEvent:
     @property
     def may_be_wild(self) -> bool:
         """Return whether wild samples alone may explain the event."""
-        return self.lone or self.strength < STANDS_OUT
+        return self.lone or self.strength < MIN_WILD_SIGMA
 
     @property
     def may_be_short_wild(self) -> bool:
@@ -101,7 +101,7 @@ class ChannelEvent:
         (low, high), (event_low, event_high) = (
             sorted((each.first, each.end)) for each in (self, event)
         )
-        return low <= event_high + TOGETHER and event_low <= high + TOGETHER
+        return low <= event_high + MAX_SAMPLES_APART and event_low <= high + MAX_SAMPLES_APART
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ class PredictedChannel:
     @functools.cached_property
     def smallest(self) -> float:
         """Return the smallest size that a wild sample can have."""
-        return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_SIZE)
+        return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_RELATIVE_SIZE)
 
     @functools.cached_property
     def prediction(self) -> LinearPrediction:
@@ -166,11 +166,11 @@ class PredictedChannel:
         prediction = samples.fit()
         errors = prediction.matched(self.series, self.judged)
         size = np.abs(errors)
-        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(
-            self.judged
-        ):
+        if np.count_nonzero(
+            size > MEDIAN_OF_NORMAL / MAX_NOISE_SIGMA * np.max(size)
+        ) > 0.5 * np.count_nonzero(self.judged):
             return prediction, errors
-        for _ in range(ROUNDS):
+        for _ in range(REFITS):
             prediction = samples.without_worst(prediction).fit()
         return prediction, prediction.matched(self.series, self.judged)
 
@@ -184,11 +184,11 @@ class PredictedChannel:
 
     def level(self, places: NDArray[np.int_]) -> FloatArray:
         """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
-        reach = NEAR + 2 * self.longest  # less than a third of the samples are disturbed
+        reach = NEIGHBOURS + 2 * self.longest  # less than a third of the samples are disturbed
         around = sliding_window_view(
             np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
         )
-        return np.maximum(np.median(around[places], axis=1) / MEDIAN, 1.0)
+        return np.maximum(np.median(around[places], axis=1) / MEDIAN_OF_NORMAL, 1.0)
 
     @functools.cached_property
     def events(self) -> tuple[ChannelEvent, ...]:
@@ -196,15 +196,15 @@ class PredictedChannel:
         if not self.readable:
             return ()
         size = np.abs(self.errors)
-        places = np.flatnonzero(size > NOISE)
+        places = np.flatnonzero(size > MAX_NOISE_SIGMA)
         if not places.size:
             return ()
         level = self.level(places)
-        significant = size[places] > NOISE * level
+        significant = size[places] > MAX_NOISE_SIGMA * level
         places = places[significant]
         level = level[significant]
         groups = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) > ORDER) + 1)
-        if not places.size or len(groups) > max(8, MAX_SHARE * size.size):
+        if not places.size or len(groups) > max(8, MAX_WILD_SHARE * size.size):
             return ()
         events = (self._events_at(places[group], float(np.max(level[group]))) for group in groups)
         return tuple(itertools.chain.from_iterable(events))
@@ -218,8 +218,8 @@ class PredictedChannel:
         usual = level * self.prediction.deviation
         peak = int(places[np.argmax(np.abs(self.errors[places]))])
         forward, backward = self.prediction.both(self.series[low - ORDER : high + ORDER])
-        after = np.flatnonzero(np.abs(forward[:-ORDER]) > NOISE * usual)
-        before = np.flatnonzero(np.abs(backward[ORDER:]) > NOISE * usual)
+        after = np.flatnonzero(np.abs(forward[:-ORDER]) > MAX_NOISE_SIGMA * usual)
+        before = np.flatnonzero(np.abs(backward[ORDER:]) > MAX_NOISE_SIGMA * usual)
         first = low + int(after[0]) if after.size else peak
         end = low + int(before[-1]) + 1 if before.size else peak + 1
         if first == low or end == high:  # the event reaches beyond the samples that can be judged
@@ -258,7 +258,7 @@ class PredictedChannel:
             np.arange(begin, behind), neighbours, self.series[neighbours]
         )
         change = float(np.max(np.abs(np.diff(self.series[neighbours]))))
-        return float(np.min(np.abs(off))) > max(STANDS_OUT * change, self.smallest)
+        return float(np.min(np.abs(off))) > max(MIN_WILD_SIGMA * change, self.smallest)
 
     def _explained(self, errors: FloatArray, usual: float, length: int) -> tuple[bool, bool]:
         """Tell whether wild samples may explain the forward errors, and whether they surely do.
@@ -271,10 +271,10 @@ class PredictedChannel:
         sizes, remainder = self._split(errors, length)
         gained = float(errors @ errors - remainder @ remainder) / usual**2
         lone = (
-            float(np.max(np.abs(remainder))) <= NOISE * usual
+            float(np.max(np.abs(remainder))) <= MAX_NOISE_SIGMA * usual
             and float(np.max(np.abs(sizes))) > self.smallest
         )
-        return lone, lone and gained > STANDS_OUT**2 + length
+        return lone, lone and gained > MIN_WILD_SIGMA**2 + length
 
     def _split(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
         """Return by how much the first ``length`` samples are off, and the errors that remain."""
@@ -294,8 +294,8 @@ class PredictedChannel:
         flags = np.zeros(self.series.shape, dtype=bool)
         if self.readable:
             runs = [event for event in self.events if event.wild]
-            for run in runs if len(runs) <= max(4, MAX_SHARE * flags.size) else []:
-                guard = GUARD * (run.end - run.first > MAX_SHORT_RUN_SAMPLES)
+            for run in runs if len(runs) <= max(4, MAX_WILD_SHARE * flags.size) else []:
+                guard = GUARD_SAMPLES * (run.end - run.first > MAX_SHORT_RUN_SAMPLES)
                 flags[max(run.first - guard, 0) : run.end + guard] = True
         return flags
 
@@ -376,8 +376,8 @@ class PredictionSamples:
         about the motion.
         """
         size = np.abs(self.windows @ prediction.taps[::-1])
-        usual = float(np.median(size[self.clean])) / MEDIAN
-        clean = self.clean & ~_near(self.clean & (size > NOISE * usual), ORDER)
+        usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
+        clean = self.clean & ~_near(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
         return (
             PredictionSamples(self.windows, clean)
             if np.sum(clean) > 0.5 * np.sum(self.clean)
@@ -412,9 +412,11 @@ def moves(other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
             )
         if places.size and other_channel.readable:
             odd = np.zeros(bad.shape, dtype=bool)
-            reach = TOGETHER + order
+            reach = MAX_SAMPLES_APART + order
             near = np.flatnonzero(_near(bad, reach))
-            odd[near] = np.abs(other_channel.errors[near]) > NOISE * other_channel.level(near)
+            odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
+                near
+            )
             midst = np.zeros(bad.shape, dtype=bool)
             for event in other_channel.events:
                 midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
@@ -434,7 +436,7 @@ def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[n
         for answer in filter(event.meets, response.events):
             strongest = max(event, answer, key=lambda each: each.strength)
             place = max(strongest.first, 0)
-            significant = strongest.strength > STANDS_OUT and not (
+            significant = strongest.strength > MIN_WILD_SIGMA and not (
                 event.may_be_wild and answer.may_be_wild
             )
             if significant and event.is_abrupt and answer.is_abrupt:
@@ -443,24 +445,26 @@ def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[n
                 )
     apart = np.diff(
         np.unique(np.array(places, dtype=int)),
-        prepend=-BESIDE,
-        append=reference.valid.size + BESIDE,
+        prepend=-SIDE_SAMPLES,
+        append=reference.valid.size + SIDE_SAMPLES,
     )
-    return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
+    return np.unique(np.array(places, dtype=int))[
+        (apart[:-1] >= SIDE_SAMPLES) & (apart[1:] >= SIDE_SAMPLES)
+    ]
 
 
 def _breaks_off(channel: PredictedChannel, place: int) -> bool:
     """Tell whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
     errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]
-    before = series[max(place - BESIDE - ORDER, 0) : place]
-    after = series[place : place + ORDER + BESIDE]
+    before = series[max(place - SIDE_SAMPLES - ORDER, 0) : place]
+    after = series[place : place + ORDER + SIDE_SAMPLES]
     if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(
         np.std(series)
     ):
         return False
     sizes = sorted((float(np.std(before)), float(np.std(after))))
-    return sizes[0] > ALIKE * sizes[1]
+    return sizes[0] > MIN_DEVIATION_RATIO * sizes[1]
 
 
 def _near(flags: BoolArray, reach: int) -> BoolArray:
