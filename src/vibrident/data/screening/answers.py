@@ -19,14 +19,14 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.screening.wild import (
     BLOCK,
     MAX_BLOCKS,
+    MAX_NOISE_SIGMA,
+    MAX_SAMPLES_APART,
     MEDIAN_OF_NORMAL,
     MIN_BREAK,
+    MIN_WILD_SIGMA,
     NEIGHBOURS,
-    MAX_NOISE_SIGMA,
     ORDER,
     RIDGE,
-    MIN_WILD_SIGMA,
-    MAX_SAMPLES_APART,
     ChannelEvent,
     PredictedChannel,
 )

@@ -31,8 +31,9 @@ BLOCK = 256
 RIDGE = 1e-14
 #: Refits without the samples that the previous fit did not explain.
 REFITS = 3
-#: Wild samples and breaks exceed STANDS_OUT standard deviations; noise alone seldom exceeds NOISE.
+#: Wild samples and breaks exceed this many standard deviations …
 MIN_WILD_SIGMA = 9.0
+#: … and noise alone seldom exceeds this many.
 MAX_NOISE_SIGMA = 5.0
 #: Wild samples are larger than MIN_STEPS steps of the converter, and than this share of the
 #: channel's range: rounding.
@@ -54,8 +55,8 @@ MEDIAN_OF_NORMAL = 0.6745
 MAX_SAMPLES_APART = 2
 #: A break is larger than this share of the motion's standard deviation; smaller changes are motion.
 MIN_BREAK = 2e-3
-#: The motion goes on after a break: of BESIDE samples on either side, the smaller standard
-#: deviation is at least ALIKE times the larger one.
+#: The motion goes on after a break: of SIDE_SAMPLES on either side, the smaller standard
+#: deviation is at least MIN_DEVIATION_RATIO times the larger one.
 SIDE_SAMPLES = 64
 MIN_DEVIATION_RATIO = 0.2
 
@@ -160,7 +161,7 @@ class PredictedChannel:
         """Return the prediction, and its errors matched to a wild sample.
 
         The first fit stands where its errors are noise or rounding: where the largest of them is
-        below NOISE standard deviations, estimated by their median.
+        below MAX_NOISE_SIGMA standard deviations, estimated by their median.
         """
         samples = PredictionSamples.from_series(self.series, self.follows)
         prediction = samples.fit()
