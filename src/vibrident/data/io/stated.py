@@ -232,14 +232,14 @@ def _number(value: Any) -> float:
 
 def _positive(stated: Statement, where: str) -> float:
     """Return a stated rate or interval in Hz or s; InputError where it is no number above 0."""
-    value = scalar(stated.value)
-    value = _number(value) * stated.factor
+    single_value = scalar(stated.value)
+    value = _number(single_value) * stated.factor
     if math.isfinite(value) and value > 0 and math.isfinite(1.0 / value):
         return value
     raise _unusable(
         "The sampling rate in the file's metadata cannot be used.",
         f"{stated.name} to be a finite number above 0",
-        repr(stated.value if value is None else value)[:_MAX_NAME_LENGTH],
+        repr(stated.value if single_value is None else single_value)[:_MAX_NAME_LENGTH],
         where,
     )
 

@@ -89,9 +89,9 @@ class TableColumn:
         if match is None:
             return None
         text = _without_odd_bracket(match.group(0))
-        match = _REFERENCE_OF_LEVEL.fullmatch(text)
-        assert match is not None
-        unit = _without_odd_bracket(match["unit"])
+        reference = _REFERENCE_OF_LEVEL.fullmatch(text)
+        assert reference is not None
+        unit = _without_odd_bracket(reference["unit"])
         if unit == "m" or (unit and parse_unit(unit) is None):  # dBm is a power
             raise self.refused(
                 "dB re a known unit",
@@ -99,7 +99,7 @@ class TableColumn:
                 "write the reference as a unit, such as dB re 1 V/(m/s²); or dB alone, and as "
                 "[response] scale what 0 dB stands for",
             )
-        return Level(text, float((match["number"] or "1").replace(",", ".")), unit)
+        return Level(text, float((reference["number"] or "1").replace(",", ".")), unit)
 
     def refused(self, expected: str, value: str, remedy: str) -> InputError:
         """Return the error of a header that says otherwise than the calibration file."""
