@@ -374,8 +374,8 @@ def _median(values: Sequence[float | None]) -> float:
 
 
 def _our_gain(phase: FloatArray, u: FloatArray) -> float:
-    start = ellipse.circle(u)
-    found = ellipse.fit([moments.sums(*u)], start) or ellipse.as_circle(u, u.shape[1])
+    start = ellipse.fit_circle(u)
+    found = ellipse.fit_ellipse([moments.sums(*u)], start) or ellipse.fit_short_arc(u, u.shape[1])
     v = found.for_phase.round(u)
     return gain_error(phase, np.unwrap(np.arctan2(v[1], v[0])))
 

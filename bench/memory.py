@@ -13,7 +13,7 @@ from bench.figures import Figure, Options, Section, steps
 from bench.speed import broad, noisy
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SENSOR
 from vibrident import Calibration, identify
-from vibrident.base.memory import give_back
+from vibrident.base.memory import return_freed
 from vibrident.physics.simulation import simulate, with_noise
 
 TARGET = 120.0
@@ -72,7 +72,7 @@ def bytes_a_sample(name: str) -> float:
     """Peak beyond what was resident before."""
     identify(noisy(2000))  # what is loaded and kept for all is no memory of these data
     data = calibration(name)
-    give_back()
+    return_freed()
     before = _resident()
     peak = [0]
     over = threading.Event()

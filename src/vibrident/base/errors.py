@@ -11,7 +11,7 @@ from vibrident.base.settings import Word, python_word, rendered
 
 
 class VibridentError(Exception):
-    """Base of every error that vibrident raises on purpose.
+    """Base class of every error that vibrident raises on purpose.
 
     Examples:
         >>> import vibrident
@@ -24,7 +24,7 @@ class VibridentError(Exception):
 
 
 class _Text:
-    """A text of an error: kept with its markers of settings, read in the words of Python."""
+    """Text of an error: stored with its markers of settings, read in the words of Python."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -95,20 +95,20 @@ class InputError(VibridentError):
 
     @property
     def parts(self) -> list[tuple[str, str]]:
-        """Return the label and text of what is said beside the problem."""
+        """Return label and text of each part of the message after the problem."""
         labels = ("expected", "found", "where", "remedy")
         return [(label, text) for label in labels if (text := getattr(self, label))]
 
     def at(self, where: str) -> InputError:
-        """Return the same error, of another place."""
+        """Return the error with another place."""
         return type(self)(**{**vars(self), "where": where})
 
     def within(self, place: str) -> InputError:
-        """Return the same error, of a place in another one."""
+        """Return the error with its place inside another one."""
         return self.at(f"{place}, {vars(self)['where']}")
 
     def in_words(self, word: Word) -> InputError:
-        """Return the same error with a surface's words for the settings that it names."""
+        """Return the error with a surface's words for the settings that it names."""
         return type(self)(**{key: rendered(text, word) for key, text in vars(self).items()})
 
     def __reduce__(self) -> tuple[object, ...]:  # pickling keeps keyword-only arguments
@@ -122,8 +122,8 @@ def did_you_mean(
     *,
     likeness: float = 0.6,
 ) -> str:
-    """Return the remedy for an unknown name: the nearest known one, in either case, if one is similar."""
-    by_lower = {other.lower(): other for other in known}
+    """Return the remedy for an unknown name: the most similar known one, else ``otherwise``."""
+    by_lower = {each.lower(): each for each in known}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
 
@@ -149,7 +149,10 @@ def unknown(
     otherwise: str = "choose one of the expected",
     kind: type[InputError] = InputError,
 ) -> InputError:
-    """Return the error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
+    """Return the error of an unknown name.
+
+    The remedy names the most similar known one, else ``otherwise``.
+    """
     names = tuple(known)
     remedy = did_you_mean(str(name), names, otherwise)
     return kind(problem, expected=" | ".join(names), found=repr(name), where=where, remedy=remedy)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.base.warning_kinds import WARNING_CODES
 from vibrident.result.document import (
     SCHEMA,
@@ -250,7 +250,7 @@ class Result(Part):
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
         written = self if excerpts else self.without_excerpts()
-        with whole(target) as partial:
+        with atomic_write(target) as partial:
             partial.write_text(written.to_json(), encoding="utf-8")
         return target
 

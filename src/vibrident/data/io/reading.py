@@ -15,7 +15,7 @@ from vibrident.data.io.header_units import file_unit, reference_unit, response_u
 from vibrident.data.io.known_files import as_channels, known_channel, known_files
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
-    Part,
+    RecordPart,
     data_files,
     named_parts,
     read_record,
@@ -154,7 +154,7 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     )
 
 
-def _first_unit(document: CalibrationFile, part: Part, folder: Path) -> str:
+def _first_unit(document: CalibrationFile, part: RecordPart, folder: Path) -> str:
     """Return the unit that the first file states of a drive; "" for none, or another quantity."""
     column = document.reference.column
     if document.reference.quantity != "drive" or column is None or part.entry.excitation == "decay":

@@ -169,7 +169,8 @@ class Evidence:
             return np.zeros(0, dtype=bool)
         pairs = zip(measured.frequency_hz, measured.record, strict=True)
         return np.array(
-            [bool(self.records[int(number)].holds(hz)) for hz, number in pairs], dtype=bool
+            [bool(self.records[int(number)].covers_frequency(hz)) for hz, number in pairs],
+            dtype=bool,
         )
 
     def _nothing_in_band(self) -> InputError:
