@@ -143,9 +143,10 @@ def run(*command: str | Path, capture: bool = False) -> str:
     words = [str(word) for word in command]
     if not capture:
         print("+", *words, flush=True)
-    surroundings = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     output = subprocess.PIPE if capture else None
-    done = subprocess.run(words, cwd=ROOT, env=surroundings, stdout=output, stderr=output, text=True)
+    streams = {"stdout": output, "stderr": output}
+    done = subprocess.run(words, cwd=ROOT, env=variables, text=True, **streams)
     done.check_returncode()
     return (done.stdout or "").strip()
 
