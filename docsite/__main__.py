@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from docsite import executed, gallery, schemas
+from docsite import executed, gallery, schemas, studies, warnings
 from docsite.made import MADE
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main() -> None:
-    """Write every made page and schema, then pages with pictures: the gallery, and the notebooks."""
+    """Write every made page and schema, then pages with pictures: gallery, notebooks and warnings."""
     for name, content in MADE.items():
         (DOCS / name).write_text(content(), encoding="utf-8")
     for name, schema in schemas.SCHEMAS.items():
@@ -19,6 +19,8 @@ def main() -> None:
         (DOCS / name).write_text(schemas.text(schema()), encoding="utf-8")
     gallery.write(DOCS / "gallery")
     executed.write(DOCS)
+    warnings.write(DOCS)
+    studies.write(DOCS)
 
 
 main()

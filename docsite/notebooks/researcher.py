@@ -76,12 +76,12 @@ axis.grid(alpha=0.3)
 
 # %% [markdown]
 # Forty draws tell a u that is wrong by a fifth, not one that is wrong by a twentieth; the
-# [benchmarks](bench.md) have hundreds, and [2,429 cases](adversary.md) of sensors,
+# [benchmarks](studies.md) have hundreds, and [2,429 cases](studies.md) of sensors,
 # motions and defects.
 #
 # ## Does it depend on the estimator?
 #
-# Least squares on the inverse response (`lsm`, the comparison in the [paper](paper.md)),
+# Least squares on the inverse response (`lsm`, the comparison in the [paper](studies.md)),
 # maximum likelihood in frequency (`ml`), and the network on the samples (`ipnn`) see the
 # same draw:
 

@@ -15,7 +15,7 @@ import pytest
 from tests.support.sources import ROOT
 
 PACKAGE = ROOT / "src" / "vibrident"
-TOP = {"src", "tests", "docs", "docsite", "bench", "examples", "deploy"}
+TOP = {"src", "tests", "docs", "docsite", "bench", "examples", "deploy", "studies"}
 ROOMS = {folder.name for folder in PACKAGE.iterdir() if folder.is_dir()}
 #: A path in backticks, without blanks; its first folder is one of the repository or a room.
 NAMED = re.compile(r"`{1,2}([a-z_]+(?:/[A-Za-z0-9_.-]+)+/?)`{1,2}")
@@ -33,7 +33,8 @@ WRITTEN = re.compile(r"^(docs|bench)/(results|images)/|^paper/[a-z]+/[a-f]$")
 
 def documents() -> Iterator[Path]:
     yield from (ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))
-    yield from sorted((ROOT / "docs").glob("*.md"))
+    for folder in ("docs", "studies"):
+        yield from sorted((ROOT / folder).glob("*.md"))
     for folder in ("src", "tests", "bench", "docsite"):
         others = sorted((ROOT / folder).rglob("*.py"))
         yield from (path for path in others if path != Path(__file__))
