@@ -26,7 +26,7 @@ class UnitMark:
     def __init__(self, cache: pytest.Cache, budget_s: float | None) -> None:
         self.cache = cache
         self.budget_s = budget_s
-        self.started_s = time.monotonic()
+        self.started_s = 0.0
         #: Phase → test → shortest duration in s. What is loaded or made once is paid by one test.
         self.durations: dict[str, dict[str, float]] = cache.get(CACHE_KEY, {})
         self.known = set(self.durations.get("call", {}))
@@ -43,6 +43,10 @@ class UnitMark:
             file = item.nodeid.partition("::")[0]
             if setups.get(file, 0.0) + calls.get(item.nodeid, 0.0) < MAX_UNIT_S:
                 item.add_marker(pytest.mark.unit)
+
+    def pytest_collection_finish(self) -> None:
+        """Begin to spend the budget."""
+        self.started_s = time.monotonic()
 
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
         """Skip a test of unknown duration when the budget is spent."""
