@@ -27,7 +27,7 @@ COMPILE = $(BIN)/python -m compileall -q src/vibrident
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo reproduce install install-plain test test-plain nightly lint format bench release clean
+.PHONY: help demo reproduce install install-plain test test-plain quick nightly lint format bench release clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -44,7 +44,7 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 
 # Python writes the bytecode of what tests and documentation import, whatever the surroundings say: pip would compile all
 # of it.
-test test-plain nightly docs release: export PYTHONDONTWRITEBYTECODE :=
+test test-plain quick nightly docs release: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV)  ## every law once
 	$(COMPILE)
@@ -56,6 +56,10 @@ PLAIN := tests/test_loading.py tests/result $(filter-out %_shell.py %_drawing.py
 install-plain: $(PLAIN_VENV)/.installed
 test-plain: install-plain  ## tests of linear sensors on the plain install: no JAX, no extra
 	$(PLAIN_VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS) $(PLAIN)
+
+ROOM ?= .
+quick: $(DEV)  ## tests of one room below 0.2 s each, in about 10 s: make quick ROOM=data
+	$(BIN)/python -m pytest -m "unit and not slow" --budget-s 10 $(PYTEST_ARGS) tests/$(ROOM)
 
 nightly: export JAX_DISABLE_MOST_OPTIMIZATIONS := false
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import shutil
 import subprocess
@@ -88,12 +89,18 @@ def candidates() -> Iterator[str]:
 
 def write_sbom(wheel: Path, interpreter: str) -> None:
     """Write the bill of materials (CycloneDX 1.6) of the wheel and its newest dependencies."""
-    target = DIST / wheel.name.replace("-py3-none-any.whl", ".cdx.json")
+    name, version, *_ = wheel.name.split("-")
+    target = DIST / f"{name}-{version}.cdx.json"
     with tempfile.TemporaryDirectory() as folder:
         python = make_environment(Path(folder), interpreter)
         uv("pip", "install", "--python", python, wheel)
-        form = ("--spec-version", "1.6", "--output-reproducible", "--output-file", target)
-        run(TOOLS / "cyclonedx-py", "environment", "--pyproject", "pyproject.toml", *form, python)
+        form = ("--spec-version", "1.6", "--mc-type", "library", "--output-reproducible")
+        whole = (*form, "--output-file", target, "--pyproject", "pyproject.toml")
+        run(TOOLS / "cyclonedx-py", "environment", *whole, python)
+    bill = json.loads(target.read_text(encoding="utf-8"))
+    # pyproject.toml takes the version from the sources, where the tool does not look.
+    bill["metadata"]["component"] |= {"version": version, "purl": f"pkg:pypi/{name}@{version}"}
+    target.write_text(json.dumps(bill, indent=2) + "\n", encoding="utf-8")
 
 
 def check(wheel: Path, interpreter: str, resolution: str, jobs: str, tests: Sequence[str]) -> bool:
@@ -136,9 +143,10 @@ def run(*command: str | Path, capture: bool = False) -> str:
     words = [str(word) for word in command]
     if not capture:
         print("+", *words, flush=True)
-    surroundings = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     output = subprocess.PIPE if capture else None
-    done = subprocess.run(words, cwd=ROOT, env=surroundings, stdout=output, stderr=output, text=True)
+    streams = {"stdout": output, "stderr": output}
+    done = subprocess.run(words, cwd=ROOT, env=variables, text=True, **streams)
     done.check_returncode()
     return (done.stdout or "").strip()
 

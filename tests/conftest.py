@@ -20,6 +20,7 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 from tests.support.extras import installed, lacks  # noqa: E402
+from tests.support.unit_mark import UnitMark  # noqa: E402
 
 gc.disable()  # until all tests are collected: modules that are loaded make no garbage
 # One cache for all workers: what one has compiled the others need not. JAX compiles again what it finds half written,
@@ -36,6 +37,18 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as the package sets it, fo
 # The first example of a test may compile; the same examples on every run.
 settings.register_profile("vibrident", deadline=None, derandomize=True)
 settings.load_profile("vibrident")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option of ``make quick``."""
+    help_text = "skip tests that never ran before when these seconds are over"
+    parser.addoption("--budget-s", type=float, default=None, help=help_text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Learn the durations of tests, in the process that reports them."""
+    if config.pluginmanager.has_plugin("cacheprovider") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(UnitMark(config.cache, config.getoption("--budget-s")))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -89,7 +89,7 @@ def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path
     line = process.stdout.readline()
     found = re.search(r"http://\S+", line)
     assert found, line + process.stdout.read() + log.read_text()
-    while time.monotonic() < begin + 90.0:
+    while time.monotonic() < begin + WAIT_MS / 1000:
         try:
             with (
                 contextlib.suppress(urllib.error.HTTPError),

@@ -187,7 +187,7 @@ def test_a_form_of_report_that_does_not_exist(identified, run, tmp_path):
     done = run("report", identified, "--out", tmp_path / "out", "--format", "docx")
     assert_refused(done, tmp_path / "out", "'docx'", "html | pdf | md")
     done = run("report", identified, "--out", tmp_path / "out" / "report.pdf", "--format", "html")
-    assert_refused(done, tmp_path / "out", "report.pdf", ".html")
+    assert_refused(done, tmp_path / "out", "report.pdf", "a folder")
 
 
 def test_a_prediction_in_another_unit(calibration, identified, run, tmp_path):

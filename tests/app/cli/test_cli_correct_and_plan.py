@@ -12,8 +12,9 @@ from tests.support.shell import printed
 from vibrident.result import Result
 
 PLAN = (
-    "plan", "--model", "accelerometer", "--natural-frequency", "650", "--damping", "0.18", "--sensitivity", "0.104",
-    "--frequencies", "100:2000", "--rate", "25600", "--samples", "2000", "--response-noise", "0.01",
+    "plan", "--model", "accelerometer", "--parameter", "natural_frequency=650", "--parameter", "damping_ratio=0.18",
+    "--parameter", "sensitivity=0.104", "--frequencies", "100:2000", "--rate", "25600", "--samples", "2000",
+    "--response-noise", "0.01",
 )  # fmt: skip
 
 

@@ -81,8 +81,9 @@ def test_a_certificate_is_filled_in_after_the_fit_and_the_laboratory_is_remember
     (tmp_path / "logo.svg").write_bytes(LOGO)
     (tmp_path / "logo.toml").write_text('[certificate]\nlogo = "logo.svg"\n')
     both = ("--certificate", "certificate.toml", "--certificate", "logo.toml")
-    printed("report", "first.json", "--format", "pdf", *both, "--out", "shell.pdf", folder=tmp_path)
-    assert text((tmp_path / "shell.pdf").read_bytes()) == said
+    printed("report", "first.json", "--format", "pdf", *both, "--out", "shell", folder=tmp_path)
+    (written,) = (tmp_path / "shell").glob("*.pdf")
+    assert text(written.read_bytes()) == said
     page.reload()
     opened(page)
     assert field(page, "Certificate number *").input_value() == "2026-CALS_0042"

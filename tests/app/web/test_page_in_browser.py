@@ -37,8 +37,9 @@ def agrees_with_the_command(page, folder: Path) -> None:
 
     (folder / "taken.json").write_bytes(taken)
     (folder / "page.pdf").write_bytes(download(page, "pdf"))
-    printed("report", "out/result.json", "--out", "shell.pdf", folder=folder)
-    said = [words_and_numbers(folder / name) for name in ("page.pdf", "shell.pdf")]
+    printed("report", "out/result.json", "--format", "pdf", "--out", "shell", folder=folder)
+    (written,) = (folder / "shell").glob("*.pdf")
+    said = [words_and_numbers(path) for path in (folder / "page.pdf", written)]
     assert said[0] == said[1]
     assert len(re.findall(r"\d", said[0])) > 100
 

@@ -20,7 +20,7 @@ def asked_until_told(address: str, told: Connection) -> None:
     host, taken = urlsplit(address), list[float]()
     while not told.poll(0.05):
         begin = time.perf_counter()
-        connection = http.client.HTTPConnection(host.hostname or "", host.port, timeout=30)
+        connection = http.client.HTTPConnection(host.hostname or "", host.port, timeout=120)
         connection.request("GET", "/")
         assert connection.getresponse().read()
         connection.close()

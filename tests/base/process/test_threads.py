@@ -46,12 +46,12 @@ def test_the_last_of_several_at_once_returns_them(monkeypatch: pytest.MonkeyPatc
         happened.append("as before")
 
     monkeypatch.setattr(threadpoolctl, "threadpool_limits", limits)
-    both, first_is_done = threading.Barrier(2, timeout=10.0), threading.Event()
+    both, first_is_done = threading.Barrier(2, timeout=120.0), threading.Event()
 
     @in_one_thread
     def work(*, first: bool) -> None:
         both.wait()
-        assert first or first_is_done.wait(10.0)
+        assert first or first_is_done.wait(120.0)
 
     later = threading.Thread(target=work, kwargs={"first": False}, daemon=True)
     later.start()

@@ -26,7 +26,6 @@ OTHERS = {
     "data/records/basis.py": {"accelerometer"},  # the model of a file that names none
     "fit/identification.py": {"scipy"},  # the library, in the provenance
     "result/result.py": {"natural_frequency", "damping_ratio"},  # what free decays alone tell
-    "app/cli/commands/plan.py": {"natural_frequency", "damping_ratio", "sensitivity", "generator_constant"},  # options
 }
 #: Names so short or so common that they are words of programs; readers' names are for messages only.
 COMMON = {"c", "change", "csv", "control", "delay", "dcc", "drift", "fmu", "gain", "scipy", "sensitivity"} | set(

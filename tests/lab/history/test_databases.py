@@ -90,7 +90,7 @@ def test_writers_at_once_lose_nothing_and_a_kill_leaves_the_store_whole(url):
     while count(url) < 100:
         time.sleep(0.02)
     killed.send_signal(signal.SIGKILL)
-    killed.communicate(timeout=30)
+    killed.communicate(timeout=120)
     halves = (
         "SELECT count(*) FROM calibration c WHERE (SELECT count(*) FROM parameter WHERE calibration_id = c.id) != 3"
         " OR NOT EXISTS (SELECT 1 FROM event WHERE calibration_id = c.id)"

@@ -82,12 +82,11 @@ def test_a_report_of_the_results_states_the_same_en(lived, store):
 def test_a_report_holds_the_history_of_its_sensor(lived, store, tmp_path):
     folder, _ = lived
     for form in ("html", "md"):
-        file = tmp_path / f"report.{form}"
-        printed("report", str(folder / "result3.json"), "--store", store, "--out", str(file))
-        text = file.read_text(encoding="utf-8")
+        printed("report", str(folder / "result3.json"), "--store", store, "--format", form, "--out", str(tmp_path))
+        text = (tmp_path / f"report.{form}").read_text(encoding="utf-8")
         assert "History of the sensitivity at 160 Hz" in text
         assert "2017-03-01" in text
-    refused = run("report", str(folder / "result3.json"), "--store", store, "--out", str(tmp_path / "c.pdf"))
+    refused = run("report", str(folder / "result3.json"), "--store", store, "--format", "pdf")
     assert refused.exit_code == 2
 
 
@@ -116,8 +115,8 @@ def test_what_no_instrument_says_is_assumed_and_said(tmp_path, told, printed_en,
         files.append(made.save(tmp_path / f"{year}.json"))
     printed("history", "add", *files, "--store", url)
     text = printed("history", "show", "4711", "--store", url)
-    report = tmp_path / "c.md"
-    printed("report", *files, "--out", report)
+    printed("report", *files, "--out", tmp_path)
+    report = tmp_path / "comparison.md"
     for said in (text, report.read_text()):
         words = " ".join(said.split())
         assert ("Assumed to be the same each time" in words) is assumed

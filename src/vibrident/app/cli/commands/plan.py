@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 _SENSOR = "Sensor"
 _points = partial(option, panel="Points")
 _CHOICE = "Choice of frequencies"
-#: Options for one parameter each; --parameter NAME=VALUE sets any.
-_NAMED = ("natural_frequency", "damping_ratio", "sensitivity", "generator_constant")
+_PARAMETER = "A parameter of the model in SI units, such as natural_frequency=1000 (Hz); repeat for each."
 _QUANTITY = choice(
     "--quantity",
     options.QUANTITIES,
@@ -46,11 +45,7 @@ def plan(
     source: Path | None = option(
         "--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", panel=_SENSOR
     ),
-    natural_frequency: float | None = option("--natural-frequency", "HZ", "In Hz.", panel=_SENSOR),
-    damping: float | None = option("--damping", "RATIO", "Damping ratio.", panel=_SENSOR),
-    sensitivity: float | None = option("--sensitivity", "S", "Accelerometer: V/(m/s²).", panel=_SENSOR),
-    constant: float | None = option("--generator-constant", "G", "Pickup: V/(m/s).", panel=_SENSOR),
-    parameter: list[str] | None = option("--parameter", "NAME=VALUE", "Any other; may be repeated.", panel=_SENSOR),
+    parameter: list[str] | None = option("--parameter", "NAME=VALUE", _PARAMETER, panel=_SENSOR),
     quantity: str | None = _QUANTITY,
     frequencies: str | None = _points(
         "--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", default="those of the result"
@@ -74,8 +69,7 @@ def plan(
     folder: Path | None = option("--out", "DIR", "Folder for plan.json and a picture.", default="none"),
 ) -> None:
     """Predict the uncertainty of a calibration with sines, and choose its best frequencies."""
-    named = dict(zip(_NAMED, (natural_frequency, damping, sensitivity, constant), strict=True))
-    values = {name: value for name, value in named.items() if value is not None} | _parameters(parameter or [])
+    values = _parameters(parameter or [])
     settings: dict[str, Any] = {
         "frequencies_hz": options.frequencies(frequencies),
         "recording": _recording(

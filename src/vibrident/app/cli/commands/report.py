@@ -19,59 +19,61 @@ if TYPE_CHECKING:
 
 def report(
     results: list[Path] = options.RESULT_FILES,
-    target: Path | None = option(
+    folder: Path | None = option(
         "--out",
-        "DIR|FILE",
-        "Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
+        "DIR",
+        "Folder for the report. Several results: a subfolder each, and a comparison.",
         default="beside each result",
     ),
-    form: str | None = choice(
+    form: str = choice(
         "--format",
         options.FORMATS,
         "html: interactive, one file; pdf: calibration certificate or measurement report; md: Markdown with pictures.",
-        default="by the ending of --out, or md",
+        "md",
     ),
     certificate: list[Path] | None = options.CERTIFICATE_FILES,
     store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),
 ) -> None:
     """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
-    ending = "" if target is None else target.suffix.lower().removeprefix(".")
-    chosen = form or (ending if ending in options.FORMATS else "md")
+    _refuse_file_name(folder)
     from vibrident.show.issue import check_numbers, issued
 
     given = [issued(load_result(path), certificate or []) for path in results]
-    everything, alone = [result for result, _ in given], len(given) == 1
-    more = _histories(results, everything, store, chosen)
+    everything = [result for result, _ in given]
+    alone = len(given) == 1
+    more = _histories(results, everything, store, form)
     names = distinct(results)
+    if form == "pdf":
+        check_numbers(everything, [str(path) for path in results])
     # By folder: the results of one report, its place in the folder, and its further sections.
     jobs: dict[Path, list[tuple[list[Result], str, Sequence[Section]]]] = {}
-    if target is not None and ending in options.FORMATS and not target.is_dir():
-        if ending != chosen:
-            raise InputError(
-                "The file's ending is not that of the format.",
-                expected=f"a name that ends in .{chosen}, or a folder",
-                found=target.name,
-                where="--out, --format",
-                remedy="change one of the two",
-            )
-        jobs[target.parent] = [(everything, target.name, more[0] if alone else ())]
-    else:
-        if chosen == "pdf":
-            check_numbers(everything, [str(path) for path in results])
-        for path, result, name, sections in zip(results, everything, names, more, strict=True):
-            place = "" if target is None or alone else name
-            jobs.setdefault(target or path.parent, []).append(([result], place, sections))
-        if not alone:
-            jobs.setdefault(target or Path("vibrident-comparison"), []).append((everything, "", ()))
+    for path, result, name, sections in zip(results, everything, names, more, strict=True):
+        place = "" if folder is None or alone else name
+        jobs.setdefault(folder or path.parent, []).append(([result], place, sections))
+    if not alone:
+        jobs.setdefault(folder or Path("vibrident-comparison"), []).append((everything, "", ()))
     from vibrident.show.report import write
 
     written: list[Path] = []
-    for folder, parts in jobs.items():
-        with written_whole(folder) as output:
+    for target, parts in jobs.items():
+        with written_whole(target) as output:
             for part, place, sections in parts:
-                write(part, chosen, output.path / place, names, sections, given[0][1])  # type: ignore[arg-type]
+                write(part, form, output.path / place, names, sections, given[0][1])  # type: ignore[arg-type]
         written += output.files
-    wrote([file for file in written if file.suffix == f".{chosen}"])
+    wrote([file for file in written if file.suffix == f".{form}"])
+
+
+def _refuse_file_name(folder: Path | None) -> None:
+    """Raise InputError where a report's file is named in place of its folder."""
+    ending = "" if folder is None else folder.suffix.lower().removeprefix(".")
+    if folder is not None and ending in options.FORMATS and not folder.is_dir():
+        raise InputError(
+            "The name of a folder is expected.",
+            expected="a folder, and the form of the report by --format",
+            found=folder.name,
+            where="--out",
+            remedy=f"give --out {folder.parent} --format {ending}",
+        )
 
 
 def _histories(paths: list[Path], results: list[Result], store: str | None, form: str) -> Sequence[Sequence[Section]]:
