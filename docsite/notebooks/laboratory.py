@@ -93,7 +93,7 @@ print(
 # The true change is −0.29 %. Taken as independent, the two calibrations seem to agree;
 # with the common chain taken out the change is plain. (The sensor of this story was never
 # taken off its exciter. In a laboratory it is, and what that changes is found by
-# [repeats](guide.md#repeats-and-temperature) with a `mounting` of their own.) [`vibrident
+# [repeats](repeats.md) with a `mounting` of their own.) [`vibrident
 # history`](history.md) finds what two results share from their budgets, and does this for
 # every sensor.
 #

@@ -68,7 +68,7 @@ for hz, a, b in zip(at_hz, theirs, ours):
 # ## Ground motion from the coil
 #
 # An event of the simulated ground is felt by the sensor, with a noise of 1 µV.
-# [`correct`](guide.md) restores the acceleration, with a standard uncertainty for each
+# [`correct`](correct.md) restores the acceleration, with a standard uncertainty for each
 # sample.
 
 # %%
