@@ -132,7 +132,7 @@ for axis in axes:
 # loop is the fast one throughout.
 
 # %%
-session = Session.of(result, RATE_HZ, "acceleration", 1.0, Settings())
+session = Session.from_result(result, RATE_HZ, "acceleration", 1.0, Settings())
 share, margins = np.linspace(0, 1, 13), []
 for part in share:
     now = {

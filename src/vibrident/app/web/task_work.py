@@ -137,7 +137,7 @@ def _correct(options: dict[str, Any], files: Sequence[str], folder: Path, tell: 
 
 def _track(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
     from vibrident.app.workflow.tracked import TrackRequest, track
-    from vibrident.app.workflow.tracking import FALSE_ALARMS
+    from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
 
     tell.step(phrase("Tracking"))
     asked = TrackRequest(
@@ -145,7 +145,7 @@ def _track(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
         Path(files[0]),
         folder,
         every_s=options.get("every"),
-        false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS,
+        false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS_PER_DAY,
     )
     made, _ = track(asked, tell)
     return made

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import load_result
 from vibrident.app.workflow.made import SILENT, Made, Teller
-from vibrident.app.workflow.tracking import EVERY_S, FALSE_ALARMS, RECORDS, WALK, Files
+from vibrident.app.workflow.tracking import RECORDS, Files
 from vibrident.base.errors import InputError
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
+from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from vibrident.data.records import Record
@@ -32,7 +33,7 @@ class TrackRequest:
     address: str = ""  # of the source
     idle_s: float | None = None  # without samples after which a stream ends; None to wait
     every_s: float | None = None  # between rows; None for a hundredth of the records
-    false_alarms_per_day: float = FALSE_ALARMS
+    false_alarms_per_day: float = FALSE_ALARMS_PER_DAY
     store: str | None = None  # history by whose random walk u grows
 
 
@@ -45,6 +46,7 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
     from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
     from vibrident.data.sources.source import Wanted
+    from vibrident.use.tracking.following import interval_of_records
     from vibrident.use.tracking.outcome import tracked_result
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Settings
@@ -73,9 +75,8 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
         _walks(asked.store, known, tell),
         described.reference.standard_uncertainty,
     )
-    shortest_s = settings.block / rate_hz
-    every_s = asked.every_s or (max(shortest_s, min(EVERY_S, length_s / 100)) if length_s else EVERY_S)
-    session = Session.of(known, rate_hz, described.reference.quantity, every_s, settings)
+    every_s = asked.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
+    session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
     key = {
         "result": known.to_json(),
         "file": asked.calibration.read_text(encoding="utf-8"),
@@ -111,7 +112,7 @@ def parameter_rows(
 def _walks(store: str | None, known: Result, tell: Teller) -> float | tuple[float, ...]:
     """Return the relative random walk of each parameter in a year, as the history tells it."""
     if store is None:
-        return WALK
+        return DRIFT_PER_YEAR
     from vibrident.lab.history.document import random_walks
     from vibrident.lab.history.store import Store
 
@@ -119,9 +120,9 @@ def _walks(store: str | None, known: Result, tell: Teller) -> float | tuple[floa
         told = random_walks(opened, known)
     names = known.to_sensor().model.parameter_names
     if untold := [name for name in names if name not in told]:
-        walk = f"{WALK:.0%} a year is taken."
+        walk = f"{DRIFT_PER_YEAR:.0%} a year is taken."
         tell.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
-    return tuple(told.get(name, WALK) for name in names)
+    return tuple(told.get(name, DRIFT_PER_YEAR) for name in names)
 
 
 def _records(calibration: Path, known: Result) -> Sequence[Record]:

@@ -1,4 +1,7 @@
-"""SAC poles and zeros, by ObsPy from the StationXML: ground displacement in metres to the response."""
+"""SAC poles and zeros, written by ObsPy from the StationXML.
+
+They lead from ground displacement in metres to the response.
+"""
 
 from __future__ import annotations
 

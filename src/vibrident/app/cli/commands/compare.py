@@ -9,7 +9,7 @@ from vibrident.app.cli.console import distinct, show_made, wrote
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.cli.progress import Busy
 from vibrident.app.workflow.estimators import estimators_with, misfit
-from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.app.workflow.folder import written_whole
 from vibrident.base.errors import InputError
 from vibrident.fit.registry import ESTIMATORS
 
@@ -73,9 +73,9 @@ def compare(
             for option_name, value in {"--estimators": named, "--models": names, "--discretisations": steps}.items():
                 if value:
                     raise misfit(option_name, "a calibration file (.toml)", "results, which exist already")
-            from vibrident.app.workflow.comparison import compared
+            from vibrident.app.workflow.comparison import written
+            from vibrident.use.methods import compare as run
 
-            results = {name: load_result(file) for name, file in zip(distinct(files), files, strict=True)}
-            made = compared(results, output.path, known)
+            made = written(run(dict(zip(distinct(files), files, strict=True)), truth=known), output.path)
     show_made(made)
     wrote(output.files)

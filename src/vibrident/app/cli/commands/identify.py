@@ -142,11 +142,11 @@ def _show(results: list[Any], files: list[Path], context: typer.Context, *, quie
         from vibrident.show.views import Sentence
 
         show(*methods.joint(results[0]), Sentence(""))
-    from vibrident.data.screening.copies import said_of_copies
+    from vibrident.data.screening.copies import notes_of_copies
 
     word = shell_word(context.find_root().command, "identify")
     for result in results:
-        for text in said_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
+        for text in notes_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
             note(text)
         for row in result.settings.get("known_responses", ()):
             low, high = row["band_hz"]

@@ -46,10 +46,10 @@ def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     """The calibration with clipped samples marked, and all findings; records without signal stay."""
     from vibrident.base.errors import InputError
     from vibrident.data.screening import Finding, screen
-    from vibrident.data.screening.copies import said_of_copies, without_copies
+    from vibrident.data.screening.copies import notes_of_copies, without_copies
 
     once = without_copies(calibration.records)
-    for text in said_of_copies((record.name, record.provenance.history) for record in once):
+    for text in notes_of_copies((record.name, record.provenance.history) for record in once):
         note(text)
     optical = [found for record in once if record.optical is not None for found in record.optical.findings]
     records, findings = [], [Finding(found.code, found.message) for found in optical]

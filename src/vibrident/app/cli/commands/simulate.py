@@ -141,13 +141,13 @@ def _write_light(
 def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     """The interferometer of --interferometer and --optics, KEY=VALUE joined by commas; ``rate_hz`` of the response."""
     from vibrident.data.interferometer.setting import Interferometer
-    from vibrident.physics.simulation.optics import CARRIER, Optics, drawn
+    from vibrident.physics.simulation.optics import CARRIER_RATIO, Optics, drawn
 
     given = _given(text)
     passes = int(given.pop("passes", 1))
     setting = Interferometer("quadrature", 632.991e-9, passes=passes, direction=1)
     if kind == "heterodyne":
-        carrier = given.pop("carrier", CARRIER * given.get("rate", rate_hz))
+        carrier = given.pop("carrier", CARRIER_RATIO * given.get("rate", rate_hz))
         setting = replace(setting, kind="heterodyne", carrier_hz=carrier)
     cyclic = tuple(given.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
     if (hidden := given.pop("hidden-delay", None)) is not None:

@@ -11,8 +11,9 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import note, out, show_made, wrote
 from vibrident.app.cli.options import between, flag, option
 from vibrident.app.workflow.made import Teller
-from vibrident.app.workflow.tracking import EVERY_S, FALSE_ALARMS, RECORDS, WALK
+from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
+from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -32,10 +33,10 @@ def track(
         "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
     ),
     rate: float = between(
-        "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, FALSE_ALARMS
+        "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, FALSE_ALARMS_PER_DAY
     ),
     store: str | None = option(
-        "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{WALK:.0%} a year"
+        "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{DRIFT_PER_YEAR:.0%} a year"
     ),
     pictures: bool = flag("--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True),
 ) -> None:
