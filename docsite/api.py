@@ -7,15 +7,10 @@ import inspect
 import vibrident
 
 _OPTIONS = "    options:\n      heading_level: 3\n"
-_FURTHER = {
-    "Reports": "vibrident.show.report",
-    "Exports": "vibrident.export",
-    "Comparison": "vibrident.use.comparison",
-}
 
 
 def api() -> str:
-    """Return the page: every public name from where it is defined, then the modules for reports and exports."""
+    """Return the page: every public name from where it is defined."""
     groups: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": []}
     for name in vibrident.__all__:
         value = getattr(vibrident, name)
@@ -27,8 +22,6 @@ def api() -> str:
     for title, places in groups.items():
         parts.append(f"## {title}")
         parts += [f"::: {place}\n{_OPTIONS}" for place in places]
-    for title, module in _FURTHER.items():
-        parts += [f"## {title}", f"::: {module}\n{_OPTIONS}"]
     return "\n\n".join(parts) + "\n"
 
 
