@@ -11,7 +11,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io import GivenCalibration, as_calibration, describe
 from vibrident.data.records import Calibration
 from vibrident.data.screening import Finding, screen
-from vibrident.data.screening.copies import said_of_copies, without_copies
+from vibrident.data.screening.copies import notes_of_copies, without_copies
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +57,7 @@ def inspect(calibration: GivenCalibration) -> Inspection:
     """
     data = as_calibration(calibration)
     once = without_copies(data.records)
-    copies = said_of_copies((record.name, record.provenance.history) for record in once)
+    copies = notes_of_copies((record.name, record.provenance.history) for record in once)
     findings = [
         Finding(finding.code, finding.message)
         for record in once
