@@ -12,6 +12,7 @@ from docsite.executed import PROGRAMS
 from docsite.first_steps import first_steps
 from docsite.models import models
 from docsite.studies import STUDIES
+from docsite.walkthrough import PAGES
 from vibrident.base.warning_kinds import WARNINGS
 
 MADE: Mapping[str, Callable[[], str]] = {
@@ -25,6 +26,7 @@ MADE: Mapping[str, Callable[[], str]] = {
 #: Every page that is not in git; pages with pictures among them.
 MADE_PAGES = (
     *MADE,
+    *PAGES,
     "gallery/index.md",
     *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))),
     *(f"warnings/{code}.md" for code in WARNINGS),

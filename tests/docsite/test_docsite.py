@@ -178,15 +178,6 @@ def test_a_story_that_is_no_longer_true_ends_the_build(program):
         executed.run(program)
 
 
-@pytest.mark.parametrize("notebook", sorted(executed.PROGRAMS.glob("*.py")), ids=lambda path: path.stem)
-def test_notebooks_check_what_they_tell(notebook):
-    """``make docs`` runs them; here it is held that each begins with its title and has something to check."""
-    cells = executed.parts(notebook.read_text(encoding="utf-8"))
-    assert cells[0][1].startswith("# # ")
-    (check,) = (cell for kind, cell in cells if kind == "check")
-    assert len(re.findall(r"^\s*assert ", check, re.MULTILINE)) >= 3
-
-
 @pytest.mark.parametrize("code", WARNINGS)
 def test_every_warning_has_causes_and_an_example(code):
     """``make docs`` runs the example and looks for the code in what it prints."""

@@ -122,8 +122,9 @@ def _held_network(estimator: str | Estimator) -> Ipnn | None:
     """Return the network of a held drive; None where another was asked for."""
     if estimator == AUTO:
         return Ipnn(discretisation="zoh")
-    is_held = isinstance(estimator, Ipnn) and estimator.discretisation == "zoh"
-    return estimator if is_held else None
+    if isinstance(estimator, Ipnn) and estimator.discretisation == "zoh":
+        return estimator
+    return None
 
 
 def _fit_drive(

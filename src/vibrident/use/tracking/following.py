@@ -62,7 +62,7 @@ class SensorTracker:
         self._start = as_result(result)
         _require_positive(sampling_rate_hz=sampling_rate_hz, every_s=every_s, false_alarms_per_day=false_alarms_per_day)
         settings = Settings(false_alarms_per_day, drift_per_year, reference_uncertainty)
-        self._session = Session.of(self._start, sampling_rate_hz, quantity, every_s, settings)
+        self._session = Session.from_result(self._start, sampling_rate_hz, quantity, every_s, settings)
 
     def __repr__(self) -> str:
         session = self._session
@@ -96,7 +96,7 @@ class SensorTracker:
                 where="SensorTracker.feed",
                 remedy="give as many samples of the one as of the other",
             )
-        return self._session.take(Chunk(*channels, start_s, separate=new_record))
+        return self._session.take(Chunk(channels[0], channels[1], start_s, separate=new_record))
 
     def finish(self) -> Estimate:
         """Learn from the samples that still wait for others, as none follow, and return the last estimate."""
