@@ -15,15 +15,17 @@ def api() -> str:
     for name in vibrident.__all__:
         value = getattr(vibrident, name)
         if inspect.isfunction(value):
-            groups["Functions"].append(_place(value))
+            groups["Functions"].append(_entry(name, value))
         elif inspect.isclass(value):
-            groups["Errors" if issubclass(value, Exception) else "Classes"].append(_place(value))
+            groups["Errors" if issubclass(value, Exception) else "Classes"].append(_entry(name, value))
     parts = ["# Python interface", "All of these are names of `vibrident` itself: `vibrident.read`, and so on."]
-    for title, places in groups.items():
-        parts.append(f"## {title}")
-        parts += [f"::: {place}\n{_OPTIONS}" for place in places]
+    for title, entries in groups.items():
+        parts += [f"## {title}", *entries]
     return "\n\n".join(parts) + "\n"
 
 
-def _place(value: object) -> str:
-    return f"{value.__module__}.{value.__qualname__}"  # type: ignore[attr-defined]
+def _entry(name: str, value: object) -> str:
+    """Return the directive for a name, from where its value is defined, where that may be called otherwise."""
+    place = f"{value.__module__}.{value.__qualname__}"  # type: ignore[attr-defined]
+    heading = "" if place.endswith(f".{name}") else f"      heading: {name}\n"
+    return f"::: {place}\n{_OPTIONS}{heading}"
