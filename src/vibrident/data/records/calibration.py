@@ -203,8 +203,8 @@ class Calibration:
             The path of ``calibration.toml``, which :func:`vibrident.read` reads back exactly.
 
         Raises:
-            InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot
-                represent.
+            InputError: the folder cannot be written, or a record leaves samples out, which CSV
+                cannot represent.
         """
         return bound("write_calibration")(folder, self)
 
