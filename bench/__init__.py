@@ -1,1 +1,4 @@
-"""Benchmarks of vibrident: ``python -m bench``. Every figure is a ratio taken in one run, beside its target."""
+"""Benchmarks of vibrident: ``python -m bench``.
+
+Every figure is a ratio taken in one run, beside its target.
+"""

@@ -51,10 +51,18 @@ def main(arguments: list[str] | None = None) -> int:
 def _parsed(arguments: list[str] | None) -> tuple[Options, list[str]]:
     defaults = Options()
     parser = argparse.ArgumentParser(prog="python -m bench", description="Benchmarks of vibrident.")
-    parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), help="sections to run (default: all)")
-    parser.add_argument("--runs", type=int, default=defaults.runs, help="seeded runs of the statistics")
-    parser.add_argument("--jobs", type=int, default=defaults.jobs, help="processes for the statistics")
-    parser.add_argument("--pairs", type=int, default=defaults.pairs, help="pairs of every ratio of times")
+    parser.add_argument(
+        "--only", nargs="+", choices=tuple(SECTIONS), help="sections to run (default: all)"
+    )
+    parser.add_argument(
+        "--runs", type=int, default=defaults.runs, help="seeded runs of the statistics"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=defaults.jobs, help="processes for the statistics"
+    )
+    parser.add_argument(
+        "--pairs", type=int, default=defaults.pairs, help="pairs of every ratio of times"
+    )
     parser.add_argument("--quick", action="store_true", help="a short trial; nothing is published")
     given = parser.parse_args(arguments)
     if min(given.runs, 2) < 2 or given.jobs < 1 or given.pairs < 1:

@@ -1,4 +1,4 @@
-"""Against peers, each in a separate environment (``make bench-peers``), on the same data in the same run."""
+"""Comparison with peers in environments of their own (``make bench-peers``), on the same data."""
 
 from __future__ import annotations
 
@@ -31,15 +31,25 @@ ENVIRONMENTS = Path(os.environ.get("BENCH_PEERS", HERE / "envs"))
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """One peer with one choice of settings, beside our estimator for the same job."""
+    """Peer with a choice of settings, beside this package's estimator for the same job.
 
-    peer: str  # folder of its environment, and its name in the table
-    script: str  # file in bench/peers
-    settings: str  # what was chosen, in words
-    data: dict[str, Any]  # arrays for the script
-    ours: str  # name of our estimator
-    fit: Callable[[], Estimate]  # our estimator on the same data, warm
-    repeats: int  # number of our times, whose median counts
+    Attributes:
+        peer: folder of its environment, and its name in the table.
+        script: file in bench/peers.
+        settings: what was chosen, in words.
+        data: arrays for the script.
+        ours: name of our estimator.
+        fit: our estimator on the same data, warm.
+        repeats: number of our times, whose median counts.
+    """
+
+    peer: str
+    script: str
+    settings: str
+    data: dict[str, Any]
+    ours: str
+    fit: Callable[[], Estimate]
+    repeats: int
 
 
 def measure(options: Options) -> Section:
@@ -53,17 +63,26 @@ def measure(options: Options) -> Section:
         python = ENVIRONMENTS / match.peer / "bin" / "python"
         if not python.exists():
             what = f"{match.peer} ({match.settings}) / {match.ours}"
-            figures.append(Figure(what, {}, note="left out: no environment; `make bench-peers` makes it"))
+            figures.append(
+                Figure(what, {}, note="left out: no environment; `make bench-peers` makes it")
+            )
             continue
         figures += _played(match, python, pairs, versions)
     remarks = (
-        "Times of the fits alone, without imports. Ours and PyDynamic warm; jax-sysid compiles anew in every fit, as "
-        "its interface has it.",
-        "jax-sysid: free two-state model, scaled channels, one initial state a record; by its defaults, and trained "
-        "longer with feedthrough. PyDynamic and our fit of a table get the 21 complex sensitivities that `identify` "
-        "reports as measured, with their standard uncertainties.",
+        "Times of the fits alone, without imports. Ours and PyDynamic warm; jax-sysid compiles "
+        "anew in every fit, as its interface has it.",
+        "jax-sysid: free two-state model, scaled channels, one initial state a record; by its "
+        "defaults, and trained longer with feedthrough. PyDynamic and our fit of a table get the "
+        "21 complex sensitivities that `identify` reports as measured, with their standard "
+        "uncertainties.",
     )
-    return Section("peers", f"Peers; errors are relative: {COLUMNS}", tuple(figures), {"versions": versions}, remarks)
+    return Section(
+        "peers",
+        f"Peers; errors are relative: {COLUMNS}",
+        tuple(figures),
+        {"versions": versions},
+        remarks,
+    )
 
 
 def _records(calibration: Calibration) -> list[Match]:
@@ -78,24 +97,33 @@ def _records(calibration: Calibration) -> list[Match]:
 
     def match(settings: str, arrays: dict[str, Any]) -> Match:
         return Match(
-            "jax-sysid", "jax_sysid_peer.py", settings, arrays, "ipnn fit", lambda: Ipnn().fit(evidence), repeats=5
+            "jax-sysid",
+            "jax_sysid_peer.py",
+            settings,
+            arrays,
+            "ipnn fit",
+            lambda: Ipnn().fit(evidence),
+            repeats=5,
         )
 
     return [match("L-BFGS", default), match("Adam, L-BFGS, D", longer)]
 
 
 def measured_response(calibration: Calibration) -> tuple[FloatArray, ComplexArray, FloatArray]:
-    """Frequencies, complex sensitivities and the standard deviation of their parts, as measured; each of shape (n,)."""
+    """Return frequencies, complex sensitivities and the deviation of their parts, each (n,)."""
     measured = identify(calibration, estimator="ml").measured
     frequency, magnitude, deviation = (
-        np.array(column) for column in (measured.frequency_hz, measured.magnitude, measured.magnitude_uncertainty)
+        np.array(column)
+        for column in (measured.frequency_hz, measured.magnitude, measured.magnitude_uncertainty)
     )
     phase = np.deg2rad(np.array(measured.phase_deg, dtype=float))
     return frequency, magnitude * np.exp(1j * phase), deviation
 
 
-def table_of(frequency: FloatArray, sensitivity: ComplexArray, deviation: FloatArray) -> ResponseTable:
-    """The same as magnitude and phase."""
+def table_of(
+    frequency: FloatArray, sensitivity: ComplexArray, deviation: FloatArray
+) -> ResponseTable:
+    """Return the same as magnitude and phase."""
     size = np.abs(sensitivity)
     return ResponseTable(frequency, size, np.angle(sensitivity), deviation, deviation / size)
 
@@ -116,7 +144,13 @@ def _response(calibration: Calibration) -> list[Match]:
         arrays = {**data, "uncertain": uncertain, "repeats": repeats}
         fit = MaximumLikelihood().fit
         return Match(
-            "pydynamic", "pydynamic_peer.py", settings, arrays, "ml fit of the table", lambda: fit(evidence), repeats=15
+            "pydynamic",
+            "pydynamic_peer.py",
+            settings,
+            arrays,
+            "ml fit of the table",
+            lambda: fit(evidence),
+            repeats=15,
         )
 
     return [match("weighted, 10 000 draws", True, 3), match("no uncertainties", False, 15)]
@@ -124,7 +158,9 @@ def _response(calibration: Calibration) -> list[Match]:
 
 def _played(match: Match, python: Path, pairs: int, versions: dict[str, Any]) -> list[Figure]:
     estimate = match.fit()  # warm
-    theirs, ours, found = [], [], {}
+    theirs = []
+    ours = []
+    found = {}
     for _ in range(pairs):
         try:
             found = _peer(match, python)
@@ -139,8 +175,17 @@ def _played(match: Match, python: Path, pairs: int, versions: dict[str, Any]) ->
     own = relative_errors(estimate.coordinates.values(estimate.z))
     beside = " · ".join(STYLES["error"](own[name]) for name in PARAMETERS)
     return [
-        Figure(f"time: {match.peer} ({match.settings}) / {match.ours}", {"ratio": ratio.median}, note=ratio.note),
-        Figure(f"errors: {match.peer} ({match.settings})", errors, "error", note=f"{match.ours}: {beside}"),
+        Figure(
+            f"time: {match.peer} ({match.settings}) / {match.ours}",
+            {"ratio": ratio.median},
+            note=ratio.note,
+        ),
+        Figure(
+            f"errors: {match.peer} ({match.settings})",
+            errors,
+            "error",
+            note=f"{match.ours}: {beside}",
+        ),
     ]
 
 
@@ -149,9 +194,10 @@ def _peer(match: Match, python: Path) -> dict[str, Any]:
 
 
 def ask(python: Path, script: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """What a peer's script answers to these arrays, in its environment."""
+    """Return what a peer's script answers to these arrays, in its environment."""
     with tempfile.TemporaryDirectory(prefix="vibrident-peer-") as folder:
-        source, target = Path(folder) / "in.npz", Path(folder) / "out.json"
+        source = Path(folder) / "in.npz"
+        target = Path(folder) / "out.json"
         np.savez(source, **arrays)
         command = [str(python), str(HERE / script), str(source), str(target)]
         subprocess.run(command, check=True, capture_output=True, text=True)

@@ -2,8 +2,8 @@
 
     python -I -S child.py COMMAND [ARGUMENT …]
 
-A small process: on Linux a child's peak memory includes its parent's at the fork, so a benchmark that holds JAX would
-measure its own.
+A small process: on Linux a child's peak memory includes its parent's at the fork, so a benchmark
+that holds JAX would measure its own.
 """
 
 import json
@@ -17,7 +17,10 @@ def main() -> None:
     """Run the command; its output is dropped, its errors are passed on."""
     begin = time.perf_counter()
     pid = os.posix_spawnp(
-        sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
+        sys.argv[1],
+        sys.argv[1:],
+        os.environ,
+        file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)],
     )
     _, status, usage = os.wait4(pid, 0)
     wall = time.perf_counter() - begin

@@ -17,7 +17,8 @@ from bench.pairs import Ratio
 from bench.speed import noisy
 from vibrident.data.io.writer import write_calibration
 
-START_TARGET = 4.0  # targets over the time of ``import jax``: with pictures, without, and of the help
+#: Targets over the time of ``import jax``: with pictures, without, and of the help.
+START_TARGET = 4.0
 PLAIN_TARGET = 2.2
 HELP_TARGET = 0.4
 MEMORY_TARGET = 700.0  # most memory, MB
@@ -41,17 +42,21 @@ def measure(options: Options) -> Section:
     """Pairs of cold starts: later ones, and ones without a cache."""
     pairs = 2 if options.quick else max(3, options.pairs // 2)
     remarks = (
-        "21 × 16 000 samples read from CSV files, estimator as chosen by the command (auto); every start is a process "
-        "of its own; the files are in the page cache. Peak memory: ru_maxrss of the child.",
+        "21 × 16 000 samples read from CSV files, estimator as chosen by the command (auto); "
+        "every start is a process of its own; the files are in the page cache. Peak memory: "
+        "ru_maxrss of the child.",
     )
-    compileall.compile_dir(str(Path(vibrident.__file__).parent), quiet=2)  # as pip does when it installs a package
+    # As pip does when it installs a package.
+    compileall.compile_dir(str(Path(vibrident.__file__).parent), quiet=2)
     with tempfile.TemporaryDirectory(prefix="vibrident-bench-") as folder:
         place = Path(folder)
         calibration = write_calibration(place / "records", noisy())
         try:
             figures = _starts(calibration, place, pairs)
         except (CommandFailed, OSError) as error:
-            figures = [Figure("vibrident identify / import jax", {}, high=START_TARGET, note=str(error))]
+            figures = [
+                Figure("vibrident identify / import jax", {}, high=START_TARGET, note=str(error))
+            ]
     return Section("cold", "Cold start, from the shell", tuple(figures), {"pairs": pairs}, remarks)
 
 
@@ -85,7 +90,8 @@ def _ratio(what: str, pairs: list[tuple[Child, Child]], high: float) -> Figure:
 
 
 def _memory(what: str, pairs: list[tuple[Child, Child]]) -> Figure:
-    peak, plain = max(a.peak_mb for a, _ in pairs), max(b.peak_mb for _, b in pairs)
+    peak = max(a.peak_mb for a, _ in pairs)
+    plain = max(b.peak_mb for _, b in pairs)
     note = f"{peak / plain:.2g} × that of import jax"
     return Figure(what, {"peak": peak}, "megabytes", high=MEMORY_TARGET, note=note)
 
@@ -97,7 +103,11 @@ def run(command: list[str], extra: dict[str, str] | None = None) -> Child:
         CommandFailed: its exit status is not 0.
     """
     done = subprocess.run(
-        [*LAUNCHER, *command], env={**os.environ, **(extra or {})}, capture_output=True, text=True, check=False
+        [*LAUNCHER, *command],
+        env={**os.environ, **(extra or {})},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode:
         raise CommandFailed(f"{Path(command[0]).name} could not be started: {_last(done.stderr)}")

@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.damaged_bombs import GROUPS
 from bench.damaged_files import DAMAGES
-from bench.damaged_runs import CELLS, FILES, MEMORY_BYTES, block
+from bench.damaged_runs import CELLS, FILES, MAX_MEMORY_BYTES, block
 from bench.study import Study
 from vibrident.show.media import markdown
 
@@ -22,22 +22,23 @@ HEAD = """# A thousand damaged files
 
 Written by `python -m bench.damaged`; do not edit. Code of commit {commit}.
 
-{count} files: whole ones of every format, each cut, with bits flipped, in another order, in another encoding or with
-extreme numbers in place of some, and {bombs} bombs: small files that declare or unpack far more than a machine holds,
-or have cyclic links. Each is given to `vibrident inspect` (a result to `vibrident report`). Required: exit 0 or 2, no
-traceback, at most {memory:.0f} MB, and no file outside `--out`.
+{count} files: whole ones of every format, each cut, with bits flipped, in another order, in another
+encoding or with extreme numbers in place of some, and {bombs} bombs: small files that declare or
+unpack far more than a machine holds, or have cyclic links. Each is given to `vibrident inspect` (a
+result to `vibrident report`). Required: exit 0 or 2, no traceback, at most {memory:.0f} MB, and no
+file outside `--out`.
 
 {verdict}
 
 {table}
 
-Each cell: read, refused, anything else. A file that was read may have lost its tail, or have values changed that its
-format does not protect.
+Each cell: read, refused, anything else. A file that was read may have lost its tail, or have values
+changed that its format does not protect.
 """
 
 
 def table(lines: list[dict[str, Any]], commit: str) -> str:
-    """The page as Markdown."""
+    """Return the page as Markdown."""
     found: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for line in lines:
         file, damage = line["cell"].split("/")
@@ -45,11 +46,20 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     runs = [run for own in found.values() for run in own]
     wrong = [run for run in runs if run["outcome"] not in ("read", "refused")]
     peak = max((run["peak_bytes"] for run in runs), default=0)
-    rescued = Counter(run["first"].split(" ")[0] for run in runs if run.get("first", "as a command") != "as a command")
+    rescued = Counter(
+        run["first"].split(" ")[0]
+        for run in runs
+        if run.get("first", "as a command") != "as a command"
+    )
     verdict = (
-        f"{len(runs) - len(wrong)} of {len(runs)} met; most memory {peak / 1e6:.0f} MB.\nWithout the process that "
-        f"the command line reads binary files in, {sum(rescued.values())} of them would not have been"
-        + (f" ({', '.join(f'{count} {name}' for name, count in rescued.items())})." if rescued else ".")
+        f"{len(runs) - len(wrong)} of {len(runs)} met; most memory {peak / 1e6:.0f} MB.\nWithout "
+        f"the process that the command line reads binary files in, {sum(rescued.values())} of "
+        "them would not have been"
+        + (
+            f" ({', '.join(f'{count} {name}' for name, count in rescued.items())})."
+            if rescued
+            else "."
+        )
     )
     rows = [(f"`{file}`", *(_counts(found[file, damage]) for damage in DAMAGES)) for file in FILES]
     bombs = [run for group in GROUPS for run in found[group, "bombs"]]
@@ -58,7 +68,7 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
         commit=commit,
         count=len(runs),
         bombs=len(bombs),
-        memory=MEMORY_BYTES / 1e6,
+        memory=MAX_MEMORY_BYTES / 1e6,
         verdict=verdict,
         table=markdown.table(("file", *DAMAGES), rows, range(1, 1 + len(DAMAGES))),
     )

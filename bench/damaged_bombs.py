@@ -31,15 +31,29 @@ def _matlab(folder: Path) -> None:
 
 
 def _matlab_tag(folder: Path) -> None:
-    """A variable of a few values whose data are said to be 2 GB, all of them zeros once unpacked."""
+    """Return a variable of a few values whose data unpack to 2 GB of zeros."""
     packer = zlib.compressobj(9)
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     inner = b"".join(
         np.array(words, dtype="<u4").tobytes()
-        for words in ([14, 1_000_000_048], [6, 8], [6, 0], [5, 8], [1, 50], [1 | 1 << 16, ord("a")], [9, 1_000_000_000])
+        for words in (
+            [14, 1_000_000_048],
+            [6, 8],
+            [6, 0],
+            [5, 8],
+            [1, 50],
+            [1 | 1 << 16, ord("a")],
+            [9, 1_000_000_000],
+        )
     )
-    packed = packer.compress(inner) + b"".join(packer.compress(bytes(1 << 22)) for _ in range(240)) + packer.flush()
-    (folder / "x.mat").write_bytes(header + np.array([15, len(packed)], dtype="<u4").tobytes() + packed)
+    packed = (
+        packer.compress(inner)
+        + b"".join(packer.compress(bytes(1 << 22)) for _ in range(240))
+        + packer.flush()
+    )
+    (folder / "x.mat").write_bytes(
+        header + np.array([15, len(packed)], dtype="<u4").tobytes() + packed
+    )
 
 
 def _parquet(folder: Path) -> None:
@@ -47,7 +61,9 @@ def _parquet(folder: Path) -> None:
     import pyarrow.parquet
 
     zeros = np.zeros(30_000_000, dtype=np.int8)
-    pyarrow.parquet.write_table(pyarrow.table({"a": zeros, "b": zeros}), folder / "x.parquet", compression="zstd")
+    pyarrow.parquet.write_table(
+        pyarrow.table({"a": zeros, "b": zeros}), folder / "x.parquet", compression="zstd"
+    )
 
 
 def _mdf(folder: Path) -> None:
@@ -55,7 +71,9 @@ def _mdf(folder: Path) -> None:
 
     with MDF(version="4.10") as file:
         times = np.arange(20_000_000) / 1000.0
-        file.append([Signal(np.zeros(times.size, dtype=np.int8), times, name=name) for name in ("a", "b")])
+        file.append(
+            [Signal(np.zeros(times.size, dtype=np.int8), times, name=name) for name in ("a", "b")]
+        )
         file.save(folder / "x.mf4", overwrite=True, compression=2)
 
 
@@ -94,7 +112,10 @@ def _wav(folder: Path) -> None:
 #: What it is called in the table → file that a command is given, and what writes it and its like.
 BOMBS: Mapping[str, tuple[str, Callable[[Path], None]]] = {
     "HDF5, fill value": ("x.h5", _hdf5(shape=(10**9,), chunks=(10**6,), dtype="f8", fillvalue=1.0)),
-    "HDF5, one chunk": ("x.h5", _hdf5(shape=(10**8,), chunks=(10**8,), dtype="f8", compression="gzip")),
+    "HDF5, one chunk": (
+        "x.h5",
+        _hdf5(shape=(10**8,), chunks=(10**8,), dtype="f8", compression="gzip"),
+    ),
     "HDF5, bytes": ("x.h5", _hdf5(shape=(2**40,), chunks=(10**6,), dtype="i1")),
     "HDF5, a million columns": ("x.h5", _hdf5(shape=(10**6, 10**6), chunks=(10, 10), dtype="f4")),
     "MATLAB, zeros packed": ("x.mat", _matlab),
@@ -107,13 +128,19 @@ BOMBS: Mapping[str, tuple[str, Callable[[Path], None]]] = {
     "CSV, endless later": ("x.csv", _text("x.csv", lambda: b"1,2,3\n" * 2000 + b"1," * 25_000_000)),
     "CSV, 50 000 columns": ("x.csv", _text("x.csv", lambda: (b"1," * 50_000 + b"1\n") * 20)),
     "CSV, quotes": ("x.csv", _text("x.csv", lambda: b't,a,b\n"' + b"1,2,3\n" * 1_000_000)),
-    "CSV, digits": ("x.csv", _text("x.csv", lambda: b"t,a,b\n" + (b"1," + b"9" * 5000 + b",3\n") * 200)),
+    "CSV, digits": (
+        "x.csv",
+        _text("x.csv", lambda: b"t,a,b\n" + (b"1," + b"9" * 5000 + b",3\n") * 200),
+    ),
     "TOML, dotted key": ("c.toml", _text("c.toml", lambda: b"a" + b".a" * 400_000 + b" = 1\n")),
     "TOML, 5.7 MB": ("c.toml", _text("c.toml", lambda: b"k = [" + b"1, " * 1_900_000 + b"]\n")),
     "TOML, brackets": ("c.toml", _text("c.toml", lambda: b"a = " + b"[" * 100_000)),
     "TOML, a million records": ("c.toml", _text("c.toml", lambda: b"[[records]]\n" * 80_000)),
     "JSON, brackets": ("result.json", _text("result.json", lambda: b"[" * 1_000_000)),
-    "JSON, 30 MB": ("result.json", _text("result.json", lambda: json.dumps([0] * 10_000_000).encode())),
+    "JSON, 30 MB": (
+        "result.json",
+        _text("result.json", lambda: json.dumps([0] * 10_000_000).encode()),
+    ),
     "JSON, digits": ("result.json", _text("result.json", lambda: b"9" * 1_000_000)),
     "a device": ("x.csv", lambda folder: (folder / "x.csv").symlink_to("/dev/zero")),
     "a pipe": ("x.csv", lambda folder: __import__("os").mkfifo(folder / "x.csv")),

@@ -16,7 +16,7 @@ Bytes = Callable[[bytes, np.random.Generator], bytes]
 
 
 def signals() -> dict[str, np.ndarray]:
-    """A sine of 100 Hz, and an accelerometer's response."""
+    """Return a sine of 100 Hz, and an accelerometer's response."""
     times = np.arange(SAMPLES) / RATE_HZ
     rng = np.random.default_rng(9)
     motion = 10 * np.sin(2 * np.pi * 100 * times) + 0.01 * rng.standard_normal(SAMPLES)
@@ -26,7 +26,8 @@ def signals() -> dict[str, np.ndarray]:
 def _text(path: Path) -> None:
     columns = signals()
     rows = (
-        f"{k / RATE_HZ:.9g},{a:.9g},{b:.9g}" for k, (a, b) in enumerate(zip(columns["a"], columns["b"], strict=True))
+        f"{k / RATE_HZ:.9g},{a:.9g},{b:.9g}"
+        for k, (a, b) in enumerate(zip(columns["a"], columns["b"], strict=True))
     )
     path.write_text("t,a,b\n" + "\n".join(rows) + "\n")
 
@@ -48,7 +49,9 @@ def _matlab(path: Path) -> None:
 def _wav(path: Path) -> None:
     import soundfile
 
-    soundfile.write(path, 0.05 * np.column_stack([*signals().values()]), int(RATE_HZ), subtype="PCM_24")
+    soundfile.write(
+        path, 0.05 * np.column_stack([*signals().values()]), int(RATE_HZ), subtype="PCM_24"
+    )
 
 
 def _library(path: Path) -> None:
@@ -64,18 +67,22 @@ WRITERS: Mapping[str, Callable[[Path], None]] = {
     "x.h5": _hdf5,
     "x.mat": _matlab,
     "x.wav": _wav,
-    **{f"x.{ending}": _library for ending in ("tdms", "uff", "mseed", "sac", "mf4", "mdf", "parquet")},
+    **{
+        f"x.{ending}": _library
+        for ending in ("tdms", "uff", "mseed", "sac", "mf4", "mdf", "parquet")
+    },
 }
 #: Column of reference and response by format; names where numbers have no meaning.
 _COLUMNS = {"x.csv": (2, 3), "x.h5": ('"a"', '"b"'), "x.mat": ('"a"', '"b"')}
 
 
 def calibration_text(name: str) -> str:
-    """The calibration file of such a data file."""
+    """Return the calibration file of such a data file."""
     reference, response = _COLUMNS.get(name, (1, 1 if name == "x.sac" else 2))
     rate = "" if name not in ("x.csv", "x.h5", "x.mat") else f"[sampling]\nrate_hz = {RATE_HZ}\n"
     return (
-        f'[sensor]\nmodel = "accelerometer"\n[reference]\ncolumn = {reference}\n[response]\ncolumn = {response}\n{rate}'
+        f'[sensor]\nmodel = "accelerometer"\n[reference]\ncolumn = {reference}\n'
+        f"[response]\ncolumn = {response}\n{rate}"
         f'[[records]]\nfile = "{name}"\nexcitation = "sine"\nfrequency_hz = 100.0\n'
     )
 
@@ -85,7 +92,7 @@ def _cut(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _flipped(content: bytes, rng: np.random.Generator) -> bytes:
-    """A few bits anywhere, or many at the head, where the structure is."""
+    """Return a few bits anywhere, or many at the head, where the structure is."""
     damaged = bytearray(content)
     reach = len(damaged) if rng.random() < 0.5 else min(len(damaged), 512)
     for place in rng.integers(0, reach, size=int(rng.choice([1, 3, 30]))):
@@ -101,7 +108,7 @@ def _reordered(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _encoded(content: bytes, rng: np.random.Generator) -> bytes:
-    """In another encoding: UTF-16, Latin-1 as UTF-8, other line ends, packed, doubled, behind a byte-order mark."""
+    """Change the encoding: UTF-16, Latin-1, line ends, packed, doubled, byte-order mark."""
     kinds = (
         lambda: content.decode("latin-1").encode("utf-16"),
         lambda: content.decode("latin-1").encode("utf-8"),
@@ -118,7 +125,7 @@ def _encoded(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _large_numbers(content: bytes, rng: np.random.Generator) -> bytes:
-    """False lengths and counts: extremes in place of a few aligned integers, most of them at the head."""
+    """Put extremes in place of a few aligned integers, most of them of the head."""
     damaged = bytearray(content)
     for _ in range(int(rng.choice([1, 2, 5]))):
         kind, value = [
@@ -147,7 +154,9 @@ DAMAGES: Mapping[str, Bytes] = {
 }
 
 
-def write_damaged(folder: Path, name: str, damage: str, seed: int, whole: Mapping[str, bytes]) -> Path:
+def write_damaged(
+    folder: Path, name: str, damage: str, seed: int, whole: Mapping[str, bytes]
+) -> Path:
     """Write one damaged file and its companions; returns the argument of the command."""
     rng = np.random.default_rng([seed, *damage.encode(), *name.encode()])
     target = folder / name
@@ -160,7 +169,7 @@ def write_damaged(folder: Path, name: str, damage: str, seed: int, whole: Mappin
 
 
 def whole_files(folder: Path) -> dict[str, bytes]:
-    """Every data file undamaged, and a calibration file."""
+    """Return every data file undamaged, and a calibration file."""
     for name, write in WRITERS.items():
         write(folder / name)
     (folder / "c.toml").write_text(calibration_text("x.csv"))
@@ -168,10 +177,12 @@ def whole_files(folder: Path) -> dict[str, bytes]:
 
 
 def whole_result(folder: Path) -> bytes:
-    """The result of the text file."""
+    """Return the result of the text file."""
     from vibrident import identify
     from vibrident.data.io import read
 
     _text(folder / "x.csv")
     (folder / "c.toml").write_text(calibration_text("x.csv"))
-    return identify(read(folder / "c.toml"), estimator="lsm").save(folder / "result.json").read_bytes()
+    return (
+        identify(read(folder / "c.toml"), estimator="lsm").save(folder / "result.json").read_bytes()
+    )

@@ -1,4 +1,4 @@
-"""A command on each damaged file, in a long-lived process; a file that ends it is run again as a command."""
+"""Commands on damaged files, in a long-lived process; one that ends it is run again alone."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from bench.damaged_bombs import GROUPS, write_bomb
 from bench.damaged_files import DAMAGES, ROOT, WRITERS, whole_files, whole_result, write_damaged
 
 FILES = (*WRITERS, "c.toml", "result.json")
-SECONDS = 20  # time limit of a case in the long-lived process
-COMMAND_SECONDS = 150  # time limit of a command
-MEMORY_BYTES = 1_000_000_000
+CASE_LIMIT_S = 20  # time limit of a case in the long-lived process
+COMMAND_LIMIT_S = 150  # time limit of a command
+MAX_MEMORY_BYTES = 1_000_000_000
 _ROOM_BYTES = 2_500_000_000
 _COMMAND = "from vibrident.app.cli import main; main()"
 _SERVE = "from bench.damaged_runs import serve; serve()"
@@ -31,22 +31,25 @@ _SERVE = "from bench.damaged_runs import serve; serve()"
 
 @dataclass(frozen=True)
 class Cell:
-    """One kind of file and one kind of damage; or a group of bombs."""
+    """Kind of file and kind of damage; or a group of bombs."""
 
     file: str
     damage: str
 
     @property
     def name(self) -> str:
-        """For files and the command line."""
+        """Return the name for files and the command line."""
         return f"{self.file}/{self.damage}"
 
     def runs(self, asked: int) -> int:
-        """The requested number; each bomb once."""
+        """Return the requested number; each bomb once."""
         return len(GROUPS[self.file]) if self.damage == "bombs" else asked
 
 
-CELLS = (*(Cell(file, damage) for file in FILES for damage in DAMAGES), *(Cell(group, "bombs") for group in GROUPS))
+CELLS = (
+    *(Cell(file, damage) for file in FILES for damage in DAMAGES),
+    *(Cell(group, "bombs") for group in GROUPS),
+)
 
 
 def block(name: str, runs: range) -> dict[str, Any]:
@@ -56,7 +59,7 @@ def block(name: str, runs: range) -> dict[str, Any]:
 
 
 def run(cell: Cell, number: int) -> dict[str, Any]:
-    """One file: ``outcome`` (read, refused, or what must not be), ``peak_bytes``, ``said``."""
+    """Run a file: ``outcome`` (read, refused, or what must not be), ``peak_bytes``, ``said``."""
     with tempfile.TemporaryDirectory(prefix="damaged-") as place:
         folder = Path(place) / "case"
         folder.mkdir()
@@ -64,9 +67,13 @@ def run(cell: Cell, number: int) -> dict[str, Any]:
         if bomb:
             target = write_bomb(folder, GROUPS[cell.file][number])
         else:
-            target = write_damaged(folder, cell.file, cell.damage, number, _whole(result=cell.file == "result.json"))
+            target = write_damaged(
+                folder, cell.file, cell.damage, number, _whole(result=cell.file == "result.json")
+            )
         before = _seen(folder)
-        found: dict[str, Any] = {"outcome": "as a command"} if bomb else WORKER.ask({"target": str(target)})
+        found: dict[str, Any] = (
+            {"outcome": "as a command"} if bomb else WORKER.ask({"target": str(target)})
+        )
         if found["outcome"] not in ("read", "refused"):
             first = found["outcome"]
             shutil.rmtree(folder / "out", ignore_errors=True)
@@ -95,7 +102,7 @@ def _whole(*, result: bool) -> dict[str, bytes]:
 
 
 def arguments(target: Path) -> list[str]:
-    """What the command is given."""
+    """Return what the command is given."""
     words = ["report", "--format", "html"] if target.suffix == ".json" else ["inspect"]
     return [*words, str(target), "--out", str(target.parent / "out")]
 
@@ -144,7 +151,8 @@ def serve() -> None:
     import vibrident.data.io
     from vibrident.base.process import Limits, set_limits
 
-    vibrident.data.io.read_guarded = vibrident.data.io.read  # without the separate process, which would hide failures
+    # Without the separate process, which would hide failures.
+    vibrident.data.io.read_guarded = vibrident.data.io.read
     stream = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     set_limits(Limits(memory_bytes=_ROOM_BYTES))
@@ -153,7 +161,7 @@ def serve() -> None:
         answer = _in_here(Path(json.loads(line)["target"]))
         stream.write(json.dumps(answer) + "\n")
         stream.flush()
-        if answer["outcome"] == "time" or answer["peak_bytes"] > MEMORY_BYTES:
+        if answer["outcome"] == "time" or answer["peak_bytes"] > MAX_MEMORY_BYTES:
             return  # with what it still holds
 
 
@@ -166,19 +174,26 @@ def _in_here(target: Path) -> dict[str, Any]:
 
     said = io.StringIO()
     _forget_peak()
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
-    outcome, more = "time", ""
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), contextlib.suppress(_OutOfTime):
+    signal.setitimer(signal.ITIMER_REAL, CASE_LIMIT_S)
+    outcome = "time"
+    more = ""
+    with (
+        contextlib.redirect_stdout(said),
+        contextlib.redirect_stderr(said),
+        contextlib.suppress(_OutOfTime),
+    ):
         try:
             app(arguments(target))
         except SystemExit as end:
-            outcome = {0: "read", None: "read", 2: "refused"}.get(end.code, f"exit {end.code}")  # type: ignore[arg-type]
+            outcomes: dict[object, str] = {0: "read", None: "read", 2: "refused"}
+            outcome = outcomes.get(end.code, f"exit {end.code}")
         except Exception as error:
-            outcome, more = "traceback", traceback.format_exc()[-1500:] or repr(error)
+            outcome = "traceback"
+            more = traceback.format_exc()[-1500:] or repr(error)
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
     peak = _peak_bytes()
-    if outcome in ("read", "refused") and peak > MEMORY_BYTES:
+    if outcome in ("read", "refused") and peak > MAX_MEMORY_BYTES:
         outcome = "memory"
     return {"outcome": outcome, "peak_bytes": peak, "said": (more or said.getvalue())[-1500:]}
 
@@ -199,7 +214,12 @@ def _as_a_command(target: Path) -> dict[str, Any]:
     with tempfile.TemporaryFile("w+") as said:
         try:
             done = subprocess.run(
-                child, stdout=subprocess.PIPE, stderr=said, text=True, timeout=COMMAND_SECONDS, check=False
+                child,
+                stdout=subprocess.PIPE,
+                stderr=said,
+                text=True,
+                timeout=COMMAND_LIMIT_S,
+                check=False,
             )
         except subprocess.TimeoutExpired:
             return {"outcome": "time", "peak_bytes": 0, "said": ""}
@@ -209,6 +229,6 @@ def _as_a_command(target: Path) -> dict[str, Any]:
     outcome = {0: "read", 2: "refused"}.get(found["status"], f"exit {found['status']}")
     if "Traceback" in text:
         outcome = "traceback"
-    elif found["peak_bytes"] > MEMORY_BYTES and outcome in ("read", "refused"):
+    elif found["peak_bytes"] > MAX_MEMORY_BYTES and outcome in ("read", "refused"):
         outcome = "memory"
     return {"outcome": outcome, "peak_bytes": found["peak_bytes"], "said": text}

@@ -15,7 +15,16 @@ from collections import defaultdict
 import numpy as np
 from scipy.stats import beta, chi2, ncx2
 
-from bench.detection_cells import CELLS, CURVE, CURVES, DEFECTS, DETECTED, NOMINAL, Cell, block
+from bench.detection_cells import (
+    CELLS,
+    CURVE_PARTS,
+    CURVES,
+    DEFECTS,
+    DETECTION_RATE,
+    NOMINAL,
+    Cell,
+    block,
+)
 from bench.study import Study
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.show.media import markdown
@@ -29,18 +38,19 @@ Each sensor has a defect that the fitted model, `accelerometer`, lacks:
 
 {defects}
 
-Sines: twelve tones over the band, 4000 samples each. Random and sweep: two records of 4000 samples over the band. All
-at 1 g (random: its rms). The noise of the response is white, 1 % or 0.1 % of each record's rms. A cell is met if at
-least 95 % of its runs carry `lack_of_fit`, or `nonlinear` for the spring, whose distortion is detected too.
+Sines: twelve tones over the band, 4000 samples each. Random and sweep: two records of 4000 samples
+over the band. All at 1 g (random: its rms). The noise of the response is white, 1 % or 0.1 % of
+each record's rms. A cell is met if at least 95 % of its runs carry `lack_of_fit`, or `nonlinear`
+for the spring, whose distortion is detected too.
 
-**λ** is the strength of the defect: λ² is its contribution to χ², the squared misfit after the best fit, over the
-noise. Detection depends only on it and on the degrees of freedom ν; 95 % needs λ = {few:.1f} for ν = 21 and
-λ = {many:.1f} for ν = 150.
+**λ** is the strength of the defect: λ² is its contribution to χ², the squared misfit after the best
+fit, over the noise. Detection depends only on it and on the degrees of freedom ν; 95 % needs λ =
+{few:.1f} for ν = 21 and λ = {many:.1f} for ν = 150.
 """
 
 
 def table(lines: list[dict], commit: str) -> str:
-    """The page as Markdown."""
+    """Return the page as Markdown."""
     found = defaultdict(list)
     for line in lines:
         found[line["cell"]].append(line)
@@ -48,34 +58,55 @@ def table(lines: list[dict], commit: str) -> str:
     runs = f"{min(counts.values())} to {max(counts.values())}" if counts else "0"
     if counts and min(counts.values()) == max(counts.values()):
         runs = str(min(counts.values()))
-    defects = "\n".join(f"- **{d.name}**: {d.title}; {d.write(d.nominal)} at first." for d in DEFECTS.values())
-    page = [HEAD.format(runs=runs, commit=commit, defects=defects, few=_needed(21), many=_needed(150))]
+    defects = "\n".join(
+        f"- **{d.name}**: {d.title}; {d.write(d.nominal)} at first." for d in DEFECTS.values()
+    )
+    page = [
+        HEAD.format(runs=runs, commit=commit, defects=defects, few=_needed(21), many=_needed(150))
+    ]
     page += _nominal(found) + _curves(found) + _alarms(found)
     return "\n".join([*page, ""])
 
 
 def _needed(degrees: int) -> float:
     power = np.geomspace(1.0, 1e3, 20_000)
-    return float(np.sqrt(power[np.argmax(ncx2.sf(chi2.isf(REJECTION, degrees), degrees, power) >= DETECTED)]))
+    return float(
+        np.sqrt(
+            power[
+                np.argmax(ncx2.sf(chi2.isf(REJECTION, degrees), degrees, power) >= DETECTION_RATE)
+            ]
+        )
+    )
 
 
 def _nominal(found: dict[str, list[dict]]) -> list[str]:
-    rows, missed, shown = [], [], 0
+    rows = []
+    missed = []
+    shown = 0
     for cell in NOMINAL:
         own = found.get(cell.name)
         if not own:
             continue
         shown += 1
-        flags, strength = _flags(own), _strength(own)
+        flags = _flags(own)
+        strength = _strength(own)
         counted = [sum(code in codes for codes in flags) for code in CODES]
-        whole = sum(bool(set(codes) & set(CODES[: 2 if cell.defect == "cubic" else 1])) for codes in flags)
+        whole = sum(
+            bool(set(codes) & set(CODES[: 2 if cell.defect == "cubic" else 1])) for codes in flags
+        )
         low = 100.0 * float(beta.ppf(0.05, whole, len(flags) - whole + 1)) if whole else 0.0
-        if whole < DETECTED * len(flags):
+        if whole < DETECTION_RATE * len(flags):
             missed.append(f"`{cell.defect}/{cell.excitation}` at {100 * cell.noise:g} %")
         rows.append(
             (
                 f"{cell.defect}, {DEFECTS[cell.defect].write(cell.size)}",
-                *(cell.excitation, f"{100 * cell.noise:g} %", strength, str(counted[0]), str(counted[1])),
+                *(
+                    cell.excitation,
+                    f"{100 * cell.noise:g} %",
+                    strength,
+                    str(counted[0]),
+                    str(counted[1]),
+                ),
                 *(f"{whole} of {len(flags)}", f"{low:.1f} %"),
             )
         )
@@ -86,7 +117,16 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
         "The last column is the lower limit of the rate at 95 % confidence (Clopper and Pearson).",
         "",
         markdown.table(
-            ("defect", "motion", "noise", "λ", "`lack_of_fit`", "`nonlinear`", "detected", "rate above"),
+            (
+                "defect",
+                "motion",
+                "noise",
+                "λ",
+                "`lack_of_fit`",
+                "`nonlinear`",
+                "detected",
+                "rate above",
+            ),
             rows,
             right=range(3, 8),
         ),
@@ -98,7 +138,7 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
 
 def _curves(found: dict[str, list[dict]]) -> list[str]:
     rows = []
-    parts = [part for part in CURVE if part > 0.0]
+    parts = [part for part in CURVE_PARTS if part > 0.0]
     for first in (cell for cell in CURVES if cell.part == parts[0]):
         cells = [Cell(first.defect, first.excitation, first.noise, part) for part in parts]
         own = {cell.part: found[cell.name] for cell in cells if found.get(cell.name)}
@@ -122,9 +162,12 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
     return [
         "## Smallest detected defect, with 1 % of noise",
         "",
-        "The size is the one that the χ² test should find in 95 of 100 runs, as trial runs have it; beside it, for",
-        "parts and multiples of that size: runs with `lack_of_fit` (in brackets: with that or `nonlinear`); the λ that",
-        "was met, and the rate that the χ² test should have at that λ. No size: the nominal defect adds less.",
+        "The size is the one that the χ² test should find in 95 of 100 runs, as trial runs have "
+        "it; beside it, for",
+        "parts and multiples of that size: runs with `lack_of_fit` (in brackets: with that or "
+        "`nonlinear`); the λ that",
+        "was met, and the rate that the χ² test should have at that λ. No size: the nominal "
+        "defect adds less.",
         "",
         markdown.table(("defect", "motion", "size", *(f"× {part:g}" for part in parts)), rows),
         "",
@@ -132,13 +175,16 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
 
 
 def _alarms(found: dict[str, list[dict]]) -> list[str]:
-    rows, total, alarms = [], 0, [0, 0]
+    rows = []
+    total = 0
+    alarms = [0, 0]
     seen = set()
     for cell in (cell for cell in CURVES if cell.part == 0.0):
         sensor = "micromechanical, 4 kHz" if cell.defect == "boxcar" else "paper, Table 2"
         own = found.get(cell.name)
         key = (sensor, cell.excitation, cell.noise)
-        if not own or key in seen:  # the sensors of three defects are the same without them, run by run
+        # The sensors of three defects are the same without them, run by run.
+        if not own or key in seen:
             continue
         seen.add(key)
         flags = _flags(own)
@@ -146,7 +192,14 @@ def _alarms(found: dict[str, list[dict]]) -> list[str]:
         total += len(flags)
         alarms = [a + b for a, b in zip(alarms, counted, strict=True)]
         rows.append(
-            (sensor, cell.excitation, f"{100 * cell.noise:g} %", str(counted[0]), str(counted[1]), str(len(flags)))
+            (
+                sensor,
+                cell.excitation,
+                f"{100 * cell.noise:g} %",
+                str(counted[0]),
+                str(counted[1]),
+                str(len(flags)),
+            )
         )
     high = [100.0 * float(beta.ppf(0.95, a + 1, total - a)) if total > a else 100.0 for a in alarms]
     return [
@@ -154,10 +207,14 @@ def _alarms(found: dict[str, list[dict]]) -> list[str]:
         "",
         "The same sensors without a defect. The test's level is 0.1 %.",
         "",
-        markdown.table(("sensor", "motion", "noise", "`lack_of_fit`", "`nonlinear`", "runs"), rows, right=(3, 4, 5)),
+        markdown.table(
+            ("sensor", "motion", "noise", "`lack_of_fit`", "`nonlinear`", "runs"),
+            rows,
+            right=(3, 4, 5),
+        ),
         "",
-        f"Together: `lack_of_fit` in {alarms[0]} of {total} runs (below {high[0]:.2g} % at 95 % confidence), "
-        f"`nonlinear` in {alarms[1]} (below {high[1]:.2g} %).",
+        f"Together: `lack_of_fit` in {alarms[0]} of {total} runs (below {high[0]:.2g} % at 95 % "
+        f"confidence), `nonlinear` in {alarms[1]} (below {high[1]:.2g} %).",
     ]
 
 

@@ -28,17 +28,29 @@ _MEMS = {"sensitivity": 0.1, "natural_frequency": 4000.0, "damping_ratio": 0.05}
 
 @dataclass(frozen=True)
 class Defect:
-    """A property of the sensor that the fitted model lacks."""
+    """A property of the sensor that the fitted model lacks.
 
-    name: str  # short name
-    title: str  # what it is
-    model: str  # the sensor's true model
-    sensor: Mapping[str, float]  # its parameters without the defect
-    parameters: Callable[[float], Mapping[str, float]]  # the defect's parameters, given its size
-    nominal: float  # the size that must be detected
-    write: Callable[[float], str]  # a size in words
-    band_hz: tuple[float, float]  # lowest and highest frequency of the sines; random and sweep go as far
-    rate_hz: float  # samples per second
+    Attributes:
+        name: short name.
+        title: what it is.
+        model: the sensor's true model.
+        sensor: its parameters without the defect.
+        parameters: the defect's parameters, given its size.
+        nominal: the size that must be detected.
+        write: a size in words.
+        band_hz: lowest and highest frequency of the sines; random and sweep go as far.
+        rate_hz: samples per second.
+    """
+
+    name: str
+    title: str
+    model: str
+    sensor: Mapping[str, float]
+    parameters: Callable[[float], Mapping[str, float]]
+    nominal: float
+    write: Callable[[float], str]
+    band_hz: tuple[float, float]
+    rate_hz: float
 
 
 _BAND = (30.0, 1000.0)
@@ -94,15 +106,16 @@ DEFECTS = {
 }
 EXCITATIONS = ("sine", "random", "sweep")
 NOISES = (0.01, 0.001)
-#: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; the first is none.
-CURVE = (0.0, 0.5, 0.75, 1.0, 1.5)
-DETECTED = 0.95
-STEPS = 8  # halvings of the interval in which the size of 95 % lies: to a hundredth of a decade
+#: Sizes of the curves, over the one that the χ² test should detect in 95 of 100 runs; the first is
+#: none.
+CURVE_PARTS = (0.0, 0.5, 0.75, 1.0, 1.5)
+DETECTION_RATE = 0.95
+HALVINGS = 8  # halvings of the interval in which the size of 95 % lies: to a hundredth of a decade
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One defect, excitation, noise; ``part`` is a part of the size of 95 %, None for the nominal size."""
+    """Cell of a defect, excitation and noise; ``part``: of the size of 95 %, None: nominal."""
 
     defect: str
     excitation: str
@@ -111,50 +124,70 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """For files and the command line."""
+        """Return the name for files and the command line."""
         size = "nominal" if self.part is None else f"{self.part:g}"
         return f"{self.defect}/{self.excitation}/{self.noise:g}/{size}"
 
     def runs(self, asked: int) -> int:
-        """The requested number."""
+        """Return the requested number."""
         return asked
 
     @property
     def size(self) -> float:
-        """Of the defect."""
+        """Return the name of the defect."""
         nominal = DEFECTS[self.defect].nominal
         return (
-            nominal if self.part is None else self.part * nominal * sized(self.defect, self.excitation, self.noise)[0]
+            nominal
+            if self.part is None
+            else self.part * nominal * sized(self.defect, self.excitation, self.noise)[0]
         )
 
 
 _ROWS = tuple(itertools.product(DEFECTS, EXCITATIONS, NOISES))
 NOMINAL = tuple(Cell(*row) for row in _ROWS)
-#: Curves where 1 % of noise makes the defect hard to see; the sensors without a defect, at both noises.
+#: Curves where 1 % of noise makes the defect hard to see; the sensors without a defect, at both
+#: noises.
 CURVES = tuple(
     Cell(*row, part)
-    for row, part in itertools.product(_ROWS, CURVE)
-    if (row[2] == NOISES[0] and row[1] != "sweep") or (part == 0.0 and row[0] in ("mode2", "boxcar"))
+    for row, part in itertools.product(_ROWS, CURVE_PARTS)
+    if (row[2] == NOISES[0] and row[1] != "sweep")
+    or (part == 0.0 and row[0] in ("mode2", "boxcar"))
 )
 CELLS = (*NOMINAL, *CURVES)
 
 
 @functools.lru_cache(maxsize=8)
 def truth(name: str, excitation: str, size: float) -> Calibration:
-    """The calibration without noise."""
+    """Return the calibration without noise."""
     defect = DEFECTS[name]
-    model, parameters = defect.model, {**defect.sensor, **defect.parameters(size)}
+    model = defect.model
+    parameters = {**defect.sensor, **defect.parameters(size)}
     if size == 0.0:
-        model, parameters = FITTED, dict(defect.sensor)
+        model = FITTED
+        parameters = dict(defect.sensor)
     low, high = defect.band_hz
-    shape = {"sampling_rate_hz": defect.rate_hz, "samples": SAMPLES, "amplitude": 9.80665, "seed": SEED}
+    shape = {
+        "sampling_rate_hz": defect.rate_hz,
+        "samples": SAMPLES,
+        "amplitude": 9.80665,
+        "seed": SEED,
+    }
     if excitation == "sine":
         tones = np.geomspace(low, high, 12).tolist()
         return simulate((model, parameters), "sine", frequencies_hz=tones, start="steady", **shape)
-    return simulate((model, parameters), excitation, frequencies_hz=[low, high], repeats=2, start="rest", **shape)
+    return simulate(
+        (model, parameters),
+        excitation,
+        frequencies_hz=[low, high],
+        repeats=2,
+        start="rest",
+        **shape,
+    )
 
 
-def look(name: str, excitation: str, size: float, noise: float, run: int) -> tuple[tuple[str, ...], float, int]:
+def look(
+    name: str, excitation: str, size: float, noise: float, run: int
+) -> tuple[tuple[str, ...], float, int]:
     """Warnings, χ² and degrees of freedom of one run of the model that lacks the defect."""
     calibration = with_noise(truth(name, excitation, size), response_noise=noise, seed=_seed(run))
     with warnings.catch_warnings():
@@ -170,16 +203,19 @@ def _seed(run: int) -> np.random.SeedSequence:
 
 @functools.lru_cache(maxsize=64)
 def sized(name: str, excitation: str, noise: float) -> tuple[float, float]:
-    """Size, over the nominal, that a χ² test should detect in 95 of 100 runs; the misfit of the nominal in σ, λ.
+    """Return the size that a χ² test should detect in 95 of 100 runs, and the nominal's λ.
 
-    λ² is what the defect adds to χ²: the squared misfit that is left after the best fit, over the noise. It grows with
-    the size, and the size sought is where it has the value that is needed. (0, λ) where the nominal defect adds less.
+    λ² is what the defect adds to χ²: the squared misfit that is left after the best fit, over the
+    noise. It grows with the size, and the size sought is where it has the value that is needed. (0,
+    λ) where the nominal defect adds less.
     """
     strength, degrees, clear = _added(name, excitation, noise, 1.0)
     if not clear or strength < needed(degrees):
         return 0.0, strength
-    low, high = -4.0, 0.0  # of the size's decimal logarithm; how λ goes with the size depends on the defect
-    for _ in range(STEPS):
+    # Of the size's decimal logarithm; how λ goes with the size depends on the defect.
+    low = -4.0
+    high = 0.0
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         found, degrees, _ = _added(name, excitation, noise, 10.0**middle)
         low, high = (low, middle) if found > needed(degrees) else (middle, high)
@@ -187,8 +223,11 @@ def sized(name: str, excitation: str, noise: float) -> tuple[float, float]:
 
 
 def _added(name: str, excitation: str, noise: float, part: float) -> tuple[float, float, bool]:
-    """λ of a part of the nominal size by four runs, degrees of freedom, and whether λ is clear of the noise."""
-    looks = [look(name, excitation, part * DEFECTS[name].nominal, noise, 1_000_000 + run) for run in range(4)]
+    """Return λ of a part of the nominal size, degrees of freedom, and whether λ is clear."""
+    looks = [
+        look(name, excitation, part * DEFECTS[name].nominal, noise, 1_000_000 + run)
+        for run in range(4)
+    ]
     degrees = float(np.mean([one[2] for one in looks]))
     added = float(np.mean([one[1] for one in looks])) - degrees
     return math.sqrt(max(added, 0.0)), degrees, added > 3.0 * math.sqrt(0.5 * degrees)
@@ -197,7 +236,13 @@ def _added(name: str, excitation: str, noise: float, part: float) -> tuple[float
 def needed(degrees: float) -> float:
     """λ at which the χ² test with these degrees of freedom rejects in 95 of 100 cases."""
     limit = float(chi2.isf(REJECTION, degrees))
-    return math.sqrt(brentq(lambda power: float(ncx2.sf(limit, degrees, power)) - DETECTED, 1e-6, 10.0 * limit + 1e3))
+    return math.sqrt(
+        brentq(
+            lambda power: float(ncx2.sf(limit, degrees, power)) - DETECTION_RATE,
+            1e-6,
+            10.0 * limit + 1e3,
+        )
+    )
 
 
 def block(name: str, runs: range) -> dict:

@@ -13,20 +13,30 @@ from rich.progress import track
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of the table."""
+    """Line of the table.
 
-    what: str  # the figure in words
-    # label to value; one entry for a plain ratio. Empty where there is nothing to show: see ``note``
+    Attributes:
+        what: the figure in words.
+        values: label to value; one entry for a plain ratio. Empty where there is nothing to show:
+            see ``note``.
+        style: how values are written, a key of ``STYLES``.
+        low: target: no value below it; None for no such limit.
+        high: target: no value above it; None for no such limit.
+        absolute: the target is for the size of the values.
+        note: a remark.
+    """
+
+    what: str
     values: Mapping[str, float]
-    style: str = "times"  # how values are written, a key of ``STYLES``
-    low: float | None = None  # target: no value below it; None for no such limit
-    high: float | None = None  # target: no value above it; None for no such limit
-    absolute: bool = False  # the target is for the size of the values
-    note: str = ""  # a remark
+    style: str = "times"
+    low: float | None = None
+    high: float | None = None
+    absolute: bool = False
+    note: str = ""
 
     @property
     def target(self) -> str:
-        """The target in words; empty if absent."""
+        """Return the target in words; empty if absent."""
         write = STYLES[self.style]
         if self.low is not None and self.high is not None:
             return f"{write(self.low)} to {write(self.high)}"
@@ -36,7 +46,7 @@ class Figure:
 
     @property
     def met(self) -> bool | None:
-        """Whether all values keep to the target; None without target, or without values."""
+        """Return whether all values keep to the target; None without target, or without values."""
         if not self.target or not self.values:
             return None
         sizes = [abs(v) if self.absolute else v for v in self.values.values()]
@@ -46,31 +56,39 @@ class Figure:
 
     @property
     def verdict(self) -> str:
-        """``met``, ``NOT met``, ``not measured``, or nothing where no target stands beside the figure."""
+        """Return ``met``, ``NOT met``, ``not measured``, or nothing where there is no target."""
         if self.target and not self.values:
             return "not measured"
         return {True: "met", False: "NOT met", None: ""}[self.met]
 
     @property
     def shown(self) -> str:
-        """The values as text, in their order."""
+        """Return the values as text, in their order."""
         return " · ".join(STYLES[self.style](value) for value in self.values.values()) or "–"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, with target and verdict in words beside them."""
-        values = {label: float(value) if math.isfinite(value) else None for label, value in self.values.items()}
+        values = {
+            label: float(value) if math.isfinite(value) else None
+            for label, value in self.values.items()
+        }
         return {**asdict(self), "values": values, "target": self.target, "verdict": self.verdict}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Figure:
-        """The inverse of ``to_json``."""
-        values = {label: math.nan if value is None else value for label, value in data["values"].items()}
-        return cls(**{name: data[name] for name in cls.__dataclass_fields__ if name != "values"}, values=values)
+        """Return the inverse of ``to_json``."""
+        values = {
+            label: math.nan if value is None else value for label, value in data["values"].items()
+        }
+        return cls(
+            **{name: data[name] for name in cls.__dataclass_fields__ if name != "values"},
+            values=values,
+        )
 
 
 @dataclass(frozen=True)
 class Section:
-    """Figures of one run: title, what the columns of values are, and under which conditions they were taken."""
+    """Figures of a run: title, meaning of the columns, and the conditions they were taken under."""
 
     name: str
     title: str
@@ -90,7 +108,7 @@ class Section:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Section:
-        """The inverse of ``to_json``."""
+        """Return the inverse of ``to_json``."""
         figures = tuple(Figure.from_json(figure) for figure in data["figures"])
         return cls(data["name"], data["title"], figures, data["conditions"], tuple(data["remarks"]))
 
@@ -120,12 +138,19 @@ STYLES = {
 
 @dataclass(frozen=True)
 class Options:
-    """Settings of a run."""
+    """Settings of a run.
 
-    runs: int = 500  # seeded runs of the statistics
-    jobs: int = 2  # processes for them
-    pairs: int = 11  # pairs of every ratio of times
-    quick: bool = False  # a short trial, whose figures are not published
+    Attributes:
+        runs: seeded runs of the statistics.
+        jobs: processes for them.
+        pairs: pairs of every ratio of times.
+        quick: a short trial, whose figures are not published.
+    """
+
+    runs: int = 500
+    jobs: int = 2
+    pairs: int = 11
+    quick: bool = False
 
 
 T = TypeVar("T")
@@ -133,7 +158,9 @@ STDERR = Console(stderr=True)
 
 
 def steps(label: str, items: Iterable[T], total: int | None = None) -> Iterator[T]:
-    """The items, with a bar that follows them."""
+    """Yield the items, with a bar that follows them."""
     count = total if total is not None else len(items) if isinstance(items, Sized) else None
     hidden = not STDERR.is_terminal
-    yield from track(items, description=label, total=count, console=STDERR, transient=True, disable=hidden)
+    yield from track(
+        items, description=label, total=count, console=STDERR, transient=True, disable=hidden
+    )

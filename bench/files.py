@@ -1,4 +1,4 @@
-"""Drawn files that state units, rates and starts somewhere: right within 4 u, or refused; nothing else.
+"""Drawn files that state units, rates and starts somewhere: right within 4 u, or refused.
 
     python -m bench.files --runs 2000 --first 0
 
@@ -35,7 +35,14 @@ TOLERANCE_U = 4.0
 
 @dataclass
 class Draw:
-    """A sensor, its channels, and what file and calibration file state."""
+    """A sensor, its channels, and what file and calibration file state.
+
+    Attributes:
+        claimed: rate_hz of the calibration file: "", "right" or "wrong".
+        scaled: [reference] scale: "", "conversion" or "gain".
+        later: the reference begins so many samples after the response.
+        sizes: of both channels in SI, rms.
+    """
 
     rng: np.random.Generator
     form: str
@@ -46,11 +53,11 @@ class Draw:
     samples: int
     is_unit_stated: bool
     is_rate_stated: bool
-    claimed: str  # rate_hz of the calibration file: "", "right" or "wrong"
-    scaled: str  # [reference] scale: "", "conversion" or "gain"
-    later: float = 0.0  # the reference begins so many samples after the response
+    claimed: str
+    scaled: str
+    later: float = 0.0
     truth: dict[str, float] = field(default_factory=dict)
-    sizes: np.ndarray = field(default_factory=lambda: np.ones(2))  # of both channels in SI, rms
+    sizes: np.ndarray = field(default_factory=lambda: np.ones(2))
 
     def channels(self) -> tuple[np.ndarray, np.ndarray]:
         """Return reference and response as the file holds them."""
@@ -112,7 +119,14 @@ def drawn(seed: int, forms: tuple[str, ...]) -> Draw:
 def write(draw: Draw, folder: Path) -> Path:
     """Write the files of a draw; return its calibration file."""
     reference, response = draw.channels()
-    ending = {"csv": "csv", "lvm": "lvm", "hdf5": "h5", "matlab": "mat", "excel": "xlsx", "mdf": "mf4"}
+    ending = {
+        "csv": "csv",
+        "lvm": "lvm",
+        "hdf5": "h5",
+        "matlab": "mat",
+        "excel": "xlsx",
+        "mdf": "mf4",
+    }
     suffix = ending.get(draw.form, draw.form)
     starts = {"v": 0.0, "a": draw.later / draw.rate_hz}
     names = {"v": "v", "a": "a"}
@@ -177,7 +191,9 @@ def _csv(draw: Draw, path: Path, channels: Columns, starts: dict[str, float]) ->
 def _lvm(draw: Draw, path: Path, channels: Columns, starts: dict[str, float]) -> dict[str, str]:
     units = _units(draw)
     rows = zip(*channels.values(), strict=True)
-    interval = f"Delta_X\t{1 / draw.rate_hz!r}\t{1 / draw.rate_hz!r}\n" if draw.is_rate_stated else ""
+    interval = (
+        f"Delta_X\t{1 / draw.rate_hz!r}\t{1 / draw.rate_hz!r}\n" if draw.is_rate_stated else ""
+    )
     text = (
         "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n"
         "***End_of_Header***\t\n\t\nChannels\t2\t\t\n"
@@ -211,7 +227,8 @@ def _parquet(draw: Draw, path: Path, channels: Columns, starts: dict[str, float]
     import pyarrow
     import pyarrow.parquet
 
-    fields, columns = [], []
+    fields = []
+    columns = []
     if draw.later:
         time = starts[next(iter(channels))] + np.arange(draw.samples) / draw.rate_hz
         fields.append(pyarrow.field("t [s]", pyarrow.float64()))
@@ -288,7 +305,8 @@ def _matlab(draw: Draw, path: Path, channels: Columns, starts: dict[str, float])
         content = {key: {"data": values, "unit": units[key]} for key, values in channels.items()}
         names = {key: f"{key}.data" for key in channels}
     else:
-        content, names = dict(channels), {}
+        content = dict(channels)
+        names = {}
     if draw.is_rate_stated:
         content["Fs" if draw.rng.random() < 0.5 else "fs"] = draw.rate_hz
     scipy.io.savemat(path, content)
@@ -328,10 +346,12 @@ def outcome(draw: Draw, path: Path) -> tuple[str, str]:
         return "refused", str(error).splitlines()[0]
     except RuntimeWarning as warning:
         return "fit", str(warning)
-    worst, name = 0.0, ""
+    worst = 0.0
+    name = ""
     for parameter, truth in draw.truth.items():
         stated = result.parameters[parameter]
-        value, u = stated.value, stated.standard_uncertainty
+        value = stated.value
+        u = stated.standard_uncertainty
         if u is None:
             continue  # said to be not identifiable
         if parameter == "sensitivity":
@@ -340,7 +360,8 @@ def outcome(draw: Draw, path: Path) -> tuple[str, str]:
             truth /= unit.factor
         apart = abs(value - truth) / u
         if apart > worst:
-            worst, name = apart, parameter
+            worst = apart
+            name = parameter
     if worst <= TOLERANCE_U:
         return "right", ""
     said = ", ".join(result.warning_codes)
@@ -376,12 +397,17 @@ def main() -> None:
             warnings.simplefilter("error", RuntimeWarning)
             found, why = outcome(draw, write(draw, Path(folder)))
         counts[draw.form, found] += 1
-        must_be_right = draw.claimed != "wrong" and not (draw.is_unit_stated and draw.scaled == "conversion")
+        must_be_right = draw.claimed != "wrong" and not (
+            draw.is_unit_stated and draw.scaled == "conversion"
+        )
         if found in ("silent", "said", "fit") or (found == "refused" and must_be_right):
             reasons[f"{draw.form} {found}: {why[:70]}"] += 1
             print(seed, draw.form, found, why, draw.later, draw.claimed, draw.scaled, flush=True)
     for form in forms:
-        print(form, {kind: counts[form, kind] for kind in ("right", "refused", "fit", "said", "silent")})
+        print(
+            form,
+            {kind: counts[form, kind] for kind in ("right", "refused", "fit", "said", "silent")},
+        )
     for reason, count in reasons.most_common(30):
         print(count, reason)
 

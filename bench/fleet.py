@@ -74,7 +74,9 @@ def calibrations(folder: Path, count: int, seed: int = 0) -> list[Path]:
     for number in range(count):
         gain = 1 + 0.01 * rng.standard_normal()
         noisy = with_noise(clean, response_noise=0.01, seed=seed + number)
-        records = tuple(dataclasses.replace(one, response=gain * one.response) for one in noisy.records)
+        records = tuple(
+            dataclasses.replace(one, response=gain * one.response) for one in noisy.records
+        )
         sensor = {"type": "A-100" if number % 2 else "B-200", "serial_number": f"SN{number:05d}"}
         made = dataclasses.replace(noisy, records=records, sensor=sensor)
         files.append(write_calibration(folder / f"s{number:05d}", made))
@@ -82,13 +84,14 @@ def calibrations(folder: Path, count: int, seed: int = 0) -> list[Path]:
 
 
 def speed(count: int) -> dict[str, Any]:
-    """What a fleet costs beside identify_many, in time of the processor, and what two workers gain.
+    """Measure the cost of a fleet over identify_many, and the gain of two workers.
 
-    The cost is measured calibration by calibration, plain and as a worker has it, in turn: other load affects both
-    equally. What the coordinator needs is the part ``memory``'s. Two workers are compared with one, and beside it two
-    processes that know nothing of each other with one: no scheduler gains more than these on the same machine. Times
-    of workers are from the first begin to the last end, without start and page, which do not grow with the fleet; the
-    least of some rounds, because other load only adds to them.
+    The cost is measured calibration by calibration, plain and as a worker has it, in turn: other
+    load affects both equally. What the coordinator needs is the part ``memory``'s. Two workers are
+    compared with one, and beside it two processes that know nothing of each other with one: no
+    scheduler gains more than these on the same machine. Times of workers are from the first begin
+    to the last end, without start and page, which do not grow with the fleet; the least of some
+    rounds, because other load only adds to them.
     """
     wanted = count or 16
     with tempfile.TemporaryDirectory() as name:
@@ -117,7 +120,7 @@ def speed(count: int) -> dict[str, Any]:
 
 
 def _costs(files: list[Path], folder: Path) -> tuple[float, float, float]:
-    """Seconds of the processor for one: plain; with its keys and its row; and with its whole result too."""
+    """Measure the processor's time for one: plain, with keys and row, with its whole result too."""
     (folder / "results").mkdir()
     without, with_results = (Orders(str(folder), results=wanted) for wanted in (False, True))
     used = np.zeros(3)
@@ -147,8 +150,13 @@ def _wall(folder: Path, workers: int) -> tuple[float, float]:
     """Share of the time in which the workers were at work, and that time."""
     out = folder / f"{workers}"
     run(Asked([str(folder / "data")], Orders(str(out), results=False), fresh=True), Local(workers))
-    tables = [pq.read_table(part, columns=["finished", "seconds"]) for part in (out / "parts").glob("*.parquet")]
-    finished, seconds = (np.concatenate([one[name].to_numpy() for one in tables]) for name in ("finished", "seconds"))
+    tables = [
+        pq.read_table(part, columns=["finished", "seconds"])
+        for part in (out / "parts").glob("*.parquet")
+    ]
+    finished, seconds = (
+        np.concatenate([one[name].to_numpy() for one in tables]) for name in ("finished", "seconds")
+    )
     elapsed = float(finished.max() - (finished - seconds).min())
     return float(seconds.sum()) / (workers * elapsed), elapsed
 
@@ -172,11 +180,12 @@ def in_turn(files: list[str]) -> int:
 
 
 def memory(count: int) -> dict[str, Any]:
-    """Most memory of the coordinator, in a process of its own, with 1 000 and with 100 000 simulated rows."""
+    """Measure the most memory of the coordinator, with 1 000 and with 100 000 simulated rows."""
     found = {}
     for rows in (1000, count or 100_000):
         command = [sys.executable, "-m", "bench.fleet", "coordinator", "--count", str(rows)]
-        environment = {**os.environ, "ARROW_DEFAULT_MEMORY_POOL": "system"}  # as the command has it; read by an import
+        # As the command has it; read by an import.
+        environment = {**os.environ, "ARROW_DEFAULT_MEMORY_POOL": "system"}
         done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
         found[rows] = json.loads(done.stdout)
     few, many = found.values()
@@ -188,20 +197,34 @@ def memory(count: int) -> dict[str, Any]:
 
 
 def coordinator(count: int) -> dict[str, Any]:
-    """A run whose workers do nothing but write rows; the folder walk, the batches, table and page are the real ones."""
+    """Run with workers that do nothing but write rows.
+
+    The folder walk, the batches, table and page are the real ones.
+    """
     load_arrow()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number in range(count):
             if number % 1000 == 0:
                 (folder / "data" / f"{number // 1000:04d}").mkdir(parents=True)
-            (folder / "data" / f"{number // 1000:04d}" / f"calibration-of-sensor-{number:07d}.toml").touch()
-        begin, begin_cpu = time.perf_counter(), time.process_time()
-        outcome = run(Asked([str(folder / "data")], Orders(str(folder / "out"), results=False)), _Simulated())
-        cpu, elapsed = time.process_time() - begin_cpu, time.perf_counter() - begin
+            (
+                folder
+                / "data"
+                / f"{number // 1000:04d}"
+                / f"calibration-of-sensor-{number:07d}.toml"
+            ).touch()
+        begin = time.perf_counter()
+        begin_cpu = time.process_time()
+        outcome = run(
+            Asked([str(folder / "data")], Orders(str(folder / "out"), results=False)), _Simulated()
+        )
+        cpu = time.process_time() - begin_cpu
+        elapsed = time.perf_counter() - begin
         sizes = {path.name: path.stat().st_size for path in outcome.files}
         parts = sum(path.stat().st_size for path in (folder / "out/parts").iterdir())
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1024 if sys.platform != "darwin" else 1)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+        1024 if sys.platform != "darwin" else 1
+    )
     return {
         "rows": outcome.tally.rows,
         "most_mb": most / 1e6,
@@ -213,7 +236,7 @@ def coordinator(count: int) -> dict[str, Any]:
 
 
 class _Simulated:
-    """A scheduler whose work is simulated on the spot: a quarter of a second a calibration, in name."""
+    """Scheduler whose work is simulated: a quarter of a second a calibration, in name."""
 
     def __init__(self) -> None:
         self._replies: list[Reply] = []
@@ -236,7 +259,10 @@ class _Simulated:
 
     @staticmethod
     def _fingerprinted(paths: list[str]) -> list[Fingerprint]:
-        return [Fingerprint(hashlib.sha256(path.encode()).hexdigest(), "sine .csv 21 21") for path in paths]
+        return [
+            Fingerprint(hashlib.sha256(path.encode()).hexdigest(), "sine .csv 21 21")
+            for path in paths
+        ]
 
     @staticmethod
     def _worked(tasks: list[tuple[str, str]], orders: Orders) -> Done:
@@ -257,14 +283,30 @@ def _simulated_row(key: str) -> Row:
         "resonance_frequency": [5000 * natural, 1.0, "Hz"],
         "conversion_coefficient": [1e7 * gain, 1e4, "1"],
     }
-    made = _row(key, IDENTIFIED, "", {"type": f"A-{int(key[:2], 16) % 4}", "serial_number": key[:10]}, 0.25)
-    more = {"model": "accelerometer+delay", "estimator": "ml", "parameters": parameters, "adequate": True}
-    return {**made, **more, "chi2_reduced": 1.0, "warnings": ["lack_of_fit"] if key[2] == "0" else []}
+    made = _row(
+        key, IDENTIFIED, "", {"type": f"A-{int(key[:2], 16) % 4}", "serial_number": key[:10]}, 0.25
+    )
+    more = {
+        "model": "accelerometer+delay",
+        "estimator": "ml",
+        "parameters": parameters,
+        "adequate": True,
+    }
+    return {
+        **made,
+        **more,
+        "chi2_reduced": 1.0,
+        "warnings": ["lack_of_fit"] if key[2] == "0" else [],
+    }
 
 
 def study(count: int) -> dict[str, Any]:
-    """Calibrations of which one in twenty is broken and two kill their process; the command is killed three times."""
-    wanted, rng = count or 200, random.Random(3)
+    """Run calibrations of which some are broken, with a command that is killed three times.
+
+    One in twenty is broken, and two kill their process.
+    """
+    wanted = count or 200
+    rng = random.Random(3)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         spoilt = _spoilt(folder / "data", wanted)
@@ -272,14 +314,23 @@ def study(count: int) -> dict[str, Any]:
         (folder / "site").mkdir()
         (folder / "site/sitecustomize.py").write_text(DEADLY)
         paths = os.pathsep.join([str(folder / "site"), os.environ.get("PYTHONPATH", "")])
-        command = [sys.executable, "-c", "from vibrident.app.cli import main; main()", "fleet", str(folder / "data")]
+        command = [
+            sys.executable,
+            "-c",
+            "from vibrident.app.cli import main; main()",
+            "fleet",
+            str(folder / "data"),
+        ]
         command += ["--out", str(folder / "out"), "--workers", "2", "-q"]
         environment = {**os.environ, "PYTHONPATH": paths}
         there = []
         for _ in range(3):
             before = len(list((folder / "out/parts").glob("*.parquet")))
             process = subprocess.Popen(command, env=environment)
-            while len(list((folder / "out/parts").glob("*.parquet"))) == before and process.poll() is None:
+            while (
+                len(list((folder / "out/parts").glob("*.parquet"))) == before
+                and process.poll() is None
+            ):
                 time.sleep(0.1)
             time.sleep(rng.uniform(0.0, wanted / 20))
             process.send_signal(signal.SIGKILL)
@@ -288,7 +339,10 @@ def study(count: int) -> dict[str, Any]:
         code = subprocess.run(command, env=environment, check=False).returncode
         rows = pq.read_table(folder / "out/fleet.parquet").to_pylist()
         computed = list(_rows(folder / "out/parts"))
-    statuses = {status: sum(row["status"] == status for row in rows) for status in ("identified", "refused", "failed")}
+    statuses = {
+        status: sum(row["status"] == status for row in rows)
+        for status in ("identified", "refused", "failed")
+    }
     return {
         "calibrations": wanted,
         "exit_code": code,
@@ -302,7 +356,7 @@ def study(count: int) -> dict[str, Any]:
 
 
 def _spoilt(folder: Path, wanted: int) -> int:
-    """Broken ones in each way, again and again until they are one in twenty, and two that kill their process."""
+    """Return broken ones in each way, one in twenty, and two that kill their process."""
     count = max(wanted // 20 - 2, len(BROKEN)) // len(BROKEN)
     for number in range(count):
         broken(folder / f"broken{number}")

@@ -1,4 +1,4 @@
-"""The figures of studies/fleet.md: what was measured, and what a million sensors would need by it."""
+"""Figures of studies/fleet.md: what was measured, and what a million sensors would need by it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
 PAGE = ROOT / "studies" / "fleet.md"
 CORES = (16, 100, 1000)  # cores of the plan
-READS = 3  # how often a data file is read: for its key, by its reader, and for its key once more
+#: How often a data file is read: for its key, by its reader, and for its key once more.
+READS_PER_FILE = 3
 MILLION = 1_000_000
 
 
@@ -27,16 +28,19 @@ def keep(part: str, figures: dict[str, Any]) -> None:
 
 
 def _measured(kept: dict[str, Any]) -> str:
-    speed, memory, study = kept["speed"], kept["memory"], kept["study"]
+    speed = kept["speed"]
+    memory = kept["memory"]
+    study = kept["study"]
     few, many = (memory["rows"][name] for name in sorted(memory["rows"], key=int))
     killed = ", ".join(str(one) for one in study["rows_after_each_kill"])
     rows = [
         (
-            f"`study`: {study['calibrations']} calibrations (21 × 2000 samples; {study['refused']} broken in ten ways, "
-            f"two that kill their process), the command killed three times (rows then there: {killed})",
-            f"{study['rows']} rows, {study['names_that_differ']} names; {study['identified']} identified, "
-            f"{study['refused']} refused, {study['failed']} failed; computed twice: {study['computed_twice']}; "
-            f"exit {study['exit_code']}",
+            f"`study`: {study['calibrations']} calibrations (21 × 2000 samples; "
+            f"{study['refused']} broken in ten ways, two that kill their process), the command "
+            f"killed three times (rows then there: {killed})",
+            f"{study['rows']} rows, {study['names_that_differ']} names; {study['identified']} "
+            f"identified, {study['refused']} refused, {study['failed']} failed; computed twice: "
+            f"{study['computed_twice']}; exit {study['exit_code']}",
         ),
         (
             "`speed`: time of the processor for one calibration more, over `identify_many`",
@@ -59,35 +63,51 @@ def _measured(kept: dict[str, Any]) -> str:
 
 
 def _million(kept: dict[str, Any]) -> str:
-    speed, memory = kept["speed"], kept["memory"]
+    speed = kept["speed"]
+    memory = kept["memory"]
     many = memory["rows"][max(memory["rows"], key=int)]
     cost = speed["seconds_of_a_calibration"] * speed["fleet_with_results_over_identify_many"]
-    data, result = speed["bytes_of_a_calibration"], speed["bytes_of_a_result"]
-    files, batch = speed["files_of_a_calibration"], max(1, round(10 / cost))
+    data = speed["bytes_of_a_calibration"]
+    result = speed["bytes_of_a_result"]
+    files = speed["files_of_a_calibration"]
+    batch = max(1, round(10 / cost))
     each_s = many["milliseconds_a_row"] / 1e3
     rates = {cores: cores / cost for cores in CORES}
     rows = [
         ("hours", [f"{MILLION / rate / 3600:.1f}" for rate in rates.values()]),
         ("sensors a second", [f"{rate:.0f}" for rate in rates.values()]),
-        ("data read, GB/s", [f"{READS * rate * data / 1e9:.2g}" for rate in rates.values()]),
+        (
+            "data read, GB/s",
+            [f"{READS_PER_FILE * rate * data / 1e9:.2g}" for rate in rates.values()],
+        ),
         ("of it from disks", [f"{rate * data / 1e9:.2g}" for rate in rates.values()]),
-        ("files opened a second", [f"{READS * rate * files:.0f}" for rate in rates.values()]),
-        ("calls of the scheduler a second", [f"{rate / batch + rate / 100:.2g}" for rate in rates.values()]),
+        (
+            "files opened a second",
+            [f"{READS_PER_FILE * rate * files:.0f}" for rate in rates.values()],
+        ),
+        (
+            "calls of the scheduler a second",
+            [f"{rate / batch + rate / 100:.2g}" for rate in rates.values()],
+        ),
         (
             "coordinator's share of one core",
             [f"{rate * each_s:.0%}" for rate in rates.values()],
         ),
     ]
     numbers = range(1, 1 + len(CORES))
-    table = markdown.table(("cores", *map(str, CORES)), [(what, *values) for what, values in rows], numbers)
+    table = markdown.table(
+        ("cores", *map(str, CORES)), [(what, *values) for what, values in rows], numbers
+    )
     coordinator = (many["most_mb"] + memory["bytes_a_row"] * (MILLION - many["rows"]) / 1e6) / 1e3
     table_bytes = many["files_bytes"]["fleet.parquet"] / many["rows"] * MILLION
     parts_bytes = many["bytes_a_row_in_parts"] * MILLION
     sizes = (
-        f"One calibration (21 × 2000 samples as CSV) takes {cost:.2f} s of one core of the machine that this was "
-        f"measured on, and has {data / 1e6:.1f} MB in {files} files. A million have {data / 1e6:.1f} TB; they need "
-        f"{MILLION * cost / 3600:.0f} core-hours, {result * MILLION / 1e9:.0f} GB for whole results (none with "
-        f"`--no-results`), {parts_bytes / 1e9:.2g} GB for {MILLION / batch:.0f} parts, {table_bytes / 1e9:.2g} GB for "
-        f"the table, and {coordinator:.1f} GB of memory for the coordinator. The page stays as it is."
+        f"One calibration (21 × 2000 samples as CSV) takes {cost:.2f} s of one core of the "
+        f"machine that this was measured on, and has {data / 1e6:.1f} MB in {files} files. A "
+        f"million have {data / 1e6:.1f} TB; they need {MILLION * cost / 3600:.0f} core-hours, "
+        f"{result * MILLION / 1e9:.0f} GB for whole results (none with `--no-results`), "
+        f"{parts_bytes / 1e9:.2g} GB for {MILLION / batch:.0f} parts, {table_bytes / 1e9:.2g} GB "
+        f"for the table, and {coordinator:.1f} GB of memory for the coordinator. The page stays "
+        "as it is."
     )
     return f"{sizes}\n\n{table}"

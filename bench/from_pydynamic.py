@@ -1,4 +1,4 @@
-"""``python -m bench.from_pydynamic``: PyDynamic's functions beside ours on the same data, into studies/pydynamic.md."""
+"""Functions of PyDynamic beside this package's on the same data, into studies/pydynamic.md."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ HZ = np.geomspace(10.0, 1000.0, 21)
 GRID_HZ = np.linspace(10.0, 0.2 * RATE_HZ, 400)
 AT_HZ = np.array([100.0, 600.0, 1000.0])
 TONES_HZ = 12.8 * np.array([10, 25, 50, 75])  # whole periods in 1,000 samples
-TONE_NOISE, SHOCK_NOISE = 1e-3, 1e-3  # V, standard deviations of white noise
+# V, standard deviations of white noise.
+TONE_NOISE = 1e-3
+SHOCK_NOISE = 1e-3
 LOW_PASS_HZ = 2000.0
 SHOCK_SAMPLES = 600
 
@@ -36,16 +38,26 @@ SHOCK_SAMPLES = 600
 def main() -> None:
     """Compute both, and write the table."""
     given = _given()
-    theirs = ask(ENVIRONMENTS / "pydynamic" / "bin" / "python", "pydynamic_functions_peer.py", given)
-    table = ResponseTable(HZ, given["size"], given["phase"], given["size_u"], given["size_u"] / given["size"])
+    theirs = ask(
+        ENVIRONMENTS / "pydynamic" / "bin" / "python", "pydynamic_functions_peer.py", given
+    )
+    table = ResponseTable(
+        HZ, given["size"], given["phase"], given["size_u"], given["size_u"] / given["size"]
+    )
     result = identify(Calibration(table=table, model="accelerometer"))
     named = NAMES_PAGE.read_text(encoding="utf-8")
     missing = [name for name in theirs["names"] if f"`{name}`" not in named]
     if missing:
         raise ValueError(
-            f"{NAMES_PAGE}: expected every public function of PyDynamic, found none of {', '.join(missing)}"
+            f"{NAMES_PAGE}: expected every public function of PyDynamic, found none of "
+            f"{', '.join(missing)}"
         )
-    rows = [*_fits(theirs, result), *_curves(theirs, result), *_tones(theirs, given), *_shocks(theirs, given, result)]
+    rows = [
+        *_fits(theirs, result),
+        *_curves(theirs, result),
+        *_tones(theirs, given),
+        *_shocks(theirs, given, result),
+    ]
     head = ("same data", "PyDynamic " + theirs["version"], "ours", "truth")
     cells = [(what, f"{a}: {x}", f"{b}: {y}", truth) for a, b, what, x, y, truth in rows]
     put_between(PAGE, "pydynamic", "\n" + markdown.table(head, cells) + "\n")
@@ -70,24 +82,45 @@ def _given() -> dict[str, Any]:
     lines = np.fft.rfftfreq(SHOCK_SAMPLES, 1 / RATE_HZ)
     low_pass = 0.5 * (1 + np.cos(np.pi * np.clip((lines - LOW_PASS_HZ) / LOW_PASS_HZ, 0.0, 1.0)))
     return {
-        "frequency_hz": HZ, "parts": np.concatenate([points.real, points.imag]), "parts_u": np.tile(u, 2),
-        "size": np.abs(points), "phase": np.angle(points), "size_u": u,
-        "true": np.array([TRUE[name] for name in NAMES]), "grid_hz": GRID_HZ, "at_hz": AT_HZ, "rate_hz": RATE_HZ,
-        "references": references, "responses": responses + TONE_NOISE * rng.normal(size=responses.shape),
-        "tone_noise": TONE_NOISE, "pulse": pulse, "shock": felt + SHOCK_NOISE * rng.normal(size=SHOCK_SAMPLES),
-        "shock_noise": SHOCK_NOISE, "low_pass": low_pass, "low_pass_hz": LOW_PASS_HZ, "fit_to_hz": LOW_PASS_HZ,
-    }  # fmt: skip
+        "frequency_hz": HZ,
+        "parts": np.concatenate([points.real, points.imag]),
+        "parts_u": np.tile(u, 2),
+        "size": np.abs(points),
+        "phase": np.angle(points),
+        "size_u": u,
+        "true": np.array([TRUE[name] for name in NAMES]),
+        "grid_hz": GRID_HZ,
+        "at_hz": AT_HZ,
+        "rate_hz": RATE_HZ,
+        "references": references,
+        "responses": responses + TONE_NOISE * rng.normal(size=responses.shape),
+        "tone_noise": TONE_NOISE,
+        "pulse": pulse,
+        "shock": felt + SHOCK_NOISE * rng.normal(size=SHOCK_SAMPLES),
+        "shock_noise": SHOCK_NOISE,
+        "low_pass": low_pass,
+        "low_pass_hz": LOW_PASS_HZ,
+        "fit_to_hz": LOW_PASS_HZ,
+    }
 
 
 def _fits(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
     units = {"sensitivity": "V/(m/s²)", "damping_ratio": "", "natural_frequency": "Hz"}
     rows = []
     for k, name in enumerate(NAMES):
-        value, u = theirs["fit_som"]["values"][k], theirs["fit_som"]["u"][k]
+        value = theirs["fit_som"]["values"][k]
+        u = theirs["fit_som"]["u"][k]
         own = result.parameters[name]
-        stated = [f"{v:.6g}, u {s:.2g}" for v, s in ((value, u), (own.value or math.nan, own.standard_uncertainty))]
-        what = f"{name.replace('_', ' ')} {units[name]} of 21 points good to 0.2 %".replace("  ", " ")
-        rows.append(("`fit_som`", "`identify` of a `ResponseTable`", what, *stated, f"{TRUE[name]:g}"))
+        stated = [
+            f"{v:.6g}, u {s:.2g}"
+            for v, s in ((value, u), (own.value or math.nan, own.standard_uncertainty))
+        ]
+        what = f"{name.replace('_', ' ')} {units[name]} of 21 points good to 0.2 %".replace(
+            "  ", " "
+        )
+        rows.append(
+            ("`fit_som`", "`identify` of a `ResponseTable`", what, *stated, f"{TRUE[name]:g}")
+        )
     return rows
 
 
@@ -96,7 +129,8 @@ def _curves(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
 
     def off(parts: Any) -> str:
         found = np.array(parts[0]) + 1j * np.array(parts[1]) if isinstance(parts, list) else parts
-        whole = [np.exp(2j * np.pi * GRID_HZ * shift / RATE_HZ) for shift in (-1, 0, 1)]  # samples of delay
+        # Samples of delay.
+        whole = [np.exp(2j * np.pi * GRID_HZ * shift / RATE_HZ) for shift in (-1, 0, 1)]
         return f"{min(float(np.max(np.abs(found * late / wanted - 1.0))) for late in whole):.1e}"
 
     filtered, _ = model_filter(sensor_of(identify_exactly()), RATE_HZ)
@@ -104,21 +138,37 @@ def _curves(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
     sensor = result.to_sensor()
     own = sensor.uncertainty(AT_HZ)[0] * np.abs(sensor.frequency_response(AT_HZ))
     rows = [
-        ("`sos_FreqResp`", "`to_sensor().frequency_response`", "curve to 0.2 of the rate: largest relative deviation",
-         off(theirs["sos_FreqResp"]), off(parse("accelerometer").frequency_response(TRUE, GRID_HZ)), "0"),
-        ("`sos_phys2filter`, `impinvar`", "`export --format c`: model", "filter at 12.8 kHz: the same, but for delay",
-         off(theirs["impinvar"]), off(ours), "0"),
-    ]  # fmt: skip
+        (
+            "`sos_FreqResp`",
+            "`to_sensor().frequency_response`",
+            "curve to 0.2 of the rate: largest relative deviation",
+            off(theirs["sos_FreqResp"]),
+            off(parse("accelerometer").frequency_response(TRUE, GRID_HZ)),
+            "0",
+        ),
+        (
+            "`sos_phys2filter`, `impinvar`",
+            "`export --format c`: model",
+            "filter at 12.8 kHz: the same, but for delay",
+            off(theirs["impinvar"]),
+            off(ours),
+            "0",
+        ),
+    ]
     for hz, u, mine in zip(AT_HZ, theirs["sos_absphase"], own, strict=True):
         what = f"u of the magnitude at {hz:g} Hz, V/(m/s²)"
-        rows.append(("`sos_absphase`", "`to_sensor().uncertainty`", what, f"{u:.2e}", f"{mine:.2e}", "–"))
+        rows.append(
+            ("`sos_absphase`", "`to_sensor().uncertainty`", what, f"{u:.2e}", f"{mine:.2e}", "–")
+        )
     return rows
 
 
 def identify_exactly() -> Result:
-    """A result with the true values, for the filter."""
+    """Return a result with the true values, for the filter."""
     response = _response(HZ)
-    table = ResponseTable(HZ, np.abs(response), np.angle(response), 1e-9 * np.abs(response), np.full(HZ.size, 1e-9))
+    table = ResponseTable(
+        HZ, np.abs(response), np.angle(response), 1e-9 * np.abs(response), np.full(HZ.size, 1e-9)
+    )
     return identify(Calibration(table=table, model="accelerometer"))
 
 
@@ -134,7 +184,14 @@ def _tones(theirs: dict[str, Any], given: dict[str, Any]) -> list[tuple[str, ...
         what = f"sensitivity at {hz:g} Hz; noise of 1 mV, told to PyDynamic, estimated by ours"
         truth = f"{abs(_response(np.array([hz]))[0]):.6f}"
         rows.append(
-            ("`GUM_DFT`, `Time2AmpPhase`", "`measured` of `identify`", what, f"{gain:.6f}, u {u:.1e}", own, truth)
+            (
+                "`GUM_DFT`, `Time2AmpPhase`",
+                "`measured` of `identify`",
+                what,
+                f"{gain:.6f}, u {u:.1e}",
+                own,
+                truth,
+            )
         )
     return rows
 
@@ -142,7 +199,8 @@ def _tones(theirs: dict[str, Any], given: dict[str, Any]) -> list[tuple[str, ...
 def _shocks(theirs: dict[str, Any], given: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
     shock = Calibration.from_arrays(None, given["shock"], RATE_HZ, excitation="decay")
     rows = []
-    for name, how, to_hz in (  # ours falls to half at 1.5 times its highest frequency; a Kaiser low-pass at its own
+    # Ours falls to half at 1.5 times its highest frequency; a Kaiser low-pass at its own.
+    for name, how, to_hz in (
         ("FIRuncFilter", "`LSFIR`, `kaiser_lowpass`, `FIRuncFilter`", LOW_PASS_HZ / 1.5),
         ("DFT_deconv", "`GUM_DFT`, `DFT_deconv`, `GUM_iDFT`", LOW_PASS_HZ),
     ):
@@ -150,7 +208,10 @@ def _shocks(theirs: dict[str, Any], given: dict[str, Any], result: Result) -> li
         ours = _judged(own.acceleration, own.standard_uncertainty, given["pulse"])
         found = theirs[name]
         judged = _judged(np.array(found["acceleration"]), np.array(found["u"]), given["pulse"])
-        what = "pulse of 100 m/s² and 0.4 ms from the response: rms error, mean u in m/s²; samples within 2 u"
+        what = (
+            "pulse of 100 m/s² and 0.4 ms from the response: "
+            "rms error, mean u in m/s²; samples within 2 u"
+        )
         rows.append((how, "`correct`", what, judged, ours, "0; 95 %"))
     return rows
 

@@ -22,20 +22,29 @@ from vibrident.show.media import markdown
 DOCUMENT = Path(__file__).parents[1] / "studies" / "history.md"
 LIVES = 2000
 WIDTH = "width"
-NOISE = 0.002  # relative standard uncertainty of a calibration's noise
-REFERENCE = 0.005  # relative standard uncertainty of the shared reference
+NOISE_U = 0.002  # relative standard uncertainty of a calibration's noise
+REFERENCE_U = 0.005  # relative standard uncertainty of the shared reference
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A population of sensors; sizes in units of the noise of one calibration."""
+    """A population of sensors; sizes in units of the noise of one calibration.
 
-    name: str  # in the table
-    line: float = 0.0  # standard deviation of the steady drift, a year
-    walk: float = 0.0  # standard deviation of the random walk after a year
-    jump: float = 0.0  # standard deviation of a jump at a repair; zero for none
-    untold: float = 0.0  # the same of a jump that was not entered
-    calibrations: tuple[int, int] = (3, 10)  # fewest and most before the one that is predicted
+    Attributes:
+        name: in the table.
+        line: standard deviation of the steady drift, a year.
+        walk: standard deviation of the random walk after a year.
+        jump: standard deviation of a jump at a repair; zero for none.
+        untold: the same of a jump that was not entered.
+        calibrations: fewest and most before the one that is predicted.
+    """
+
+    name: str
+    line: float = 0.0
+    walk: float = 0.0
+    jump: float = 0.0
+    untold: float = 0.0
+    calibrations: tuple[int, int] = (3, 10)
 
 
 KINDS = (
@@ -55,38 +64,60 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Simulated:
-    """A life without its last calibration, which is predicted."""
+    """A life without its last calibration, which is predicted.
 
-    entries: list[Entry]  # the calibrations before
-    events: list[Event]  # entered
-    truth: float  # of the sensor at the date of the last one
-    last: Entry  # that calibration
+    Attributes:
+        entries: the calibrations before.
+        events: entered.
+        truth: of the sensor at the date of the last one.
+        last: that calibration.
+    """
+
+    entries: list[Entry]
+    events: list[Event]
+    truth: float
+    last: Entry
 
 
 def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
-    """One life; in half of all lives the reference is calibrated anew halfway, and has another error from then on."""
+    """Draw a life.
+
+    In half of all lives the reference is calibrated anew halfway, and has another error then.
+    """
     count = int(rng.integers(kind.calibrations[0], kind.calibrations[1] + 1)) + 1
     gaps = rng.uniform(0.7, 2.2, count - 1)
     years = np.concatenate([[0.0], np.cumsum(gaps)])
     steps = rng.normal(size=count - 1) * np.sqrt(gaps) * kind.walk
     truth = kind.line * rng.normal() * years + np.concatenate([[0.0], np.cumsum(steps)])
     events = []
-    dates = [datetime.date(2000, 1, 1) + datetime.timedelta(days=round(DAYS_A_YEAR * year)) for year in years]
+    dates = [
+        datetime.date(2000, 1, 1) + datetime.timedelta(days=round(DAYS_A_YEAR * year))
+        for year in years
+    ]
     if (kind.jump or kind.untold) and count > 3:
         at = int(rng.integers(1, count - 1))
         truth[at:] += rng.normal() * (kind.jump or kind.untold)
         if kind.jump:
             events.append(Event(1, "repaired", dates[at] - datetime.timedelta(days=30)))
-    values = 1.0 + NOISE * truth
+    values = 1.0 + NOISE_U * truth
     anew = count // 2 if rng.random() < 0.5 else count
-    errors = REFERENCE * rng.normal(size=2)
+    errors = REFERENCE_U * rng.normal(size=2)
     entries = []
     for i in range(count):
         second = i >= anew
-        read = values[i] * (1 + errors[int(second)]) + NOISE * rng.normal()
-        shared = {f"gain|reference {1 + second}|{REFERENCE:.2g}|": REFERENCE * read}
+        read = values[i] * (1 + errors[int(second)]) + NOISE_U * rng.normal()
+        shared = {f"gain|reference {1 + second}|{REFERENCE_U:.2g}|": REFERENCE_U * read}
         entries.append(
-            Entry(i, dates[i], read, float(np.hypot(NOISE, REFERENCE * read)), "V", None, shared, f'["{i}"]')
+            Entry(
+                i,
+                dates[i],
+                read,
+                float(np.hypot(NOISE_U, REFERENCE_U * read)),
+                "V",
+                None,
+                shared,
+                f'["{i}"]',
+            )
         )
     return Simulated(entries[:-1], events, float(values[-1]), entries[-1])
 
@@ -99,7 +130,9 @@ def measured(kind: Kind, lives: int, seed: int) -> dict[str, float]:
         one = simulated(kind, rng)
         lived = life(one.entries, one.events)
         if lived.drift is not None:
-            found.append((*_covered(lived, one), len(lived.breaks), *_agreeing(lived), _alarms(lived)))
+            found.append(
+                (*_covered(lived, one), len(lived.breaks), *_agreeing(lived), _alarms(lived))
+            )
     columns = np.array(found, dtype=float).T
     names = ("sensor", "reading", WIDTH, "breaks", "en", "ordinary", "alarm")
     means = dict(zip(names, np.nanmean(columns, axis=1), strict=True))
@@ -107,15 +140,20 @@ def measured(kind: Kind, lives: int, seed: int) -> dict[str, float]:
 
 
 def _covered(lived: Life, one: Simulated) -> Iterator[float]:
-    """Whether the sensor and its next calibration lie within their 95 %; U of the latter in units of its noise."""
+    """Yield whether sensor and next calibration lie within their 95 %, and U over the noise."""
     assert lived.drift is not None
     at = years_between(one.entries[0].date, one.last.date)
     low, high = lived.drift.sensitivity(at).interval_95
     yield low <= one.truth <= high
-    shared = np.array([sum(u * e.shared.get(key, 0.0) for key, u in one.last.shared.items()) for e in lived.entries])
+    shared = np.array(
+        [
+            sum(u * e.shared.get(key, 0.0) for key, u in one.last.shared.items())
+            for e in lived.entries
+        ]
+    )
     low, high = lived.drift.reading(at, shared, float(one.last.u or 0.0)).interval_95
     yield low <= float(one.last.value or 0.0) <= high
-    yield (high - low) / 2 / (2 * NOISE)
+    yield (high - low) / 2 / (2 * NOISE_U)
 
 
 def _agreeing(lived: Life) -> tuple[float, float]:
@@ -123,24 +161,34 @@ def _agreeing(lived: Life) -> tuple[float, float]:
     found = [lived.agreement(i) for i in range(1, len(lived.entries))]
     if not found:
         return np.nan, np.nan
-    return tuple(float(np.mean([abs(getattr(a, n) or 0.0) <= 1 for a in found])) for n in ("correlated", "ordinary"))
+    return tuple(
+        float(np.mean([abs(getattr(a, n) or 0.0) <= 1 for a in found]))
+        for n in ("correlated", "ordinary")
+    )
 
 
 def _alarms(lived: Life) -> float:
     if len(lived.entries) < 2 or lived.breaks:
         return np.nan
     residuals = control.recursive_residuals(lived.value, lived.covariance)
-    return float(any(chart.alarm for chart in control.charts(residuals, np.arange(residuals.size) == 0)))
+    return float(
+        any(chart.alarm for chart in control.charts(residuals, np.arange(residuals.size) == 0))
+    )
 
 
 def table(lives: int) -> str:
-    """The study as a Markdown table."""
+    """Return the study as a Markdown table."""
     lead = (
-        f"{lives} lives a row; noise {100 * NOISE:g} %, reference {100 * REFERENCE:g} % (in half of the lives "
-        "calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, unless said otherwise."
+        f"{lives} lives a row; noise {100 * NOISE_U:g} %, reference {100 * REFERENCE_U:g} % (in "
+        "half of the lives calibrated anew halfway); 3 to 10 calibrations, 0.7 to 2.2 years apart, "
+        "unless said otherwise."
     )
     heads = ("sensors", "next calibration within its 95 %", "sensor within its 95 %")
-    heads += ("median U of the next calibration, in U of its noise", "E_n within ±1", "ordinary E_n within ±1")
+    heads += (
+        "median U of the next calibration, in U of its noise",
+        "E_n within ±1",
+        "ordinary E_n within ±1",
+    )
     heads += ("new series a life", "EWMA or CUSUM alarm")
     rows = []
     for number, kind in enumerate(KINDS):
@@ -154,8 +202,15 @@ def table(lives: int) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the study; write it into the documentation where it is a whole one."""
-    parser = argparse.ArgumentParser(prog="python -m bench.history", description="Statistics of simulated lives.")
-    parser.add_argument("--lives", type=int, default=LIVES, help="lives a row; the page is written from the default on")
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.history", description="Statistics of simulated lives."
+    )
+    parser.add_argument(
+        "--lives",
+        type=int,
+        default=LIVES,
+        help="lives a row; the page is written from the default on",
+    )
     lives = parser.parse_args(arguments).lives
     made = table(lives)
     print(made)

@@ -1,8 +1,9 @@
-"""Coverage of what laboratories state: repeats with remounting, temperature coefficients, the matrix of three axes.
+"""Coverage of the statements of laboratories: remounting, temperature, matrices of three axes.
 
     python -m bench.laboratory [runs] [study ...]
 
-Each study is simulated so many times (500), and the share of 95 % intervals that hold the true value is printed.
+Each study is simulated so many times (500), and the share of 95 % intervals that hold the true
+value is printed.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from vibrident.data.io.axes_file import AxesCalibration
 from vibrident.data.records import Calibration, Circumstances, Record
 from vibrident.use.triaxial import sensitivity_matrix
 
-RATE, SAMPLES = 8192.0, 512
-FREQUENCIES = (160.0, 480.0, 800.0, 960.0)
+RATE_HZ = 8192.0
+SAMPLES = 512
+FREQUENCIES_HZ = (160.0, 480.0, 800.0, 960.0)
 TRUE = {"sensitivity": 0.1, "natural_frequency": 900.0, "damping_ratio": 0.05}
 NOISE = 2e-4
 
@@ -28,17 +30,22 @@ def response(frequency, sensitivity, natural_frequency, damping_ratio):
     return sensitivity / (1.0 - ratio**2 + 2j * damping_ratio * ratio)
 
 
-def records(rng, values, circumstances, frequencies=FREQUENCIES):
+def records(rng, values, circumstances, frequencies=FREQUENCIES_HZ):
     """Sine records of a sensor with these parameters."""
-    time_s, found = np.arange(SAMPLES) / RATE, []
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    found = []
     for f in frequencies:
-        f = round(f * SAMPLES / RATE) * RATE / SAMPLES
+        f = round(f * SAMPLES / RATE_HZ) * RATE_HZ / SAMPLES
         phase = rng.uniform(0, 2 * np.pi)
         a = 10.0 * np.cos(2 * np.pi * f * time_s + phase)
         v = np.real(10.0 * response(f, **values) * np.exp(1j * (2 * np.pi * f * time_s + phase)))
         v = v + NOISE * rng.standard_normal(SAMPLES)
-        name = " ".join(str(part) for part in (f"{f:g} Hz", *vars(circumstances).values()) if part not in ("", None))
-        found.append(Record(name, a, v, RATE, "sine", f, circumstances=circumstances))
+        name = " ".join(
+            str(part)
+            for part in (f"{f:g} Hz", *vars(circumstances).values())
+            if part not in ("", None)
+        )
+        found.append(Record(name, a, v, RATE_HZ, "sine", f, circumstances=circumstances))
     return found
 
 
@@ -48,12 +55,14 @@ def inside(parameter, true):
 
 
 def repeats(rng, mountings=4, runs=2):
-    """Parameters of a sensor that was mounted anew several times, each a little different."""
+    """Return the parameters of a sensor mounted anew several times, each a little different."""
     made = []
     for m in range(mountings):
         drawn = {name: value * (1 + 1e-3 * rng.standard_normal()) for name, value in TRUE.items()}
         for r in range(runs):
-            own = {name: value * (1 + 2e-4 * rng.standard_normal()) for name, value in drawn.items()}
+            own = {
+                name: value * (1 + 2e-4 * rng.standard_normal()) for name, value in drawn.items()
+            }
             made += records(rng, own, Circumstances(run=str(r), mounting=str(m)))
     result = vibrident.identify(Calibration(tuple(made)), "accelerometer")
     return {name: inside(result.parameters[name], true) for name, true in TRUE.items()}
@@ -81,30 +90,39 @@ OUTPUTS = ("x", "y", "z")
 
 
 def axes_calibration(rng, frequencies=(80.0, 480.0), motions=False, effects=(), noise=NOISE):
-    """Records of a triaxial sensor, turned into each axis, or moved along all axes at once in several directions."""
-    time_s, signals = np.arange(SAMPLES) / RATE, []
-    for f in (round(f * SAMPLES / RATE) * RATE / SAMPLES for f in frequencies):
-        drives = rng.standard_normal((5, 3)) + 1j * rng.standard_normal((5, 3)) if motions else np.eye(3) * np.exp(1j)
+    """Return records of a triaxial sensor, turned into each axis, or moved along all at once."""
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    signals = []
+    for f in (round(f * SAMPLES / RATE_HZ) * RATE_HZ / SAMPLES for f in frequencies):
+        drives = (
+            rng.standard_normal((5, 3)) + 1j * rng.standard_normal((5, 3))
+            if motions
+            else np.eye(3) * np.exp(1j)
+        )
         for k, drive in enumerate(drives):
             wave = np.exp(2j * np.pi * f * time_s)
             a = np.real(10.0 * drive[:, None] * wave)
             v = np.real(10.0 * (MATRIX @ drive)[:, None] * response(f, **TRUE) * wave)
-            signals.append((f"{f:g} Hz {k}", f, OUTPUTS[k % 3], a, v + noise * rng.standard_normal(v.shape)))
+            signals.append(
+                (f"{f:g} Hz {k}", f, OUTPUTS[k % 3], a, v + noise * rng.standard_normal(v.shape))
+            )
 
     def calibration(output, motion):
         made = []
         for name, f, axis, a, v in signals:
             reference = a[motion] if motions else a[OUTPUTS.index(axis)]
             where = Circumstances(axis="" if motions else axis)
-            made.append(Record(name, reference, v[output], RATE, "sine", f, circumstances=where))
+            made.append(Record(name, reference, v[output], RATE_HZ, "sine", f, circumstances=where))
         return Calibration(tuple(made), effects=tuple(effects))
 
     outputs = {name: calibration(i, 0) for i, name in enumerate(OUTPUTS)}
-    return AxesCalibration(outputs, {n: calibration(0, j) for j, n in enumerate(OUTPUTS)} if motions else {})
+    return AxesCalibration(
+        outputs, {n: calibration(0, j) for j, n in enumerate(OUTPUTS)} if motions else {}
+    )
 
 
 def true_matrix(frequencies):
-    """Complex, shape (frequencies, 3, 3)."""
+    """Return the complex, shape (frequencies, 3, 3)."""
     return np.array([MATRIX * response(f, **TRUE) for f in frequencies])
 
 
@@ -120,11 +138,16 @@ def triaxial(rng, motions=False):
 
 
 def three_motions(rng):
-    """The same, moved along all axes at once."""
+    """Return the same, moved along all axes at once."""
     return triaxial(rng, motions=True)
 
 
-STUDIES = {"repeats": repeats, "temperature": temperatures, "triaxial": triaxial, "three motions": three_motions}
+STUDIES = {
+    "repeats": repeats,
+    "temperature": temperatures,
+    "triaxial": triaxial,
+    "three motions": three_motions,
+}
 
 
 def coverage(name: str, count: int, seed: int = 1) -> dict[str, float]:
@@ -141,7 +164,9 @@ def main(count: int, names: list[str]) -> None:
         said = ", ".join(f"{key} {100 * share:.1f} %" for key, share in shares.items())
         seconds = time.perf_counter() - begin
         print(
-            f"{name}: {count} simulated, 95 % intervals that hold the true value: {said} ({seconds:.0f} s)", flush=True
+            f"{name}: {count} simulated, 95 % intervals that hold the true value: {said} "
+            f"({seconds:.0f} s)",
+            flush=True,
         )
 
 

@@ -1,11 +1,10 @@
-"""Raw light to parameters: coverage, the Cramér–Rao bound, false alarms and speed, against a truth of its own.
+"""Raw light to parameters: coverage, bound, false alarms and speed, against a truth of its own.
 
     python -m bench.light coverage --runs 500 --keep FILE    (or in pieces: --first 100 --runs 50)
-    python -m bench.light alarms --runs 200
-    python -m bench.light faults --runs 2 --keep FILE
-    python -m bench.light motions --runs 40 --keep FILE
-    python -m bench.light speed --kind quadrature --samples 20000000
-    python -m bench.light peers            (ellipse fits of hoqi-bench, from an environment that holds it)
+    python -m bench.light alarms --runs 200 python -m bench.light faults --runs 2 --keep FILE python
+    -m bench.light motions --runs 40 --keep FILE python -m bench.light speed --kind quadrature
+    --samples 20000000 python -m bench.light peers            (ellipse fits of hoqi-bench, from an
+    environment that holds it)
 
 Each prints its figures; studies/interferometer.md quotes them.
 """
@@ -35,9 +34,14 @@ from vibrident.data.interferometer.setting import Interferometer
 from vibrident.data.records import FloatArray
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import sensor_named
-from vibrident.physics.simulation.optics import CARRIER_RATIO, Optics, drawn, write_optical_calibration
+from vibrident.physics.simulation.optics import (
+    CARRIER_RATIO,
+    Optics,
+    drawn,
+    write_optical_calibration,
+)
 
-FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
+FREQUENCIES_HZ = (150.0, 250.0, 400.0, 630.0, 1000.0)
 AMPLITUDE = 10.0
 RATE_HZ = 2e5
 SAMPLES = 60_000
@@ -53,38 +57,49 @@ def bound(times: float) -> FloatArray:
     ``times``: rate of the optical signals over that of the response.
     """
     sensor = sensor_named(SENSOR)
-    model, f = parse(sensor.model), np.array(FREQUENCIES)
+    model = parse(sensor.model)
+    f = np.array(FREQUENCIES_HZ)
     values = {name: sensor.parameters[name] for name in PARAMETERS}
 
     def log_response(at: dict[str, float]) -> np.ndarray:
         return np.log(np.asarray(model.frequency_response(at, f, "displacement")))
 
     phase = AMPLITUDE / (2.0 * np.pi * f) ** 2 / METRES_PER_RADIAN
-    # A response's noise is given over its rms; an amplitude's relative deviation is noise √(2/N) over it.
+    # A response's noise is given over its rms; an amplitude's relative deviation is noise √(2/N)
+    # over it.
     variance = (2.0 / SAMPLES) * ((PHASE_NOISE / phase) ** 2 / times + RESPONSE_NOISE**2 / 2.0)
     columns = []
     for name in PARAMETERS:
         step = 1e-6 * abs(values[name])
-        up, down = (
-            log_response({**values, name: values[name] + step}),
-            log_response({**values, name: values[name] - step}),
-        )
+        up = log_response({**values, name: values[name] + step})
+        down = log_response({**values, name: values[name] - step})
         columns.append((up - down) / (2.0 * step))
-    rows = np.concatenate([np.real(columns), np.imag(columns)], axis=1) / np.sqrt(np.concatenate([variance, variance]))
+    rows = np.concatenate([np.real(columns), np.imag(columns)], axis=1) / np.sqrt(
+        np.concatenate([variance, variance])
+    )
     return np.sqrt(np.diag(np.linalg.inv(rows @ rows.T)))
 
 
 def coverage(first: int, runs: int, keep: Path) -> None:
-    """Share of 95 % intervals that hold the truth, and u over the bound, with an ellipse drawn anew each time.
+    """Measure the coverage of 95 % intervals, and u over the bound, with ellipses drawn anew.
 
-    Each run is a line of the file ``keep``, so that a study can be made in pieces; the figures are those of all lines.
+    Each run is a line of the file ``keep``, so that a study can be made in pieces; the figures are
+    those of all lines.
     """
     truth = np.array([sensor_named(SENSOR).parameters[name] for name in PARAMETERS])
     for run in range(first, first + runs):
         with tempfile.TemporaryDirectory() as folder:
             optics = drawn(Optics(noise=PHASE_NOISE, random=True), run)
-            settings = {"sampling_rate_hz": RATE_HZ, "samples": SAMPLES, "frequencies_hz": list(FREQUENCIES)}
-            settings |= {"amplitude": AMPLITUDE, "response_noise": RESPONSE_NOISE, "start": "steady"}
+            settings = {
+                "sampling_rate_hz": RATE_HZ,
+                "samples": SAMPLES,
+                "frequencies_hz": list(FREQUENCIES_HZ),
+            }
+            settings |= {
+                "amplitude": AMPLITUDE,
+                "response_noise": RESPONSE_NOISE,
+                "start": "steady",
+            }
             write_optical_calibration(folder, SENSOR, "sine", optics, seed=run, **settings)
             calibration = read(Path(folder) / "calibration.toml")
             result = identify(calibration)
@@ -97,7 +112,8 @@ def coverage(first: int, runs: int, keep: Path) -> None:
             "errors": [p.value - true for p, true in zip(found, truth, strict=True)],
             "stated": [p.standard_uncertainty for p in found],
             "held": [
-                p.interval_95[0] <= true <= p.interval_95[1] for p, true in zip(found, truth.tolist(), strict=True)
+                p.interval_95[0] <= true <= p.interval_95[1]
+                for p, true in zip(found, truth.tolist(), strict=True)
             ],
             "warnings": list(result.warning_codes),
         }
@@ -116,22 +132,33 @@ def _kept(keep: Path) -> list[dict[str, Any]]:
 
 def _print_coverage(keep: Path) -> None:
     rows = {row["run"]: row for row in _kept(keep)}.values()
-    errors, stated, held = (np.array([row[key] for row in rows]) for key in ("errors", "stated", "held"))
+    errors, stated, held = (
+        np.array([row[key] for row in rows]) for key in ("errors", "stated", "held")
+    )
     alarms = sum(bool(row["warnings"]) for row in rows)
-    scaled, least = errors / stated, bound(float(np.mean([row["times"] for row in rows])))
+    scaled = errors / stated
+    least = bound(float(np.mean([row["times"] for row in rows])))
     figures = {
         "runs": len(rows),
         "coverage": dict(zip(PARAMETERS, np.mean(held, axis=0).tolist(), strict=True)),
-        "beyond_3u": dict(zip(PARAMETERS, np.mean(np.abs(scaled) > 3.0, axis=0).tolist(), strict=True)),
-        "u_over_bound": dict(zip(PARAMETERS, (np.mean(stated, axis=0) / least).tolist(), strict=True)),
-        "scatter_over_bound": dict(zip(PARAMETERS, (np.std(errors, axis=0) / least).tolist(), strict=True)),
+        "beyond_3u": dict(
+            zip(PARAMETERS, np.mean(np.abs(scaled) > 3.0, axis=0).tolist(), strict=True)
+        ),
+        "u_over_bound": dict(
+            zip(PARAMETERS, (np.mean(stated, axis=0) / least).tolist(), strict=True)
+        ),
+        "scatter_over_bound": dict(
+            zip(PARAMETERS, (np.std(errors, axis=0) / least).tolist(), strict=True)
+        ),
         "with_a_warning": alarms,
     }
     print(json.dumps(figures), flush=True)
 
 
 QUADRATURE = Interferometer("quadrature", 632.991e-9, direction=1)
-HETERODYNE = Interferometer("heterodyne", 632.991e-9, carrier_hz=CARRIER_RATIO * 51_200.0, direction=1)
+HETERODYNE = Interferometer(
+    "heterodyne", 632.991e-9, carrier_hz=CARRIER_RATIO * 51_200.0, direction=1
+)
 #: What can be wrong with the light, and the settings of it.
 FAULTS: dict[str, dict[str, Any]] = {
     "clean": {},
@@ -150,9 +177,11 @@ MOTIONS = {"sine": 10.0, "multisine": 3.0, "sweep": 3.0, "random": 3.0, "shock":
 
 
 def faults(first: int, runs: int, keep: Path) -> None:
-    """Each fault with each motion and each kind of interferometer: right within 3 u, named, refused or wrong."""
+    """Try each fault with each motion and interferometer: right, named, refused or wrong."""
     for run in range(first, first + runs):
-        for setting, (fault, changes), motion in itertools.product((QUADRATURE, HETERODYNE), FAULTS.items(), MOTIONS):
+        for setting, (fault, changes), motion in itertools.product(
+            (QUADRATURE, HETERODYNE), FAULTS.items(), MOTIONS
+        ):
             row = {"run": run, "kind": setting.kind, "fault": fault, "motion": motion}
             optics = drawn(Optics(setting, noise=0.02, random=True, **changes), run)
             _append(keep, row | _outcome(motion, optics, run))
@@ -160,7 +189,7 @@ def faults(first: int, runs: int, keep: Path) -> None:
 
 
 def motions(first: int, runs: int, keep: Path) -> None:
-    """Coverage of the intervals with each motion and each kind of interferometer, a new ellipse each run."""
+    """Measure the coverage with each motion and kind of interferometer, a new ellipse each run."""
     for run in range(first, first + runs):
         for setting, motion in itertools.product((QUADRATURE, HETERODYNE), MOTIONS):
             row = {"run": run, "kind": setting.kind, "motion": motion}
@@ -168,55 +197,92 @@ def motions(first: int, runs: int, keep: Path) -> None:
             _append(keep, row | _outcome(motion, optics, run))
     rows = _kept(keep)
     names = " | ".join(name.replace("_", " ") for name in PARAMETERS)
-    print(f"| interferometer | motion | runs | {names} | rms of error / u | with a warning |\n|{'---|' * 8}")
+    print(
+        f"| interferometer | motion | runs | {names} | rms of error / u | with a warning "
+        f"|\n|{'---|' * 8}"
+    )
     for kind, motion in itertools.product(("quadrature", "heterodyne"), MOTIONS):
         here = [r for r in rows if (r["kind"], r["motion"]) == (kind, motion) and r["off"]]
-        held = " | ".join(f"{100 * part:.1f} %" for part in np.mean([r["held"] for r in here], axis=0))
-        rms = ", ".join(f"{one:.2f}" for one in np.sqrt(np.mean(np.square([r["off"] for r in here]), axis=0)))
+        held = " | ".join(
+            f"{100 * part:.1f} %" for part in np.mean([r["held"] for r in here], axis=0)
+        )
+        rms = ", ".join(
+            f"{one:.2f}" for one in np.sqrt(np.mean(np.square([r["off"] for r in here]), axis=0))
+        )
         print(
-            f"| {kind} | {motion} | {len(here)} | {held} | {rms} | {sum(bool(r['codes']) for r in here)} |", flush=True
+            f"| {kind} | {motion} | {len(here)} | {held} | {rms} | "
+            f"{sum(bool(r['codes']) for r in here)} |",
+            flush=True,
         )
 
 
 def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
-    settings: dict[str, Any] = {"sampling_rate_hz": 51_200.0, "samples": 10_240, "amplitude": MOTIONS[motion]}
+    settings: dict[str, Any] = {
+        "sampling_rate_hz": 51_200.0,
+        "samples": 10_240,
+        "amplitude": MOTIONS[motion],
+    }
     if motion == "sine":
         settings |= {"frequencies_hz": [150.0, 300.0, 600.0, 1000.0], "start": "steady"}
     truth = sensor_named(SENSOR).parameters
     with tempfile.TemporaryDirectory() as folder:
-        write_optical_calibration(folder, SENSOR, motion, optics, seed=seed, response_noise=RESPONSE_NOISE, **settings)
+        write_optical_calibration(
+            folder, SENSOR, motion, optics, seed=seed, response_noise=RESPONSE_NOISE, **settings
+        )
         try:
             result = identify(read(Path(folder) / "calibration.toml"))
         except InputError as error:
-            return {"outcome": "refused", "codes": [str(error).splitlines()[0]], "off": None, "held": None}
+            return {
+                "outcome": "refused",
+                "codes": [str(error).splitlines()[0]],
+                "off": None,
+                "held": None,
+            }
     found = [result.parameters[name] for name in PARAMETERS]
     off = [
         (p.value - truth[name]) / p.standard_uncertainty if p.standard_uncertainty else 0.0
         for name, p in zip(PARAMETERS, found, strict=True)
     ]
-    held = [p.interval_95[0] <= truth[name] <= p.interval_95[1] for name, p in zip(PARAMETERS, found, strict=True)]
+    held = [
+        p.interval_95[0] <= truth[name] <= p.interval_95[1]
+        for name, p in zip(PARAMETERS, found, strict=True)
+    ]
     right = "right" if max(map(abs, off)) < 3.0 else "wrong"
     codes = list(result.warning_codes)
-    return {"outcome": f"{right}, named" if codes else right, "codes": codes, "off": off, "held": held}
+    return {
+        "outcome": f"{right}, named" if codes else right,
+        "codes": codes,
+        "off": off,
+        "held": held,
+    }
 
 
 def _print_faults(keep: Path) -> None:
     rows = _kept(keep)
     for kind, fault, motion in itertools.product(("quadrature", "heterodyne"), FAULTS, MOTIONS):
         here = [r for r in rows if (r["kind"], r["fault"], r["motion"]) == (kind, fault, motion)]
-        outcomes, codes = Counter(r["outcome"] for r in here), Counter(code for r in here for code in r["codes"])
+        outcomes = Counter(r["outcome"] for r in here)
+        codes = Counter(code for r in here for code in r["codes"])
         print(f"{kind} | {fault} | {motion} |", dict(outcomes), dict(codes), flush=True)
 
 
 def alarms(runs: int) -> None:
     """Records with a finding, of clean signals of many ellipses, noises and converters."""
-    random, records, found = np.random.default_rng(11), 0, 0
+    random = np.random.default_rng(11)
+    records = 0
+    found = 0
     for run in range(runs):
         with tempfile.TemporaryDirectory() as folder:
             optics = drawn(Optics(noise=float(random.choice([0.002, 0.01, 0.05])), random=True,
                                   bits=int(random.choice([8, 10, 12, 16]))), run)  # fmt: skip
-            settings = {"sampling_rate_hz": RATE_HZ, "samples": 50_000, "frequencies_hz": [50.0, 200.0, 500.0, 1000.0]}
-            write_optical_calibration(folder, SENSOR, "sine", optics, seed=run, start="steady", **settings)
+            settings = {
+                "sampling_rate_hz": RATE_HZ,
+                "samples": 50_000,
+                "frequencies_hz": [50.0, 200.0, 500.0, 1000.0],
+            }
+            write_optical_calibration(
+                folder, SENSOR, "sine", optics, seed=run, start="steady", **settings
+            )
             calibration = read(Path(folder) / "calibration.toml")
         records += len(calibration.records)
         found += sum(bool(codes_of(record)) for record in calibration.records)
@@ -227,7 +293,7 @@ def alarms(runs: int) -> None:
 
 
 def speed(kind: str, samples: int) -> None:
-    """Samples a second of processor time from raw HDF5 to parameters, the best of three warm runs, and the memory."""
+    """Measure samples a second from raw HDF5 to parameters, best of three warm runs, and memory."""
     with tempfile.TemporaryDirectory() as folder:
         path = write_long(Path(folder), kind, samples)
         identify(read(path))
@@ -238,46 +304,66 @@ def speed(kind: str, samples: int) -> None:
             best["read"] = min(best["read"], time.process_time() - start)
             identify(calibration)
             best["all"] = min(best["all"], time.process_time() - start)
-    rates = {f"million_samples_a_second_{part}": samples / took / 1e6 for part, took in best.items()}
-    print(json.dumps({"kind": kind, "samples": samples, **rates, "peak_memory_mb": _peak_mb()}), flush=True)
+    rates = {
+        f"million_samples_a_second_{part}": samples / took / 1e6 for part, took in best.items()
+    }
+    print(
+        json.dumps({"kind": kind, "samples": samples, **rates, "peak_memory_mb": _peak_mb()}),
+        flush=True,
+    )
 
 
 def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
-ARCS = (6.28, 4.5, 3.0, 2.0, 1.0)  # parts of the circle, rad
+ARCS_RAD = (6.28, 4.5, 3.0, 2.0, 1.0)  # parts of the circle, rad
 NOISES = (0.01, 0.05)  # over the amplitude
 DRAWS = 120
-POINTS = 600  # samples of a draw
+DRAW_SAMPLES = 600  # samples of a draw
 EVERY = 20  # of the draws, the slowest peer takes one in so many
 
 
 def peers(python: str) -> None:
-    """Error of the phase by our ellipse fit and by those of hoqi-bench, on the same arcs and noise."""
+    """Compare the error of the phase with hoqi-bench's ellipse fits, on the same arcs and noise."""
     cases = []
     random = np.random.default_rng(1)
-    for arc in ARCS:
+    for arc in ARCS_RAD:
         for noise in NOISES:
             for _ in range(DRAWS):
-                centre, sizes = random.uniform(-0.2, 0.2, 2), random.uniform(0.75, 1.25, 2)
-                angle, middle = random.uniform(-0.25, 0.25), random.uniform(0.0, 2.0 * np.pi)
-                phase = middle + 0.5 * arc * np.sin(np.linspace(0.0, 20.0 * np.pi, POINTS, endpoint=False))
-                u = centre[:, None] + np.stack([sizes[0] * np.cos(phase), sizes[1] * np.sin(phase + angle)])
+                centre = random.uniform(-0.2, 0.2, 2)
+                sizes = random.uniform(0.75, 1.25, 2)
+                angle = random.uniform(-0.25, 0.25)
+                middle = random.uniform(0.0, 2.0 * np.pi)
+                phase = middle + 0.5 * arc * np.sin(
+                    np.linspace(0.0, 20.0 * np.pi, DRAW_SAMPLES, endpoint=False)
+                )
+                u = centre[:, None] + np.stack(
+                    [sizes[0] * np.cos(phase), sizes[1] * np.sin(phase + angle)]
+                )
                 cases.append((arc, noise, phase, u + noise * random.standard_normal(u.shape)))
     ours = [_our_gain(phase, u) for _, _, phase, u in cases]
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "cases.npz"
         np.savez(
-            data, signals=np.array([u for *_, u in cases]), phase=np.array([p for _, _, p, _ in cases]), every=EVERY
+            data,
+            signals=np.array([u for *_, u in cases]),
+            phase=np.array([p for _, _, p, _ in cases]),
+            every=EVERY,
         )
         peer = Path(__file__).parent / "peers" / "hoqi_peer.py"
-        done = subprocess.run([python, str(peer), str(data)], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [python, str(peer), str(data)], capture_output=True, text=True, check=True
+        )
     theirs = json.loads(done.stdout)
-    for i, (arc, noise) in enumerate((a, n) for a in ARCS for n in NOISES):
-        row = {"arc_rad": arc, "noise": noise, "vibrident": _median(ours[i * DRAWS : (i + 1) * DRAWS])}
+    for i, (arc, noise) in enumerate((a, n) for a in ARCS_RAD for n in NOISES):
+        row = {
+            "arc_rad": arc,
+            "noise": noise,
+            "vibrident": _median(ours[i * DRAWS : (i + 1) * DRAWS]),
+        }
         for name, values in theirs.items():
-            draws = len(values) // (len(ARCS) * len(NOISES))
+            draws = len(values) // (len(ARCS_RAD) * len(NOISES))
             row[name] = _median(values[i * draws : (i + 1) * draws])
         print(json.dumps(row), flush=True)
 
@@ -288,8 +374,8 @@ def _median(values: Sequence[float | None]) -> float:
 
 
 def _our_gain(phase: FloatArray, u: FloatArray) -> float:
-    start = ellipse.circle(u)
-    found = ellipse.fit([moments.sums(*u)], start) or ellipse.as_circle(u, u.shape[1])
+    start = ellipse.fit_circle(u)
+    found = ellipse.fit_ellipse([moments.sums(*u)], start) or ellipse.fit_short_arc(u, u.shape[1])
     v = found.for_phase.round(u)
     return gain_error(phase, np.unwrap(np.arctan2(v[1], v[0])))
 
@@ -302,14 +388,24 @@ def gain_error(phase: FloatArray, found: FloatArray) -> float:
 
 def main() -> None:
     """Run one of the studies."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("coverage", "alarms", "speed", "peers", "faults", "motions"))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "study", choices=("coverage", "alarms", "speed", "peers", "faults", "motions")
+    )
     parser.add_argument("--runs", type=int, default=500)
-    parser.add_argument("--first", type=int, default=0, help="number of the first run, which is its seed")
-    parser.add_argument("--keep", type=Path, default=Path("coverage.jsonl"), help="file of the runs, a line each")
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first run, which is its seed"
+    )
+    parser.add_argument(
+        "--keep", type=Path, default=Path("coverage.jsonl"), help="file of the runs, a line each"
+    )
     parser.add_argument("--kind", choices=("quadrature", "heterodyne"), default="quadrature")
     parser.add_argument("--samples", type=int, default=20_000_000)
-    parser.add_argument("--python", default="python", help="of the environment that holds hoqi-bench")
+    parser.add_argument(
+        "--python", default="python", help="of the environment that holds hoqi-bench"
+    )
     asked = parser.parse_args()
     if asked.study == "speed":
         speed(asked.kind, asked.samples)

@@ -13,39 +13,58 @@ from bench.figures import Figure, Options, Section, steps
 from bench.speed import broad, noisy
 from bench.truth import RATE_HZ, RESPONSE_NOISE, SENSOR
 from vibrident import Calibration, identify
-from vibrident.base.memory import give_back
+from vibrident.base.memory import return_freed
 from vibrident.physics.simulation import simulate, with_noise
 
 TARGET = 120.0
-LONG = 1_600_000
+LONG_SAMPLES = 1_600_000
 CASES = {
     "sines": "21 × 16 000 samples of sines",
     "random": "21 × 16 000 samples of random motion",
     "long": "1.6 million samples of random motion in one record",
 }
-LOOKS_S = 0.001  # seconds between two looks at the resident memory
+POLL_INTERVAL_S = 0.001  # seconds between two looks at the resident memory
 
 
 def measure(options: Options) -> Section:
-    """One process a case."""
+    """Measure each case in a process of its own."""
     del options
     figures = []
     for name, words in steps("memory", list(CASES.items())):
-        done = subprocess.run([sys.executable, "-m", "bench.memory", name], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "bench.memory", name],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         told = json.loads(done.stdout) if done.returncode == 0 else None
         note = "" if told is not None else (done.stderr.strip().splitlines() or ["no message"])[-1]
-        figures.append(Figure(words, {} if told is None else {"bytes": told}, "bytes", high=TARGET, note=note))
-    remarks = ("Largest resident memory during identify less that before it, which holds the data, over all samples.",)
-    return Section("memory", "Peak memory beyond the data, bytes a sample", tuple(figures), {}, remarks)
+        figures.append(
+            Figure(words, {} if told is None else {"bytes": told}, "bytes", high=TARGET, note=note)
+        )
+    remarks = (
+        "Largest resident memory during identify less that before it, which holds the data, over "
+        "all samples.",
+    )
+    return Section(
+        "memory", "Peak memory beyond the data, bytes a sample", tuple(figures), {}, remarks
+    )
 
 
 def calibration(name: str) -> Calibration:
-    """The data of a case."""
+    """Return the data of a case."""
     if name == "sines":
         return noisy()
     if name == "random":
         return broad("random")
-    truth = simulate(SENSOR, "random", sampling_rate_hz=RATE_HZ, samples=LONG, frequencies_hz=[10.0, 4000.0], seed=3)
+    truth = simulate(
+        SENSOR,
+        "random",
+        sampling_rate_hz=RATE_HZ,
+        samples=LONG_SAMPLES,
+        frequencies_hz=[10.0, 4000.0],
+        seed=3,
+    )
     return with_noise(truth, response_noise=RESPONSE_NOISE, seed=2)
 
 
@@ -53,13 +72,15 @@ def bytes_a_sample(name: str) -> float:
     """Peak beyond what was resident before."""
     identify(noisy(2000))  # what is loaded and kept for all is no memory of these data
     data = calibration(name)
-    give_back()
-    before, peak, over = _resident(), [0], threading.Event()
+    return_freed()
+    before = _resident()
+    peak = [0]
+    over = threading.Event()
 
     def watch() -> None:
         while not over.is_set():
             peak[0] = max(peak[0], _resident())
-            time.sleep(LOOKS_S)
+            time.sleep(POLL_INTERVAL_S)
 
     watcher = threading.Thread(target=watch)
     watcher.start()

@@ -1,4 +1,4 @@
-"""Ratios of times, taken pairwise in one run: A B A B …, so that whatever slows the machine slows both."""
+"""Ratios of times taken pairwise, A B A B …: whatever slows the machine slows both."""
 
 from __future__ import annotations
 
@@ -12,10 +12,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Ratio:
-    """Times of A over times of B, by pair."""
+    """Times of A over times of B, by pair.
 
-    a: tuple[float, ...]  # seconds of each A
-    b: tuple[float, ...]  # seconds of each B beside it
+    Attributes:
+        a: seconds of each A.
+        b: seconds of each B beside it.
+    """
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
 
     @property
     def median(self) -> float:
@@ -28,7 +33,7 @@ class Ratio:
         return min(self.a) / min(self.b)
 
     def times(self, factor: float) -> Ratio:
-        """The ratio with A taken ``factor`` times."""
+        """Return the ratio with A taken ``factor`` times."""
         return Ratio(tuple(factor * a for a in self.a), self.b)
 
     @property
@@ -36,7 +41,9 @@ class Ratio:
         """Spread, in words."""
         ratios = np.array(self.a) / np.array(self.b)
         pairs = f"{len(ratios)} pairs" if len(ratios) > 1 else "1 pair"
-        return f"of minima {self.of_minima:.3g}; {pairs}, {np.min(ratios):.3g} to {np.max(ratios):.3g}"
+        return (
+            f"of minima {self.of_minima:.3g}; {pairs}, {np.min(ratios):.3g} to {np.max(ratios):.3g}"
+        )
 
 
 def seconds(job: Callable[[], object], repeats: int = 1) -> float:
@@ -50,7 +57,12 @@ def seconds(job: Callable[[], object], repeats: int = 1) -> float:
 
 
 def pairwise(
-    a: Callable[[], object], b: Callable[[], object], pairs: int, *, repeats_b: int = 1, warm_up: bool = True
+    a: Callable[[], object],
+    b: Callable[[], object],
+    pairs: int,
+    *,
+    repeats_b: int = 1,
+    warm_up: bool = True,
 ) -> Ratio:
     """Time A and B in turn.
 

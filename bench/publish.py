@@ -1,4 +1,4 @@
-"""What a run leaves: one table on the terminal, results/latest.json, and the tables of studies/bench.md."""
+"""Output of a run: a table on the terminal, results/latest.json, the tables of studies/bench.md."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def show(sections: Sequence[Section], console: Console) -> None:
 
 
 def tally(sections: Sequence[Section]) -> str:
-    """How many targets were met."""
+    """Return how many targets were met."""
     verdicts = [one.verdict for section in sections for one in section.figures if one.target]
     missed = verdicts.count("NOT met")
     absent = verdicts.count("not measured")
@@ -66,7 +66,7 @@ def tally(sections: Sequence[Section]) -> str:
 
 
 def keep(sections: Sequence[Section], order: Sequence[str], trial: bool) -> Path:
-    """Write the sections of this run as JSON; sections not run keep what an earlier run left, with its own commit.
+    """Write the sections of this run as JSON; others keep their figures and their own commit.
 
     Args:
         sections: of this run; each carries its circumstances in ``conditions``.
@@ -98,12 +98,15 @@ def _publish(sections: Sequence[Section]) -> None:
 
 
 def put_between(document: Path, name: str, text: str) -> None:
-    """Replace what stands in a document between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``."""
-    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    """Replace the text between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->`` of a document."""
+    begin = f"<!-- {name}:begin -->"
+    end = f"<!-- {name}:end -->"
     before, _, rest = document.read_text(encoding="utf-8").partition(begin)
     _, found, after = rest.partition(end)
     if not found:
-        raise ValueError(f"{document}: expected the markers {begin} and {end}, found no pair; put them back.")
+        raise ValueError(
+            f"{document}: expected the markers {begin} and {end}, found no pair; put them back."
+        )
     _write(document, f"{before}{begin}\n{text}\n{end}{after}")
 
 
@@ -114,7 +117,9 @@ def _markdown(section: Section) -> str:
         "",
         f"Commit {taken['commit']}, {taken['date']}, {taken['machine']}.",
         "",
-        markdown.table(("figure", "value", "target", "", "remark"), map(_row, section.figures), right=(1, 2)),
+        markdown.table(
+            ("figure", "value", "target", "", "remark"), map(_row, section.figures), right=(1, 2)
+        ),
         "",
         *(f"{remark}\n" for remark in section.remarks),
     ]
@@ -134,7 +139,9 @@ def _write(path: Path, text: str) -> None:
 
 def _commit() -> str:
     def git(*words: str) -> str:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+        return subprocess.run(
+            ["git", *words], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.strip()
 
     try:
         sources = ("src", "bench", ":!bench/results", "pyproject.toml")

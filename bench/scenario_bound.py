@@ -1,10 +1,11 @@
 """The Cramér–Rao bound of a cell with known noise spectra: what no unbiased estimate can beat.
 
-The sensitivities are differences of the exact simulated response. Initial states, offsets, drift and hum are unknown,
-so what they could imitate is taken out. With noise of both channels of known spectra, and the true motion unknown,
-Y − H X is stationary noise of spectrum S_y + |H|² S_x (Pintelon & Schoukens 2012, sec. 9.11); its covariance over the
-samples is a Toeplitz matrix, inverted exactly. (Line by line the edges of a record would seem to tell of a steep
-spectrum what they do not: the bound came out up to 14 times too small.)
+The sensitivities are differences of the exact simulated response. Initial states, offsets, drift
+and hum are unknown, so what they could imitate is taken out. With noise of both channels of known
+spectra, and the true motion unknown, Y − H X is stationary noise of spectrum S_y + |H|² S_x
+(Pintelon & Schoukens 2012, sec. 9.11); its covariance over the samples is a Toeplitz matrix,
+inverted exactly. (Line by line the edges of a record would seem to tell of a steep spectrum what
+they do not: the bound came out up to 14 times too small.)
 """
 
 from __future__ import annotations
@@ -24,21 +25,36 @@ STEP = 1e-5
 
 @functools.lru_cache(maxsize=64)
 def bound(sensor_name: str, excitation: str, noise: str) -> np.ndarray | None:
-    """Least relative standard deviation of each parameter; None if the noise is felt, and nothing bounds."""
+    """Return the least relative standard deviation of each parameter.
+
+    None if the noise is felt by the sensor, and nothing bounds.
+    """
     if noise == "a":
         return None
     sensor = sensor_named(sensor_name)
     model = parse(sensor.model)
     names = model.parameter_names
     base = truth(sensor_name, excitation)
-    ends = {key: [truth(sensor_name, excitation, moved=(key, s * STEP)) for s in (1.0, -1.0)] for key in names}
+    ends = {
+        key: [truth(sensor_name, excitation, moved=(key, s * STEP)) for s in (1.0, -1.0)]
+        for key in names
+    }
     information = np.zeros((len(names), len(names)))
-    poles = np.roots(np.array(model.rational(dict(sensor.parameters)).denominator[::-1], dtype=float)).astype(complex)
+    poles = np.roots(
+        np.array(model.rational(dict(sensor.parameters)).denominator[::-1], dtype=float)
+    ).astype(complex)
     for index, record in enumerate(base.records):
         columns = np.stack(
-            [(ends[k][0].records[index].response - ends[k][1].records[index].response) / (2.0 * STEP) for k in names], 1
+            [
+                (ends[k][0].records[index].response - ends[k][1].records[index].response)
+                / (2.0 * STEP)
+                for k in names
+            ],
+            1,
         )
-        level = _level(record, NOISES[noise][1], lambda f: model.frequency_response(dict(sensor.parameters), f))
+        level = _level(
+            record, NOISES[noise][1], lambda f: model.frequency_response(dict(sensor.parameters), f)
+        )
         both = np.column_stack([columns, _nuisance(record, poles, NOISES[noise][1])])
         size = np.sqrt(np.sum(both**2, axis=0))
         inner = (both / size).T @ solve_toeplitz(np.fft.irfft(level)[: record.samples], both / size)
@@ -68,13 +84,16 @@ def _nuisance(record: Record, poles: np.ndarray, noise: dict) -> np.ndarray:
 
 
 def _level(record: Record, noise: dict, response) -> np.ndarray:
-    """Variance of Y − H X a sample, at the lines of the real transform of twice the record's length."""
+    """Return the variance of Y − H X a sample, at the lines of twice the record's length."""
     n = record.samples
     lines = np.fft.rfftfreq(2 * n, record.sampling_interval_s)
     lines[0] = lines[1]
     level = np.zeros(len(lines))
-    size_x, size_y = (np.sqrt(np.mean(np.square(v))) for v in (np.asarray(record.reference), record.response))
-    x, y = noise.get("reference_noise", 0.0), noise.get("response_noise", 0.0)
+    size_x, size_y = (
+        np.sqrt(np.mean(np.square(v))) for v in (np.asarray(record.reference), record.response)
+    )
+    x = noise.get("reference_noise", 0.0)
+    y = noise.get("response_noise", 0.0)
     if isinstance(y, ChannelNoise):
         level += (y.white * size_y) ** 2
         if y.flicker:

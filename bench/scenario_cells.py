@@ -13,11 +13,19 @@ from vibrident import identify
 from vibrident.base.errors import VibridentError
 from vibrident.data.records import Calibration
 from vibrident.physics.models import parse
-from vibrident.physics.simulation import ChannelNoise, HalfSineShock, Sensor, sensor_named, simulate, with_noise
+from vibrident.physics.simulation import (
+    ChannelNoise,
+    HalfSineShock,
+    Sensor,
+    sensor_named,
+    simulate,
+    with_noise,
+)
 
 SENSORS = ("paper", "piezo", "seismometer", "inverted")
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock", "mixed")
-#: Each noise by its letter in the issue: what it is, and the noise of both channels. ``a`` is felt, and known.
+#: Each noise by its letter in the issue: what it is, and the noise of both channels. ``a`` is felt,
+#: and known.
 NOISES: dict[str, tuple[str, dict]] = {
     "a": ("felt by the sensor, 20 dB", {}),
     "b": ("on the reference, 1 %", {"reference_noise": 0.01}),
@@ -32,13 +40,21 @@ NOISES: dict[str, tuple[str, dict]] = {
 }  # fmt: skip
 SAMPLES = 8000
 SEED = 1
-FELT_RUNS = 4  # of noise that the sensor feels nothing is random in the answer but rounding: a few runs show it
-FLAGS = ("lack_of_fit", "reference_noise", "band_sensitive", "nonlinear", "weakly_determined", "estimators_disagree")
+#: Of noise that the sensor feels nothing is random in the answer but rounding: a few runs show it.
+FELT_RUNS = 4
+FLAGS = (
+    "lack_of_fit",
+    "reference_noise",
+    "band_sensitive",
+    "nonlinear",
+    "weakly_determined",
+    "estimators_disagree",
+)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One sensor, excitation and noise."""
+    """Cell of a sensor, excitation and noise."""
 
     sensor: str
     excitation: str
@@ -46,15 +62,15 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """For tables and the command line."""
+        """Return the name for tables and the command line."""
         return f"{self.sensor}/{self.excitation}/{self.noise}"
 
     def runs(self, asked: int) -> int:
-        """How many runs it needs where so many are asked for."""
+        """Return how many runs it needs where so many are asked for."""
         return min(asked, FELT_RUNS) if self.noise == "a" else asked
 
     def calibration(self, run: int) -> Calibration:
-        """The calibration of this run."""
+        """Return the calibration of this run."""
         if self.noise == "a":
             return truth(self.sensor, self.excitation, felt_seed=run + 1)
         seed = np.random.SeedSequence(SEED, spawn_key=(run,))
@@ -68,7 +84,7 @@ CELLS = tuple(Cell(*names) for names in itertools.product(SENSORS, EXCITATIONS, 
 def truth(
     name: str, excitation: str, felt_seed: int | None = None, moved: tuple[str, float] | None = None
 ) -> Calibration:
-    """The calibration without channel noise; ``moved`` changes one parameter by a relative step."""
+    """Return the calibration without noise; ``moved``: a parameter changed by a relative step."""
     sensor = sensor_named(name)
     if moved is not None:
         key, step = moved
@@ -76,7 +92,11 @@ def truth(
         sensor = replace(sensor, parameters=values)
     more = {} if felt_seed is None else {"excitation_snr_db": 20.0}
     return _motion(
-        sensor, excitation, float(sensor_named(name).parameters["natural_frequency"]), felt_seed or SEED, more
+        sensor,
+        excitation,
+        float(sensor_named(name).parameters["natural_frequency"]),
+        felt_seed or SEED,
+        more,
     )
 
 
@@ -95,14 +115,16 @@ def _motion(sensor: Sensor, excitation: str, natural: float, seed: int, more: di
     if excitation == "mixed":
         sines = simulate(sensor, "sine", frequencies_hz=tones[::3], start="steady", **shape)
         other = shape | {"sampling_rate_hz": 25.0 * natural, "samples": 5000}
-        random = simulate(sensor, "random", frequencies_hz=[0.03 * natural, 3.0 * natural], start="rest", **other)
+        random = simulate(
+            sensor, "random", frequencies_hz=[0.03 * natural, 3.0 * natural], start="rest", **other
+        )
         return replace(sines, records=(*sines.records, *random.records))
     ends = [0.03 * natural, 3.0 * natural]
     return simulate(sensor, excitation, frequencies_hz=ends, repeats=2, start="rest", **shape)
 
 
 def block(name: str, runs: range) -> dict:
-    """Identify some runs of a cell: relative errors and u, shape (runs, parameters), coverage and warnings."""
+    """Identify some runs of a cell: relative errors and u, coverage and warnings."""
     cell = next(cell for cell in CELLS if cell.name == name)
     sensor = sensor_named(cell.sensor)
     names = parse(sensor.model).parameter_names
@@ -119,7 +141,11 @@ def block(name: str, runs: range) -> dict:
         found = [result.parameters[key] for key in names]
         true = [sensor.parameters[key] for key in names]
         line["error"].append([(p.value - t) / abs(t) for p, t in zip(found, true, strict=True)])
-        line["u"].append([p.standard_uncertainty / abs(t) for p, t in zip(found, true, strict=True)])
-        line["covered"].append([p.interval_95[0] <= t <= p.interval_95[1] for p, t in zip(found, true, strict=True)])
+        line["u"].append(
+            [p.standard_uncertainty / abs(t) for p, t in zip(found, true, strict=True)]
+        )
+        line["covered"].append(
+            [p.interval_95[0] <= t <= p.interval_95[1] for p, t in zip(found, true, strict=True)]
+        )
         line["flags"].append([code for code in result.warning_codes if code in FLAGS])
     return line | {"failed": failed}

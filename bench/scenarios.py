@@ -1,4 +1,4 @@
-"""``python -m bench.scenarios``: every noise × every excitation × four sensors, many seeded runs a cell.
+"""Scenarios: every noise × every excitation × four sensors, many seeded runs a cell.
 
 python -m bench.scenarios --runs 500         the full study; stops and resumes at will
 python -m bench.scenarios --runs 20          a look
@@ -19,14 +19,16 @@ from bench.scenario_cells import CELLS, NOISES, Cell, block
 from bench.study import Study
 from vibrident.show.media import markdown
 
-BIAS = 0.15  # largest |bias| of a cell, in σ
-SCATTER = 1.10  # largest scatter over the bound
-COVERAGE = (0.92, 0.98)  # range of the coverage
+MAX_BIAS = 0.15  # largest |bias| of a cell, in σ
+MAX_SCATTER = 1.10  # largest scatter over the bound
+COVERAGE_RANGE = (0.92, 0.98)  # range of the coverage
 
 
 def table(lines: list[dict], commit: str) -> str:
-    """The page as Markdown."""
-    rows, failures, together = [], [], []
+    """Return the page as Markdown."""
+    rows = []
+    failures = []
+    together = []
     for cell in CELLS:
         own = [line for line in lines if line["cell"] == cell.name]
         if not own or not any(line["error"] for line in own):
@@ -37,22 +39,27 @@ def table(lines: list[dict], commit: str) -> str:
             together.append(summary)
         if misses:
             failures.append(f"- `{cell.name}`: {'; '.join(misses)}")
-    runs = max((sum(line["count"] for line in lines if line["cell"] == cell.name) for cell in CELLS), default=0)
+    runs = max(
+        (sum(line["count"] for line in lines if line["cell"] == cell.name) for cell in CELLS),
+        default=0,
+    )
     page = [
         "# Every noise, every excitation",
         "",
-        "Written by `python -m bench.scenarios`; do not edit. "
-        f"Runs a cell: up to {runs}; code of commit {commit}. By chance alone, one standard deviation: scatter ± "
-        f"{100 / np.sqrt(2 * max(runs - 1, 1)):.0f} %, bias ± {1 / np.sqrt(max(runs, 1)):.2f} σ, coverage ± "
-        f"{100 * np.sqrt(0.0475 / max(runs, 1)):.0f} %.",
+        f"Written by `python -m bench.scenarios`; do not edit. Runs a cell: up to {runs}; code of "
+        f"commit {commit}. By chance alone, one standard deviation: scatter ± "
+        f"{100 / np.sqrt(2 * max(runs - 1, 1)):.0f} %, bias ± {1 / np.sqrt(max(runs, 1)):.2f} σ, "
+        f"coverage ± {100 * np.sqrt(0.0475 / max(runs, 1)):.0f} %.",
         "",
         "Noise: " + "; ".join(f"**{key}** {words}" for key, (words, _) in NOISES.items()) + ".",
-        "Bias in standard deviations of the estimate, scatter over the Cramér–Rao bound of known noise spectra "
-        "(`bench/scenario_bound.py`), scatter over the stated u, coverage of the 95 % intervals; "
-        "each for gain · natural frequency · damping ratio. For noise **a** nothing is random: the largest relative "
-        "error stands instead.",
+        "Bias in standard deviations of the estimate, scatter over the Cramér–Rao bound of known "
+        "noise spectra (`bench/scenario_bound.py`), scatter over the stated u, coverage of the 95 "
+        "% intervals; each for gain · natural frequency · damping ratio. For noise **a** nothing "
+        "is random: the largest relative error stands instead.",
         "",
-        markdown.table(("cell", "bias / σ", "scatter / bound", "scatter / u", "coverage %", "warnings %"), rows),
+        markdown.table(
+            ("cell", "bias / σ", "scatter / bound", "scatter / u", "coverage %", "warnings %"), rows
+        ),
         "",
     ]
     if together:
@@ -61,20 +68,28 @@ def table(lines: list[dict], commit: str) -> str:
         covered = 100 * np.mean([s[2] for s in together])
         false = 100 * np.mean([s[3] for s in together])
         page += [
-            f"All cells but **a** together: scatter / bound {scatter:.3f}, scatter / u {stated:.3f}, coverage "
-            f"{covered:.1f} %, false alarms of `lack_of_fit` {false:.1f} %.",
+            f"All cells but **a** together: scatter / bound {scatter:.3f}, scatter / u "
+            f"{stated:.3f}, coverage {covered:.1f} %, false alarms of `lack_of_fit` {false:.1f} %.",
             "",
         ]
-    title = f"Cells beyond a target by more than three standard errors of their runs: {len(failures)} of {len(rows)}"
+    title = (
+        "Cells beyond a target by more than three standard errors of their runs: "
+        f"{len(failures)} of {len(rows)}"
+    )
     return "\n".join([*page, f"## {title}", "", *(failures or ["None."]), ""])
 
 
-def _row(cell: Cell, lines: list[dict]) -> tuple[tuple[str, ...], list[str], tuple[float, float, float, float] | None]:
+def _row(
+    cell: Cell, lines: list[dict]
+) -> tuple[tuple[str, ...], list[str], tuple[float, float, float, float] | None]:
     error = np.array([e for line in lines for e in line["error"]])
     failed = sum(line["failed"] for line in lines)
     misses = [f"{failed} runs failed"] if failed else []
     flags = Counter(code for line in lines for codes in line["flags"] for code in codes)
-    said = ", ".join(f"{code} {100 * count / len(error):.0f}" for code, count in flags.most_common()) or "–"
+    said = (
+        ", ".join(f"{code} {100 * count / len(error):.0f}" for code, count in flags.most_common())
+        or "–"
+    )
     if cell.noise == "a":
         worst = np.max(np.abs(error))
         if worst > 1e-6:
@@ -87,16 +102,23 @@ def _row(cell: Cell, lines: list[dict]) -> tuple[tuple[str, ...], list[str], tup
     bias = np.mean(error, axis=0) / scatter
     limit = bound(cell.sensor, cell.excitation, cell.noise)
     assert limit is not None
-    over, stated, held = scatter / limit, scatter / np.sqrt(np.mean(u**2, axis=0)), np.mean(covered, axis=0)
+    over = scatter / limit
+    stated = scatter / np.sqrt(np.mean(u**2, axis=0))
+    held = np.mean(covered, axis=0)
     chance = 3.0 / np.sqrt(2.0 * max(runs - 1, 1))
-    if np.any(np.abs(bias) > BIAS + 3.0 / np.sqrt(runs)):
+    if np.any(np.abs(bias) > MAX_BIAS + 3.0 / np.sqrt(runs)):
         misses.append(f"bias {np.max(np.abs(bias)):.2f} σ")
-    if np.any(over > SCATTER * (1.0 + chance)):
+    if np.any(over > MAX_SCATTER * (1.0 + chance)):
         misses.append(f"scatter {np.max(over):.2f} × the bound")
     slack = 3.0 * np.sqrt(0.0475 / runs)
-    if np.any((held < COVERAGE[0] - slack) | (held > COVERAGE[1] + slack)):
+    if np.any((held < COVERAGE_RANGE[0] - slack) | (held > COVERAGE_RANGE[1] + slack)):
         misses.append(f"coverage {100 * np.min(held):.0f} to {100 * np.max(held):.0f} %")
-    cells = (_three(bias, "+.2f"), _three(over, ".2f"), _three(stated, ".2f"), _three(100 * held, ".0f"))
+    cells = (
+        _three(bias, "+.2f"),
+        _three(over, ".2f"),
+        _three(stated, ".2f"),
+        _three(100 * held, ".0f"),
+    )
     summary = tuple(float(np.sqrt(np.mean(v**2))) for v in (over, stated))
     alarm = flags["lack_of_fit"] / runs
     return (f"`{cell.name}`", *cells, said), misses, (*summary, float(np.mean(held)), alarm)

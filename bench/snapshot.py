@@ -1,12 +1,13 @@
-"""Everything the program says of twenty-five calibrations, as a folder to compare with that of another commit.
+"""Snapshot of all that the program says of twenty-five calibrations, to compare commits.
 
     python -m bench.snapshot before        # on one commit
     python -m bench.snapshot after         # on the other
     diff -r before after                   # empty: a refactoring that changed no number and no file
 
-All kinds of excitation, a table, a decay, a joint fit, raw light, a cubic spring; real records where there are any
-(``VIBRIDENT_DATA``). It knows the command line alone, so it runs on commits whose modules lie elsewhere
-(``PYTHONPATH=/that/checkout/src python -m bench.snapshot before``). Clocks stand still meanwhile.
+All kinds of excitation, a table, a decay, a joint fit, raw light, a cubic spring; real records
+where there are any (``VIBRIDENT_DATA``). It knows the command line alone, so it runs on commits
+whose modules lie elsewhere (``PYTHONPATH=/that/checkout/src python -m bench.snapshot before``).
+Clocks stand still meanwhile.
 """
 
 from __future__ import annotations
@@ -74,12 +75,18 @@ approved_by = "A. B."
 
 @dataclass(frozen=True)
 class Case:
-    """A simulated calibration, and how it is identified."""
+    """A simulated calibration, and how it is identified.
+
+    Attributes:
+        simulated: arguments of `simulate`.
+        identified: arguments of `identify`.
+        uses: also predict, correct, compare, plan.
+    """
 
     name: str
-    simulated: tuple[str, ...]  # arguments of `simulate`
-    identified: tuple[str, ...] = ()  # arguments of `identify`
-    uses: bool = False  # also predict, correct, compare, plan
+    simulated: tuple[str, ...]
+    identified: tuple[str, ...] = ()
+    uses: bool = False
 
 
 def _made(sensor: str, excitation: str, *more: str) -> tuple[str, ...]:
@@ -94,25 +101,70 @@ CASES = (
     Case("sweep", _made("paper", "sweep", "--samples", "8000", *NOISE)),
     Case("random", _made("paper", "random", "--samples", "8000", *NOISE), uses=True),
     Case("shock", _made("paper", "shock", "--samples", "4000", *NOISE), uses=True),
-    Case("both-noises", _made("paper", "random", "--samples", "8000", "--reference-noise", "0.01", *NOISE)),
+    Case(
+        "both-noises",
+        _made("paper", "random", "--samples", "8000", "--reference-noise", "0.01", *NOISE),
+    ),
     Case("inverted", _made("inverted", "sine", "--samples", "2000", *NOISE)),
     Case("piezo", _made("piezo", "sweep", "--samples", "8000", *NOISE)),
-    Case("geophone", _made("geophone", "random", "--samples", "8000", "--quantity", "velocity", *NOISE)),
+    Case(
+        "geophone",
+        _made("geophone", "random", "--samples", "8000", "--quantity", "velocity", *NOISE),
+    ),
     Case("seismometer", _made("seismometer", "sine", "--samples", "4000", *NOISE)),
-    Case("displacement", _made("paper", "sine", "--samples", "4000", "--quantity", "displacement", *NOISE)),
+    Case(
+        "displacement",
+        _made("paper", "sine", "--samples", "4000", "--quantity", "displacement", *NOISE),
+    ),
     Case("two-mode", _made("two-mode", "random", "--samples", "8000", "--response-noise", "0.001")),
-    Case("wrong-model", _made("two-mode", "sine", "--samples", "4000", *NOISE), ("--model", "accelerometer")),
-    Case("cubic", _made("cubic", "sine", "--samples", "2000", "--frequencies", "100:800", "--response-noise", "1e-4")),
+    Case(
+        "wrong-model",
+        _made("two-mode", "sine", "--samples", "4000", *NOISE),
+        ("--model", "accelerometer"),
+    ),
+    Case(
+        "cubic",
+        _made(
+            "cubic",
+            "sine",
+            "--samples",
+            "2000",
+            "--frequencies",
+            "100:800",
+            "--response-noise",
+            "1e-4",
+        ),
+    ),
     Case(
         "euler-adam",
         _made("paper", "random", "--samples", "2000"),
-        ("--estimator", "ipnn", "--discretisation", "euler", "--optimiser", "adam", "--steps", "60"),
+        (
+            "--estimator",
+            "ipnn",
+            "--discretisation",
+            "euler",
+            "--optimiser",
+            "adam",
+            "--steps",
+            "60",
+        ),
     ),
     Case(
         "light",
-        _made("paper", "sine", "--frequencies", "80:800", "--samples", "2000", "--interferometer", "quadrature"),
+        _made(
+            "paper",
+            "sine",
+            "--frequencies",
+            "80:800",
+            "--samples",
+            "2000",
+            "--interferometer",
+            "quadrature",
+        ),
     ),
-    Case("heterodyne", _made("paper", "shock", "--samples", "2000", "--interferometer", "heterodyne")),
+    Case(
+        "heterodyne", _made("paper", "shock", "--samples", "2000", "--interferometer", "heterodyne")
+    ),
 )
 #: Calibration files of the tests for measured data.
 REAL = {"mpu9250": "mpu9250", "ptb-shock": "ptb-shock", "sm3-coil": "sm3"}
@@ -120,7 +172,9 @@ REAL = {"mpu9250": "mpu9250", "ptb-shock": "ptb-shock", "sm3-coil": "sm3"}
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the folder; returns 0."""
-    parser = argparse.ArgumentParser(prog="python -m bench.snapshot", description="All output, for `diff -r`.")
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.snapshot", description="All output, for `diff -r`."
+    )
     parser.add_argument("folder", type=Path, help="made anew")
     parser.add_argument("--only", nargs="+", help="cases")
     given = parser.parse_args(arguments)
@@ -156,7 +210,14 @@ def _take(case: Case, folder: Path) -> None:
         if case.uses:
             _run("predict", "result/result.json", "data/calibration.toml", "--out", "predicted")
             _run("correct", "result/result.json", "data/calibration.toml", "--out", "corrected")
-            _run("compare", "data/calibration.toml", "--truth", "data/truth.json", "--out", "compared")
+            _run(
+                "compare",
+                "data/calibration.toml",
+                "--truth",
+                "data/truth.json",
+                "--out",
+                "compared",
+            )
             _run("plan", "--from", "result/result.json", "--out", "planned")
 
 
@@ -168,15 +229,35 @@ def _certify(calibration: Path) -> None:
 
 def _joint(folder: Path) -> None:
     with _inside(folder / "joint"):
-        _run("simulate", "--out", "a", "--seed", "4", *_made("paper", "sine", "--samples", "2000", *NOISE))
-        _run("simulate", "--out", "b", "--seed", "5", *_made("paper", "random", "--samples", "4000", *NOISE))
+        _run(
+            "simulate",
+            "--out",
+            "a",
+            "--seed",
+            "4",
+            *_made("paper", "sine", "--samples", "2000", *NOISE),
+        )
+        _run(
+            "simulate",
+            "--out",
+            "b",
+            "--seed",
+            "5",
+            *_made("paper", "random", "--samples", "4000", *NOISE),
+        )
         _certify(Path("a/calibration.toml"))
         _identify("a/calibration.toml", "b/calibration.toml")
 
 
 def _table(folder: Path) -> None:
     measured = json.loads((folder / "sine" / "result" / "result.json").read_text())["measured"]
-    columns = ("frequency_hz", "magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
+    columns = (
+        "frequency_hz",
+        "magnitude",
+        "phase_deg",
+        "magnitude_uncertainty",
+        "phase_deg_uncertainty",
+    )
     rows = zip(*(measured[name] for name in columns), strict=True)
     with _inside(folder / "table"):
         Path("calibration.toml").write_text(TABLE)
@@ -188,7 +269,9 @@ def _table(folder: Path) -> None:
 
 def _decay(folder: Path) -> None:
     time_s = np.arange(8000) / 2000.0
-    moved = np.exp(-6.0 * time_s) * np.cos(200.0 * time_s) + 1e-4 * np.random.default_rng(3).normal(size=time_s.size)
+    moved = np.exp(-6.0 * time_s) * np.cos(200.0 * time_s) + 1e-4 * np.random.default_rng(3).normal(
+        size=time_s.size
+    )
     with _inside(folder / "decay"):
         Path("calibration.toml").write_text(DECAY)
         np.savetxt("decay.csv", moved)
@@ -229,7 +312,8 @@ def _show_and_export() -> None:
     for packed in Path("exported").glob("*.fmu"):  # its members state when they were packed
         shutil.unpack_archive(packed, packed.with_suffix(""), "zip")
         packed.unlink()
-        description = packed.with_suffix("") / "modelDescription.xml"  # with an identifier drawn at random
+        # With an identifier drawn at random.
+        description = packed.with_suffix("") / "modelDescription.xml"
         description.write_text(re.sub('guid="[^"]*"', "", description.read_text()))
 
 
@@ -243,14 +327,20 @@ def _inside(folder: Path) -> Iterator[None]:
 def _identify(*arguments: str) -> None:
     """Identify, show and export; a case that is refused would compare nothing."""
     if code := _run("identify", *arguments, "--out", "result"):
-        raise SystemExit(f"{Path.cwd().name} is not identified (exit code {code}): see {Path('printed.txt').resolve()}")
+        raise SystemExit(
+            f"{Path.cwd().name} is not identified (exit code {code}): see "
+            f"{Path('printed.txt').resolve()}"
+        )
     _show_and_export()
 
 
 def _run(*arguments: str) -> object:
-    """One command in this process; what it prints and its exit code are kept."""
+    """Run a command in this process; its output and exit code are kept."""
     sys.stderr.write(f"{Path.cwd().name}: vibrident {' '.join(arguments)}\n")
-    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+    with (
+        contextlib.redirect_stdout(io.StringIO()) as out,
+        contextlib.redirect_stderr(io.StringIO()) as err,
+    ):
         code = _exit_code(arguments)
     with Path("printed.txt").open("a") as kept:
         said = (out.getvalue() + err.getvalue()).replace(str(Path.cwd()), "HERE")
@@ -259,7 +349,8 @@ def _run(*arguments: str) -> object:
 
 
 def _exit_code(arguments: Sequence[str]) -> object:
-    before, sys.argv = sys.argv, ["vibrident", *arguments]
+    before = sys.argv
+    sys.argv = ["vibrident", *arguments]
     try:
         runpy.run_module("vibrident", run_name="__main__", alter_sys=False)
     except SystemExit as ended:

@@ -1,7 +1,8 @@
-"""A study of many seeded runs in cells: stopped and resumed at will, its page written from what was kept.
+"""Study of many seeded runs in cells, stopped and resumed at will, with a page of the figures.
 
-Runs are kept a line a block, so that a study goes on where it was stopped. A line belongs to the commit that the
-package and the cells were last changed by; a page is made of the lines of one commit.
+Runs are kept a line a block, so that a study goes on where it was stopped. A line belongs to the
+commit that the package and the cells were last changed by; a page is made of the lines of one
+commit.
 """
 
 from __future__ import annotations
@@ -20,33 +21,42 @@ from joblib import Parallel, delayed
 from bench.figures import STDERR, steps
 
 ROOT = Path(__file__).resolve().parents[1]
-BLOCK = 10  # runs in a block: what is lost at most where a study is stopped
+RUNS_PER_BLOCK = 10  # runs in a block: what is lost at most where a study is stopped
 
 
 class Cell(Protocol):
-    """One combination of what is varied."""
+    """Combination of what is varied."""
 
     @property
     def name(self) -> str:
-        """For files and the command line."""
+        """Return the name for files and the command line."""
         ...
 
     def runs(self, asked: int) -> int:
-        """How many runs it needs where so many are asked for."""
+        """Return how many runs it needs where so many are asked for."""
         ...
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study and its command line."""
+    """A study and its command line.
 
-    name: str  # of the module; of the file of runs, bench/results/<name>.jsonl, and the page, studies/<name>.md
-    title: str  # for ``--help``
-    runs: int  # a cell, unless asked otherwise
-    cells: Sequence[Cell]  # all of them
-    # name of a cell and numbers of runs, to what is kept of them, beside these
+    Attributes:
+        name: of the module; of the file of runs, bench/results/<name>.jsonl, and the page,
+            studies/<name>.md.
+        title: for ``--help``.
+        runs: a cell, unless asked otherwise.
+        cells: all of them.
+        block: name of a cell and numbers of runs, to what is kept of them, beside these.
+        table: kept lines and their commit, to the page.
+    """
+
+    name: str
+    title: str
+    runs: int
+    cells: Sequence[Cell]
     block: Callable[[str, range], dict[str, Any]]
-    table: Callable[[list[dict[str, Any]], str], str]  # kept lines and their commit, to the page
+    table: Callable[[list[dict[str, Any]], str], str]
 
     def main(self, arguments: list[str] | None = None) -> int:
         """Run what is missing, then write the page of all there is."""
@@ -55,8 +65,8 @@ class Study:
         kept = [] if given.trial else list(self._kept(commit))
         done = {(line["cell"], line["first"]) for line in kept}
         wanted = [
-            (cell.name, given.first + first, min(BLOCK, cell.runs(given.runs) - first))
-            for first in range(0, given.runs, BLOCK)
+            (cell.name, given.first + first, min(RUNS_PER_BLOCK, cell.runs(given.runs) - first))
+            for first in range(0, given.runs, RUNS_PER_BLOCK)
             for cell in self.cells
             if not given.of and given.only in cell.name and first < cell.runs(given.runs)
         ]
@@ -76,21 +86,34 @@ class Study:
         return 0
 
     def _parser(self) -> argparse.ArgumentParser:
-        parser = argparse.ArgumentParser(prog=f"python -m bench.{self.name}", description=self.title)
+        parser = argparse.ArgumentParser(
+            prog=f"python -m bench.{self.name}", description=self.title
+        )
         parser.add_argument("--runs", type=int, default=self.runs, help="seeded runs a cell")
         parser.add_argument(
-            "--first", type=int, default=0, help="seed of the first: others than the package was tried on"
+            "--first",
+            type=int,
+            default=0,
+            help="seed of the first: others than the package was tried on",
         )
         parser.add_argument("--jobs", type=int, default=2, help="processes")
-        parser.add_argument("--only", default="", metavar="TEXT", help="cells whose name holds this")
-        parser.add_argument("--trial", action="store_true", help="print the page; keep nothing, publish nothing")
-        parser.add_argument("--of", default="", metavar="COMMIT", help="run nothing; publish what was kept of it")
+        parser.add_argument(
+            "--only", default="", metavar="TEXT", help="cells whose name holds this"
+        )
+        parser.add_argument(
+            "--trial", action="store_true", help="print the page; keep nothing, publish nothing"
+        )
+        parser.add_argument(
+            "--of", default="", metavar="COMMIT", help="run nothing; publish what was kept of it"
+        )
         return parser
 
     def _blocks(self, wanted: list[tuple[str, int, int]], jobs: int) -> Iterable[Any]:
         if jobs == 1:
             return (_line(self.block, *block) for block in wanted)
-        parallel = Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+        parallel = Parallel(
+            n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs"
+        )
         return parallel(delayed(_line)(self.block, *block) for block in wanted)
 
     @property
@@ -110,7 +133,7 @@ class Study:
             stream.write(json.dumps(line) + "\n")
 
     def _commit(self) -> str:
-        """The last commit that changed the package or the cells."""
+        """Return the last commit that changed the package or the cells."""
         cells = sys.modules[self.block.__module__].__file__ or ""
         cells = cells.removesuffix("/__main__.py")  # of a study in several modules, all of them
         command = ["git", "log", "-1", "--format=%h", "--", "src", cells]
@@ -118,6 +141,13 @@ class Study:
         return done.stdout.strip() or "unknown"
 
 
-def _line(block: Callable[[str, range], dict[str, Any]], cell: str, first: int, count: int) -> dict[str, Any]:
-    """What is kept of some runs of a cell."""
-    return {"cell": cell, "first": first, "count": count, **block(cell, range(first, first + count))}
+def _line(
+    block: Callable[[str, range], dict[str, Any]], cell: str, first: int, count: int
+) -> dict[str, Any]:
+    """Return what is kept of some runs of a cell."""
+    return {
+        "cell": cell,
+        "first": first,
+        "count": count,
+        **block(cell, range(first, first + count)),
+    }

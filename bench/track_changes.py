@@ -1,8 +1,8 @@
-"""Time from a change to its alarm, for the four sensors of the scenario matrix, against what is possible.
+"""Time from a change to its alarm, for the four sensors of the matrix, against the possible.
 
-Random motion from 0.03 to 3 natural frequencies at 40 samples a period of it, 1 % noise. For a step the bound is
-Lorden's: ln(samples between false alarms) over the information of a sample (Lorden 1971); for a ramp it is the sample
-by which its information has come to that logarithm.
+Random motion from 0.03 to 3 natural frequencies at 40 samples a period of it, 1 % noise. For a step
+the bound is Lorden's: ln(samples between false alarms) over the information of a sample (Lorden
+1971); for a ramp it is the sample by which its information has come to that logarithm.
 """
 
 from __future__ import annotations
@@ -22,11 +22,16 @@ from vibrident.use.tracking.session import Session
 from vibrident.use.tracking.state import Settings
 from vibrident.use.tracking.tracker import Tracker
 
-SAMPLES, NOISE, PER_PERIOD, BAND, KNOWN = 40000, 0.01, 40.0, (0.03, 3.0), 1e-3
+SAMPLES = 40000
+NOISE = 0.01
+PER_PERIOD = 40.0
+BAND = (0.03, 3.0)
+START_UNCERTAINTY = 1e-3
 STEPS = ("gain 1 %", "natural frequency 5 %", "damping doubled", "second mode of 1 %")
-HOUR_S, RAMP = 3600.0, 0.01
+HOUR_S = 3600.0
+RAMP = 0.01
 BENDS = 0.05  # part of the force at the largest response
-MOST = 4e7  # samples of a ramp at most
+MAX_RAMP_SAMPLES = 4e7  # samples of a ramp at most
 BETWEEN = np.log(86400.0 / Settings().false_alarms_per_day)  # false alarms, s, as a logarithm
 
 
@@ -34,10 +39,12 @@ class Motion:
     """A sensor in periodic random motion."""
 
     def __init__(self, sensor: Sensor, rng: np.random.Generator) -> None:
-        self.sensor, self.values = sensor, dict(sensor.parameters)
+        self.sensor = sensor
+        self.values = dict(sensor.parameters)
         self.model = parse(sensor.model)
         self.natural = float(self.values["natural_frequency"])
-        self.rate_hz, self.rng = PER_PERIOD * self.natural, rng
+        self.rate_hz = PER_PERIOD * self.natural
+        self.rng = rng
         self.hz = np.fft.rfftfreq(SAMPLES, 1.0 / self.rate_hz)
         inside = (self.hz > BAND[0] * self.natural) & (self.hz < BAND[1] * self.natural)
         self.lines = inside * (rng.normal(size=self.hz.size) + 1j * rng.normal(size=self.hz.size))
@@ -52,8 +59,10 @@ class Motion:
         return np.fft.irfft(self.lines * parse(model).frequency_response(values, hz), SAMPLES)
 
     def changed(self, what: str) -> FloatArray:
-        """The response after a change."""
-        values, model, gain = dict(self.values), self.sensor.model, self.model.gain_name
+        """Return the response after a change."""
+        values = dict(self.values)
+        model = self.sensor.model
+        gain = self.model.gain_name
         if what == STEPS[0]:
             values[gain] *= 1.01
         elif what == STEPS[1]:
@@ -62,25 +71,33 @@ class Motion:
             values["damping_ratio"] *= 2.0
         else:
             model += "+mode2"
-            values |= {"mode2_frequency": 2.2 * self.natural, "mode2_damping": 0.03, "mode2_gain": 0.01}
+            values |= {
+                "mode2_frequency": 2.2 * self.natural,
+                "mode2_damping": 0.03,
+                "mode2_gain": 0.01,
+            }
         return self.answer(values, model)
 
     def tracker(self) -> Tracker:
-        """From the true values, known to 0.1 %."""
-        covariance = np.diag([(KNOWN * value) ** 2 for value in self.values.values()])
+        """Start from the true values, known to 0.1 %."""
+        covariance = np.diag([(START_UNCERTAINTY * value) ** 2 for value in self.values.values()])
         return Tracker(self.model, self.values, covariance, self.rate_hz)
 
     def noisy(self, response: FloatArray) -> FloatArray:
-        """With noise."""
+        """Return a response with noise."""
         return response + self.sigma * self.rng.normal(size=len(response))
 
 
 def step(one: Motion, what: str) -> float:
-    """Samples from a step to its alarm over the bound."""
-    after, tracked = one.changed(what), one.tracker()
+    """Return the samples from a step to its alarm over the bound."""
+    after = one.changed(what)
+    tracked = one.tracker()
     at = SAMPLES // 2 + int(one.rng.integers(1024))
     before = np.arange(2 * SAMPLES) < SAMPLES + at
-    tracked.feed(np.tile(one.reference, 2), one.noisy(np.where(before, np.tile(one.response, 2), np.tile(after, 2))))
+    tracked.feed(
+        np.tile(one.reference, 2),
+        one.noisy(np.where(before, np.tile(one.response, 2), np.tile(after, 2))),
+    )
     tracked.finish()
     late = tracked.alarms[0].detected_s * one.rate_hz - SAMPLES - at if tracked.alarms else np.inf
     information = np.mean((after - one.response) ** 2) / (2.0 * one.sigma**2)
@@ -88,12 +105,13 @@ def step(one: Motion, what: str) -> float:
 
 
 def ramp(one: Motion) -> float:
-    """Samples from the start of a ramp of the gain to its alarm, over the bound."""
-    tracked, rate = one.tracker(), RAMP / HOUR_S / one.rate_hz
+    """Return the samples from the start of a ramp of the gain to its alarm, over the bound."""
+    tracked = one.tracker()
+    rate = RAMP / HOUR_S / one.rate_hz
     for _ in range(4):
         tracked.feed(one.reference, one.noisy(one.response))
     taken = 0
-    while not tracked.alarms and taken < MOST:
+    while not tracked.alarms and taken < MAX_RAMP_SAMPLES:
         growth = rate * (taken + np.arange(SAMPLES))
         tracked.feed(one.reference, one.noisy(one.response * (1.0 + growth)))
         taken += SAMPLES
@@ -103,7 +121,7 @@ def ramp(one: Motion) -> float:
 
 
 def softened(one: Motion, level: float) -> FloatArray:
-    """The response of a spring that softens by BENDS of the force at the largest response, with noise."""
+    """Return the response of a spring that softens by BENDS at the largest response, with noise."""
     hz = np.where(one.hz > 0.0, one.hz, one.hz[1])
     shape = one.model.frequency_response(one.values, hz) / one.values[one.model.gain_name]
     most = float(np.max(np.abs(one.response)))
@@ -112,9 +130,13 @@ def softened(one: Motion, level: float) -> FloatArray:
 
 
 def named() -> list[Figure]:
-    """Alarms of a session, and what they say: of a spring that softens where the motion grows threefold, and of a
-    second mode that appears."""
-    bends, modes, said = dict[str, float](), dict[str, float](), list[str]()
+    """Return the alarms of a session, and their messages.
+
+    A spring softens where the motion grows threefold, and a second mode appears.
+    """
+    bends = dict[str, float]()
+    modes = dict[str, float]()
+    said = list[str]()
     one = Motion(sensor_named("paper"), np.random.default_rng(0))
     session = _session(one)
     for label, level in (("before", 1.0 / 3.0), ("after", 1.0)):
@@ -154,4 +176,7 @@ def delays(runs: int) -> list[Figure]:
             found[what][name] = float(np.median([step(each, what) for each in made]))
         found["ramp of 1 % an hour"][name] = ramp(made[0])
     note = " · ".join(SENSORS)
-    return [Figure(f"{what}: time to alarm over the bound", each, note=note) for what, each in found.items()]
+    return [
+        Figure(f"{what}: time to alarm over the bound", each, note=note)
+        for what, each in found.items()
+    ]

@@ -1,7 +1,7 @@
-"""The tracker beside statsmodels' RecursiveLS and an extended Kalman filter in filterpy, on the same state space.
+"""The tracker beside RecursiveLS and an extended Kalman filter, on the same state space.
 
-The same records and inputs of the cell for all; the tracker's start values for the Kalman filter, which is told
-the true noise, and for the linearised network. MATLAB cannot be run here.
+The same records and inputs of the cell for all; the tracker's start values for the Kalman filter,
+which is told the true noise, and for the linearised network. MATLAB cannot be run here.
 """
 
 from __future__ import annotations
@@ -18,11 +18,19 @@ from bench.figures import Figure, Options, Section, steps
 from vibrident.data.records import FloatArray
 from vibrident.use.tracking.network import INPUT_TAPS, Linearised, Network
 
-RUNS, SAMPLES, NOISE, START_U = 60, 8000, 0.01, 0.05
-SETTLED = 400  # samples by which the sensor has forgotten its state: columns of it make RecursiveLS lose its digits
+RUNS = 60
+SAMPLES = 8000
+NOISE = 0.01
+START_U = 0.05
+#: Samples by which the sensor has forgotten its state: columns of it make RecursiveLS lose its
+#: digits.
+SETTLED = 400
 NAMES = tuple(TRUTH)
 PEERS = {
-    "statsmodels": {"arx": "RecursiveLS on past responses", "linearised": "RecursiveLS on the linearised network"},
+    "statsmodels": {
+        "arx": "RecursiveLS on past responses",
+        "linearised": "RecursiveLS on the linearised network",
+    },
     "filterpy": {"ekf": "extended Kalman filter, told the true noise"},
 }
 
@@ -31,15 +39,18 @@ def measure(options: Options) -> Section:
     """Error, coverage and time a sample."""
     runs = 3 if options.quick else RUNS
     network = Network.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
-    truth, rows = np.array(list(TRUTH.values())), []
-    begin, steps_taken = 0.0, 0
+    truth = np.array(list(TRUTH.values()))
+    rows = []
+    begin = 0.0
+    steps_taken = 0
     ours: list[tuple[FloatArray, FloatArray]] = []
     for seed in steps("trackers", range(runs)):
         rng = np.random.default_rng(seed)
         u, y = record("random", SAMPLES, rng, NOISE)
         one = tracker(rng, u=START_U)
         start = one.state.point[network.nuisances :] * one.network.scale
-        first, count = network.first, len(u) - INPUT_TAPS + 1
+        first = network.first
+        count = len(u) - INPUT_TAPS + 1
         inputs = network.inputs(u, count)
         response = y[-first : count - first]
         out, _ = Linearised.at_point(one.network, np.ones(3)).run(one.state.cell, inputs)
@@ -53,21 +64,27 @@ def measure(options: Options) -> Section:
         steps_taken += len(y)
         ours.append((_array(found.values), _array(found.uncertainty)))
     labels = ("inputs", "response", "columns", "more", "start", "noise")
-    arrays: dict[str, Any] = {name: np.array(part) for name, part in zip(labels, zip(*rows, strict=True), strict=True)}
+    arrays: dict[str, Any] = {
+        name: np.array(part) for name, part in zip(labels, zip(*rows, strict=True), strict=True)
+    }
     arrays |= {"interval_s": 1.0 / RATE_HZ, "relative_u": START_U}
     values, u = (np.array(part) for part in zip(*ours, strict=True))
     size = np.sqrt(np.mean((values - truth) ** 2, axis=0))
     figures = [_covered("vibrident track", values, u, truth)]
-    microseconds, versions = {"vibrident": begin / steps_taken * 1e6}, {}
+    microseconds = {"vibrident": begin / steps_taken * 1e6}
+    versions = {}
     for name, words in PEERS.items():
         python = ENVIRONMENTS / name / "bin" / "python"
         if not python.exists():
-            figures.append(Figure(name, {}, note="left out: no environment; `make bench-peers` makes it"))
+            figures.append(
+                Figure(name, {}, note="left out: no environment; `make bench-peers` makes it")
+            )
             continue
         told = ask(python, f"{name}_peer.py", arrays)
         versions[name] = told["versions"]
         for kind, what in words.items():
-            values, u = np.array(told[kind]["values"]), np.array(told[kind]["uncertainties"])
+            values = np.array(told[kind]["values"])
+            u = np.array(told[kind]["uncertainties"])
             error = np.sqrt(np.mean((values - truth) ** 2, axis=0)) / size
             figures.append(Figure(f"{name}, {what}: rms error over ours", _named(error)))
             figures.append(_covered(f"{name}, {what}", values, u, truth))
@@ -76,12 +93,15 @@ def measure(options: Options) -> Section:
     figures.append(Figure("microseconds a sample, in Python", microseconds, "plain", note=times))
     title = f"Trackers: random motion, 1 % noise, {SAMPLES} samples; {' · '.join(NAMES)}"
     remarks = (
-        "All get the same inputs of the network's cell, and the state space is that of the cell; start values off by "
-        "2 %. Regressed on past responses, RecursiveLS minimises the error of an equation whose columns hold the "
-        "response's noise; linearised, it stays at the start values' slopes. Intervals are values ± 1.96 u. MATLAB's "
-        "recursiveOE is documented to give polynomial coefficients of an output-error model; it cannot be run here.",
+        "All get the same inputs of the network's cell, and the state space is that of the cell; "
+        "start values off by 2 %. Regressed on past responses, RecursiveLS minimises the error of "
+        "an equation whose columns hold the response's noise; linearised, it stays at the start "
+        "values' slopes. Intervals are values ± 1.96 u. MATLAB's recursiveOE is documented to "
+        "give polynomial coefficients of an output-error model; it cannot be run here.",
     )
-    return Section("track_peers", title, tuple(figures), {"runs": runs, "versions": versions}, remarks)
+    return Section(
+        "track_peers", title, tuple(figures), {"runs": runs, "versions": versions}, remarks
+    )
 
 
 def _array(values: Any) -> FloatArray:

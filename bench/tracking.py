@@ -1,7 +1,7 @@
-"""The tracker: scatter beside `identify`, coverage, alarms that should and should not be, speed, in Python and in C.
+"""The tracker: scatter beside `identify`, coverage, alarms, speed, in Python and in C.
 
-One sensor, 20 kHz; changes of four sensors in ``bench.track_changes``. The C code is that of ``export --online``,
-compiled here with -O3, and for a Cortex-M4F in qemu.
+One sensor, 20 kHz; changes of four sensors in ``bench.track_changes``. The C code is that of
+``export --online``, compiled here with -O3, and for a Cortex-M4F in qemu.
 """
 
 from __future__ import annotations
@@ -24,16 +24,19 @@ from bench.track_changes import delays, named
 from vibrident import Calibration, identify
 from vibrident.export import export
 
-SAMPLES, NOISE = 8000, 0.01
-BATCH = 5  # runs, of which one is identified as well
+SAMPLES = 8000
+NOISE = 0.01
+RUNS_PER_BATCH_FIT = 5  # runs, of which one is identified as well
 NAMES = tuple(TRUTH)
-PIECE = 1_000_000
+PIECE_SAMPLES = 1_000_000
 
 
 def scatter(kind: str, runs: int) -> tuple[Figure, ...]:
-    """Scatter over the batch's, of the first of the runs, coverage of 95 % intervals; start values off by 2 %."""
-    beside = max(4, runs // BATCH)
-    tracked, u, batch = np.zeros((runs, 3)), np.zeros((runs, 3)), np.zeros((beside, 3))
+    """Measure scatter over the batch's and coverage of 95 % intervals; start values off by 2 %."""
+    beside = max(4, runs // RUNS_PER_BATCH_FIT)
+    tracked = np.zeros((runs, 3))
+    u = np.zeros((runs, 3))
+    batch = np.zeros((beside, 3))
     for seed in steps(f"tracking {kind}", range(runs)):
         rng = np.random.default_rng(seed)
         samples = record(kind, SAMPLES, rng, NOISE)
@@ -41,13 +44,24 @@ def scatter(kind: str, runs: int) -> tuple[Figure, ...]:
         tracked[seed] = [found.values[name] / TRUTH[name] - 1.0 for name in NAMES]
         u[seed] = [found.uncertainty[name] / TRUTH[name] for name in NAMES]
         if seed < beside:
-            whole = identify(Calibration.from_arrays(*samples, RATE_HZ, excitation=kind, model="accelerometer"))  # type: ignore[arg-type]
+            whole = identify(
+                Calibration.from_arrays(*samples, RATE_HZ, excitation=kind, model="accelerometer")
+            )  # type: ignore[arg-type]
             batch[seed] = [whole.parameters[name].value / TRUTH[name] - 1.0 for name in NAMES]
     ratio = np.sqrt(np.mean(tracked[:beside] ** 2, axis=0) / np.mean(batch**2, axis=0))
     covered = np.mean(np.abs(tracked) < 1.96 * u, axis=0)
     return (
-        Figure(f"{kind}: scatter over that of identify", _named(ratio), high=1.1, note=f"{beside} runs"),
-        Figure(f"{kind}: coverage of 95 % intervals", _named(covered), "percent", 0.93, 0.97, note=f"{runs} runs"),
+        Figure(
+            f"{kind}: scatter over that of identify", _named(ratio), high=1.1, note=f"{beside} runs"
+        ),
+        Figure(
+            f"{kind}: coverage of 95 % intervals",
+            _named(covered),
+            "percent",
+            0.93,
+            0.97,
+            note=f"{runs} runs",
+        ),
     )
 
 
@@ -56,22 +70,28 @@ def _named(values: Real) -> dict[str, float]:
 
 
 def compiled(*, single: bool = False) -> Compiled:
-    """The C tracker at the true values with u of 0.1 %, with all the optimisation that does not change results."""
+    """Build the C tracker at the true values with u of 0.1 %, with all exact optimisation."""
     return Compiled(sources(), 3, single=single, more=("-O3", "-march=native"))
 
 
 def sources() -> Path:
-    """A folder with the C tracker's sources."""
+    """Return a folder with the C tracker's sources."""
     folder = Path(tempfile.mkdtemp())
-    export(result("accelerometer", TRUTH, (20.0, 4000.0)), "c", folder, rate_hz=RATE_HZ, online=True)
+    export(
+        result("accelerometer", TRUTH, (20.0, 4000.0)), "c", folder, rate_hz=RATE_HZ, online=True
+    )
     return folder
 
 
-def long_run(samples: int, make: Callable[[np.random.Generator], tuple[Real, Real]]) -> tuple[float, float, Compiled]:
-    """Alarms, and the largest deviation of a parameter in units of its u, after so many samples in C."""
-    one, most, alarms = compiled(), 0.0, 0
+def long_run(
+    samples: int, make: Callable[[np.random.Generator], tuple[Real, Real]]
+) -> tuple[float, float, Compiled]:
+    """Return alarms, and the largest deviation of a parameter in u, after so many samples in C."""
+    one = compiled()
+    most = 0.0
+    alarms = 0
     rng = np.random.default_rng(1)
-    for _ in range(max(1, samples // PIECE)):
+    for _ in range(max(1, samples // PIECE_SAMPLES)):
         alarms = one.feed(*make(rng))
         value, u, _, _ = one.read()
         most = max(most, float(np.max(np.abs(value - np.array(list(TRUTH.values()))) / u)))
@@ -79,7 +99,7 @@ def long_run(samples: int, make: Callable[[np.random.Generator], tuple[Real, Rea
 
 
 def _piece(kind: str, samples: int) -> Callable[[np.random.Generator], tuple[Real, Real]]:
-    """Samples that go on where those before ended: a period of a motion, its response, and new noise."""
+    """Return samples that continue others: a period of a motion, its response, and new noise."""
     rng = np.random.default_rng(9)
     if kind in ("random", "tone"):
         u = motion(kind, samples, rng)
@@ -94,12 +114,15 @@ def firmware() -> list[Figure]:
     """On a Cortex-M4F in qemu, in which the gain changes by 1 % after half a second."""
     if absent := cortex.missing():
         return [Figure("Cortex-M4F: instructions a sample", {}, note=f"left out: {absent}")]
-    folder, (u, y) = sources(), record("random", 2 * 10000, np.random.default_rng(2), NOISE)
+    folder = sources()
+    u, y = record("random", 2 * 10000, np.random.default_rng(2), NOISE)
     y[10000:] *= 1.01
     said = cortex.run(folder, u, y)
     note = "single precision, -O2; mean, and the longest: the point of linearisation is moved"
     labels = ("RAM of the tracker", "stack", "flash")
-    sizes: dict[str, float] = dict(zip(labels, [*said.ram, float(cortex.flash(folder))], strict=True))
+    sizes: dict[str, float] = dict(
+        zip(labels, [*said.ram, float(cortex.flash(folder))], strict=True)
+    )
     return [
         Figure(
             "Cortex-M4F: instructions a sample",
@@ -108,40 +131,56 @@ def firmware() -> list[Figure]:
             note=note,
         ),
         Figure(
-            "Cortex-M4F: RAM of the tracker · stack · flash", sizes, "bytes", note="flash with what it needs of libm"
+            "Cortex-M4F: RAM of the tracker · stack · flash",
+            sizes,
+            "bytes",
+            note="flash with what it needs of libm",
         ),
     ]
 
 
 def speed() -> Figure:
     """Million samples a second on one core."""
-    u, y = record("random", PIECE, np.random.default_rng(1), NOISE)
+    u, y = record("random", PIECE_SAMPLES, np.random.default_rng(1), NOISE)
     found = {}
-    one, begin = tracker(None, u=1e-3), time.process_time()
+    one = tracker(None, u=1e-3)
+    begin = time.process_time()
     fed(one, u, y, lambda n: list(range(16384, n, 16384)))
-    found["Python"] = PIECE / (time.process_time() - begin) / 1e6
+    found["Python"] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
     for label, single in (("C, double", False), ("C, float", True)):
         other = compiled(single=single)
         other.feed(u[:1000].copy(), y[:1000].copy())
         begin = time.process_time()
         other.feed(u, y)
-        found[label] = PIECE / (time.process_time() - begin) / 1e6
+        found[label] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
     return Figure("million samples a second", found, "plain")
 
 
 def measure(options: Options) -> Section:
-    """All of it; the C code where there is a gcc."""
+    """Return all of it; the C code where there is a gcc."""
     runs = 4 if options.quick else 1000
-    figures = [figure for kind in ("random", "multisine", "sweep") for figure in scatter(kind, runs)]
+    figures = [
+        figure for kind in ("random", "multisine", "sweep") for figure in scatter(kind, runs)
+    ]
     figures += [*delays(1 if options.quick else 20), *named()]
     if shutil.which("gcc"):
         for pieces in (1,) if options.quick else (10, 100):
-            quiet, off = {}, {}
+            quiet = {}
+            off = {}
             for kind in ("random", "tone", "rest", "dead reference")[: 4 if pieces < 100 else 1]:
-                quiet[kind], off[kind], _ = long_run(pieces * PIECE, _piece(kind, PIECE))
-            figures.append(Figure(f"alarms in {pieces * PIECE:.0e} samples without a change", quiet, "plain", high=0.0))
+                quiet[kind], off[kind], _ = long_run(
+                    pieces * PIECE_SAMPLES, _piece(kind, PIECE_SAMPLES)
+                )
+            figures.append(
+                Figure(
+                    f"alarms in {pieces * PIECE_SAMPLES:.0e} samples without a change",
+                    quiet,
+                    "plain",
+                    high=0.0,
+                )
+            )
             figures.append(Figure("largest deviation there, in u", off, "sigma"))
-        u, y = record("random", PIECE, np.random.default_rng(3), NOISE)
+        u, y = record("random", PIECE_SAMPLES, np.random.default_rng(3), NOISE)
         ends = [one for one in (compiled(), compiled(single=True)) if one.feed(u, y) == 0]
         (double, u_double, *_), (single, *_) = (one.read() for one in ends)
         apart = float(np.max(np.abs(double - single) / u_double))

@@ -1,4 +1,4 @@
-"""The calibration that the benchmarks share: the sensor of Table 2 and the paper's excitation, motions known."""
+"""Calibration that the benchmarks share: the sensor of Table 2, the paper's excitation."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ SEED = 20251113
 
 
 def model() -> SensorModel:
-    """The model of the sensor."""
+    """Return the model of the sensor."""
     return parse(SENSOR.model)
 
 
 @functools.lru_cache(maxsize=2)
-def paper_truth(rate_hz: float = RATE_HZ, samples: int = SAMPLES) -> tuple[Calibration, tuple[Motion, ...]]:
-    """21 one-third-octave sines, 10 to 1000 Hz at 1 g, each with white noise 20 dB below that the sensor feels.
+def paper_truth(
+    rate_hz: float = RATE_HZ, samples: int = SAMPLES
+) -> tuple[Calibration, tuple[Motion, ...]]:
+    """Simulate 21 one-third-octave sines, 10 to 1000 Hz at 1 g, in noise 20 dB below.
 
     Args:
         rate_hz: samples per second; the noise reaches 0.4 of it.

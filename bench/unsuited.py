@@ -1,6 +1,7 @@
-"""Time and outcome of `identify` where data do not suit the model, against data of one size that do.
+"""Time and outcome of `identify` for data that do not suit the model, against data that do.
 
-One record of random motion each, twelve ways of not suiting. Ratios of computing times taken in turn in one process.
+One record of random motion each, twelve ways of not suiting. Ratios of computing times taken in
+turn in one process.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from bench.figures import Figure, Options, Section, steps
 from vibrident import Calibration, Record, VibridentError, identify
 
 NOISE = 1e-3
-GAIN, NATURAL_HZ, DAMPING = 0.1, 1200.0, 0.2
+GAIN = 0.1
+NATURAL_HZ = 1200.0
+DAMPING = 0.2
 #: Most that data which do not suit may take, in units of those that do.
-MOST = 3.0
+MAX_TIME_RATIO = 3.0
 #: Rounds of runs.
 ROUNDS = 8
 
@@ -29,13 +32,17 @@ def _s(hz: Real) -> NDArray[np.complex128]:
     return 2j * np.pi * hz
 
 
-def _sensor(hz: Real, natural_hz: float = NATURAL_HZ, damping: float = DAMPING) -> NDArray[np.complex128]:
+def _sensor(
+    hz: Real, natural_hz: float = NATURAL_HZ, damping: float = DAMPING
+) -> NDArray[np.complex128]:
     w = 2.0 * np.pi * natural_hz
     return np.asarray(GAIN * w**2 / (_s(hz) ** 2 + 2.0 * damping * w * _s(hz) + w**2))
 
 
 def _made(
-    transfer: Callable[[Real], NDArray[np.complex128]], rng: np.random.Generator, noise: float = NOISE
+    transfer: Callable[[Real], NDArray[np.complex128]],
+    rng: np.random.Generator,
+    noise: float = NOISE,
 ) -> tuple[Real, Real]:
     """Reference of rms one, and response of rms GAIN with noise."""
     u, y = answered(transfer, rng)
@@ -44,7 +51,11 @@ def _made(
 
 def _calibration(u: Real, y: Real, quantity: str = "acceleration") -> Calibration:
     record = Record("random", u, y, RATE_HZ, "random")  # type: ignore[arg-type]
-    return Calibration(records=(record,), model="accelerometer", quantity=quantity)  # type: ignore[arg-type]
+    return Calibration(
+        records=(record,),
+        model="accelerometer",
+        quantity=quantity,  # type: ignore[arg-type]
+    )
 
 
 def suited(rng: np.random.Generator) -> Calibration:
@@ -57,7 +68,9 @@ def _delayed(rng: np.random.Generator) -> Calibration:
 
 
 def _high_pass(rng: np.random.Generator) -> Calibration:
-    return _calibration(*_made(lambda hz: _sensor(hz) * _s(hz) / (_s(hz) + 2.0 * np.pi * 60.0), rng))
+    return _calibration(
+        *_made(lambda hz: _sensor(hz) * _s(hz) / (_s(hz) + 2.0 * np.pi * 60.0), rng)
+    )
 
 
 def _second_mode(rng: np.random.Generator) -> Calibration:
@@ -74,7 +87,11 @@ def _wrong_pairing(rng: np.random.Generator) -> Calibration:
 
 def _spring(rng: np.random.Generator) -> Calibration:
     u, y = _made(_sensor, rng)
-    lines = np.fft.rfft((y / np.max(np.abs(y))) ** 3) * _sensor(np.fft.rfftfreq(SAMPLES, 1.0 / RATE_HZ)) / GAIN
+    lines = (
+        np.fft.rfft((y / np.max(np.abs(y))) ** 3)
+        * _sensor(np.fft.rfftfreq(SAMPLES, 1.0 / RATE_HZ))
+        / GAIN
+    )
     return _calibration(u, y - 0.05 * np.max(np.abs(y)) * np.fft.irfft(lines, SAMPLES))
 
 
@@ -94,22 +111,24 @@ def _noise_alone(rng: np.random.Generator) -> Calibration:
 
 
 def _two_sensors(rng: np.random.Generator) -> Calibration:
-    """Two geophones side by side, one the velocity reference of the other, motion far above both resonances."""
+    """Return two geophones side by side, one the reference of the other, far above resonance."""
     u, y = _made(lambda hz: np.ones(hz.size, complex), rng)
     return _calibration(u + NOISE * rng.normal(size=SAMPLES), y, "velocity")
 
 
 def _another_kind(rng: np.random.Generator) -> Calibration:
-    """A low-pass of first order."""
+    """Return a low-pass of first order."""
     return _calibration(*_made(lambda hz: GAIN / (1.0 + _s(hz) / (2.0 * np.pi * 300.0)), rng))
 
 
 def _held(rng: np.random.Generator) -> Calibration:
-    """An electrical resonator whose input is held between samples, with content up to half the rate."""
+    """Return an electrical resonator whose input is held between samples, up to half the rate."""
     from scipy.signal import cont2discrete, lfilter
 
     w = 2.0 * np.pi * NATURAL_HZ
-    top, below, _ = cont2discrete(([GAIN * w**2], [1.0, 2.0 * DAMPING * w, w**2]), 1.0 / RATE_HZ, "zoh")
+    top, below, _ = cont2discrete(
+        ([GAIN * w**2], [1.0, 2.0 * DAMPING * w, w**2]), 1.0 / RATE_HZ, "zoh"
+    )
     u = rng.normal(size=SAMPLES)
     y = lfilter(top[0], below, u)
     found = _calibration(u, y + NOISE * np.std(y) * rng.normal(size=SAMPLES), "drive")
@@ -134,7 +153,8 @@ UNSUITED: Mapping[str, Callable[[np.random.Generator], Calibration]] = {
 
 def spent(make: Callable[[np.random.Generator], Calibration], seed: int = 1) -> tuple[float, str]:
     """Computing time of an identification, s, and what it said; a Python warning is an error."""
-    calibration, begin = make(np.random.default_rng(seed)), time.process_time()
+    calibration = make(np.random.default_rng(seed))
+    begin = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -145,7 +165,7 @@ def spent(make: Callable[[np.random.Generator], Calibration], seed: int = 1) -> 
 
 
 def measure(options: Options) -> Section:
-    """Each kind over what suits, by the least of some runs of either, in turn: a machine's pace changes."""
+    """Measure each kind over what suits, by the least of some runs of either, in turn."""
     spent(suited)  # loads what is loaded once
     least = dict.fromkeys(UNSUITED, np.inf)
     base = np.inf
@@ -153,5 +173,5 @@ def measure(options: Options) -> Section:
         base = min(base, spent(suited)[0])
         least = {name: min(least[name], spent(make)[0]) for name, make in UNSUITED.items()}
     found = {name: least[name] / base for name in least}
-    figures = (Figure("over data that suit", found, high=MOST),)
+    figures = (Figure("over data that suit", found, high=MAX_TIME_RATIO),)
     return Section("unsuited", f"Data that do not suit the model, {SAMPLES} samples", figures)

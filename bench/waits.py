@@ -1,7 +1,7 @@
-"""How long a person waits: for the page, for a certificate, for what a history of a thousand sensors is asked.
+"""Waiting times: for the page, for a certificate, for answers from a thousand sensors.
 
-Computing time, here and in the server: other programs may have the processor. The page is driven by a browser
-(playwright's, or the one that VIBRIDENT_CHROMIUM names).
+Computing time, here and in the server: other programs may have the processor. The page is driven by
+a browser (playwright's, or the one that VIBRIDENT_CHROMIUM names).
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from tests.support.serving import CHROMIUM_FLAGS, chromium, serving, upload
 
 from bench.figures import Figure, Options, Section, steps
 
-SENSORS, CALIBRATIONS = 1000, 10
-MOST_STALL_S = 0.050
-#: ``vibrident serve`` with a clock in its loop. A stall is what passed between two ticks that should be a millisecond
-#: apart, and no more than the process computed meanwhile.
+SENSORS = 1000
+CALIBRATIONS = 10
+MAX_STALL_S = 0.050
+#: ``vibrident serve`` with a clock in its loop. A stall is what passed between two ticks that
+#: should be a millisecond apart, and no more than the process computed meanwhile.
 _SERVER = """
 import asyncio, time
 from nicegui import app
@@ -55,7 +56,7 @@ serve(host="127.0.0.1", port=0, show=False, limit_mb=100.0)
 
 
 def measure(options: Options) -> Section:
-    """Each in turn."""
+    """Return each in turn."""
     del options
     made = {"page": _page, "certificate": _certificate, "history": _history}
     figures = [figure for name, take in steps("waits", list(made.items())) for figure in take()]
@@ -63,15 +64,21 @@ def measure(options: Options) -> Section:
 
 
 def _page() -> list[Figure]:
-    with tempfile.TemporaryDirectory() as folder, serving(Path(folder), sys.executable, "-c", _SERVER) as server:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        serving(Path(folder), sys.executable, "-c", _SERVER) as server,
+    ):
         start = Figure("the page answers", {"s": server.busy_s}, "seconds", high=3.0)
         files = (_large_json, _large_toml, _large_csv, _wide_csv)
-        stalls, note = {}, ""
+        stalls = {}
+        note = ""
         try:
             stalls = {make.__name__.strip("_"): _stall(server.address, make) for make in files}
         except Exception as error:  # no playwright, or no browser
             note = str(error).splitlines()[0]
-        held = Figure("longest hold-up of its loop by a file", stalls, "seconds", high=MOST_STALL_S, note=note)
+        held = Figure(
+            "longest hold-up of its loop by a file", stalls, "seconds", high=MAX_STALL_S, note=note
+        )
         return [start, held]
 
 
@@ -86,7 +93,9 @@ def _stall(address: str, make: Callable[[Path], Path]) -> float:
         _worst(address)
         upload(page, make(Path(folder)))
         page.locator("#confirm, [role=alert]").first.wait_for(timeout=120_000)
-        page.locator("#columns .js-plotly-plot, [role=alert], #calibration-came").first.wait_for(timeout=120_000)
+        page.locator("#columns .js-plotly-plot, [role=alert], #calibration-came").first.wait_for(
+            timeout=120_000
+        )
         running.close()
         return _worst(address)
 
@@ -104,13 +113,19 @@ def _large_json(folder: Path) -> Path:
 
 
 def _large_toml(folder: Path) -> Path:
-    entries = "".join(f'[[records]]\nfile = "{i}.csv"\nexcitation = "sine"\n' for i in range(40_000))
-    (place := folder / "calibration.toml").write_text("[reference]\ncolumn = 2\n[response]\ncolumn = 3\n" + entries)
+    entries = "".join(
+        f'[[records]]\nfile = "{i}.csv"\nexcitation = "sine"\n' for i in range(40_000)
+    )
+    (place := folder / "calibration.toml").write_text(
+        "[reference]\ncolumn = 2\n[response]\ncolumn = 3\n" + entries
+    )
     return place
 
 
 def _large_csv(folder: Path) -> Path:
-    (place := folder / "a.csv").write_text("time,reference,response\n" + "0.001,1.25,-0.75\n" * 2_000_000)
+    (place := folder / "a.csv").write_text(
+        "time,reference,response\n" + "0.001,1.25,-0.75\n" * 2_000_000
+    )
     return place
 
 
@@ -142,10 +157,19 @@ def _history() -> list[Figure]:
                 "list": partial(query.overviews, store),
                 "find": partial(query.find, store, "00500"),
                 "all calibrations": partial(query.entries, store),
-                "show": partial(document.of_sensor, store, sensor, document.Question(tolerance=Tolerance(0.01))),
+                "show": partial(
+                    document.of_sensor, store, sensor, document.Question(tolerance=Tolerance(0.01))
+                ),
             }
             taken = {name: _computing_s(ask) for name, ask in asked.items()}
-    return [Figure(f"asked of {SENSORS} sensors, {CALIBRATIONS} calibrations each", taken, "seconds", high=0.1)]
+    return [
+        Figure(
+            f"asked of {SENSORS} sensors, {CALIBRATIONS} calibrations each",
+            taken,
+            "seconds",
+            high=0.1,
+        )
+    ]
 
 
 def _computing_s(act: Callable[[], Any], times: int = 5) -> float:

@@ -164,11 +164,18 @@ def page(cells: list[NotebookNode], folder: Path, name: str) -> str:
                 (folder / picture).write_bytes(base64.b64decode(data["image/png"]))
                 written.append(f"![{data['text/plain']}]({picture})")
             elif "text/html" in data:
-                written.append(f'<div class="output">{data["text/html"]}</div>')
+                written.append(f'<div class="output">{_themed(data["text/html"])}</div>')
             else:
                 written.append(f"```text\n{data['text/plain'].strip()}\n```")
-    title, rest = written[0].split("\n", 1)
-    return "\n\n".join([title, f"*[This page as a Jupyter notebook]({name}.ipynb)*", rest, *written[1:]]) + "\n"
+    title, _, introduction = written[0].partition("\n")
+    download = f"*[This page as a Jupyter notebook]({name}.ipynb)*"
+    return "\n\n".join([title, download, introduction, *written[1:]]) + "\n"
+
+
+def _themed(html: str) -> str:
+    """Return HTML whose tables of pandas look as all tables of the site do."""
+    without_style = re.sub(r"<style scoped>.*?</style>\s*", "", html, flags=re.DOTALL)
+    return without_style.replace('<table border="1" class="dataframe">', "<table>")
 
 
 def _shown_code(cell: NotebookNode) -> str:

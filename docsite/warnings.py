@@ -67,11 +67,8 @@ def program(code: str) -> tuple[str, str, str]:
 
 def _preparation(causes: str) -> str:
     """Return the program that runs the commands shown before an example, quietly."""
-    calls = [
-        f"subprocess.run({['-m', 'vibrident', *shlex.split(command)]!r}, **quiet)"
-        for command in _COMMANDS.findall(causes)
-    ]
-    calls = [call.replace("run([", "run([sys.executable, ") for call in calls]
+    commands = [shlex.split(command.replace("\\\n", " ")) for command in _COMMANDS.findall(causes)]
+    calls = [f"subprocess.run([sys.executable, '-m', 'vibrident', *{words}], **quiet)" for words in commands]
     quiet = 'quiet = {"check": True, "stdout": subprocess.DEVNULL}'
     return "\n".join(["import subprocess, sys", quiet, *calls])
 

@@ -16,7 +16,7 @@ ROOMS = {
     "base": "",
     "data": "registry effects known interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
-    "result": "document earlier parts sensor estimates result given|known",
+    "result": "document earlier parts sensor estimates result loading|known",
     "fit": "registry information optimise response bins group problem noise start descent estimators decay uncertainty "
     "departures judge identification joint",
     "use": "",

@@ -1,1 +1,1 @@
-"""Sensors, motions and defects from an exact simulator of its own, against what the package says of them."""
+"""Sensors, motions and defects from an exact simulator, against what the package says of them."""

@@ -3,7 +3,7 @@
 python -m bench.adversary --runs 1               every case once; stops and resumes at will
 python -m bench.adversary --only clean/in        cases whose name holds the text
 python -m bench.adversary --list                 names of the cases
-python -m bench.adversary --repeat-failures      run again what failed with the last code; keep nothing
+python -m bench.adversary --repeat-failures      run failures of the last code again; keep nothing
 python -m bench.adversary --show NAME [--run 2]  one case in detail
 python -m bench.adversary --groups clocks held   groups alone, printed: [--first 34] [--runs 1]
                                                  [--cases N] of each [--only TEXT] [--limit CPU-S]
@@ -35,7 +35,7 @@ STUDY = Study("adversary", __doc__.splitlines()[0], 1, CASES, block, table)
 
 
 def main(arguments: list[str]) -> int:
-    """What the study does not do itself: groups, list, show, and run the failures again."""
+    """Return what the study does not do itself: groups, list, show, and run the failures again."""
     if "--groups" in arguments:
         return groups.main(arguments)
     only = _after(arguments, "--only")
@@ -68,7 +68,9 @@ def _failed(only: str) -> list[tuple[str, int]]:
         line = json.loads(text)
         for run, found in enumerate(line["runs"], line["first"]):
             last[line["cell"], run] = found["class"]
-    return [key for key, kind in last.items() if kind in BAD and key[0] in BY_NAME and only in key[0]]
+    return [
+        key for key, kind in last.items() if kind in BAD and key[0] in BY_NAME and only in key[0]
+    ]
 
 
 def _print(name: str, run: int, found: dict[str, Any]) -> None:

@@ -50,17 +50,17 @@ GROUPS = {
 
 @dataclass(frozen=True)
 class Case:
-    """One case; ``runs`` of it differ by their seed."""
+    """Case of the study; ``runs`` of it differ by their seed."""
 
     name: str
     make: Maker
 
     def runs(self, asked: int) -> int:
-        """As many as asked for."""
+        """Return the number of runs asked for."""
         return asked
 
     def trial(self, run: int = 0) -> Trial:
-        """The trial of one run."""
+        """Return the trial of one run."""
         return self.make(np.random.default_rng([_shuffled(self), run]))
 
 
@@ -70,7 +70,14 @@ def _shuffled(case: Case) -> int:
 
 #: In an order by chance, so that a study that was stopped early has seen some of everything.
 CASES = tuple(
-    sorted((Case(f"{group}/{name}", make) for group, cases in GROUPS.items() for name, make in cases()), key=_shuffled)
+    sorted(
+        (
+            Case(f"{group}/{name}", make)
+            for group, cases in GROUPS.items()
+            for name, make in cases()
+        ),
+        key=_shuffled,
+    )
 )
 BY_NAME = {case.name: case for case in CASES}
 if len(BY_NAME) != len(CASES):

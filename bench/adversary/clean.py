@@ -1,4 +1,4 @@
-"""Nothing is wrong: sensors of every kind, motions of every kind, noise of every kind. The right model is asked for."""
+"""Clean recordings: sensors, motions and noise of every kind; the right model is asked for."""
 
 from __future__ import annotations
 
@@ -66,16 +66,24 @@ BENCH = {
     "rung": (NOISES[0], NOISES[2], NOISES[7], NOISES[8]),
 }
 #: A single record of a few tones, where little is left to judge a model by.
-FEW_SENSORS = ("in-light", "in-damped", "above-light", "in-light+delay", "in-damped+highpass", "pickup-below-damped")
+FEW_SENSORS = (
+    "in-light",
+    "in-damped",
+    "above-light",
+    "in-light+delay",
+    "in-damped+highpass",
+    "pickup-below-damped",
+)
 BENCH_SENSORS = ("in-light", "in-damped", "above-light", "pickup-below-damped")
-EACH = 3  # noises that each sensor and motion are tried with; each takes the next in turn
+#: Noises that each sensor and motion are tried with; each takes the next in turn.
+NOISES_PER_CASE = 3
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     turn = itertools.cycle(NOISES)
     for sensor, motion in itertools.product(SENSORS, MOTIONS):
-        for _ in range(EACH):
+        for _ in range(NOISES_PER_CASE):
             noise = next(turn)
             yield f"{sensor}/{motion}/{noise.name}", partial(_maker, sensor, motion, noise)
     for motion, noises in BENCH.items():
@@ -84,22 +92,29 @@ def cases() -> Cases:
     for sensor, noise in itertools.product(FEW_SENSORS, (NOISES[0], NOISES[7])):
         yield f"{sensor}/few tones/{noise.name}", partial(_maker, sensor, "few tones", noise)
     for noise, motion in itertools.product(NOISES, ("sine", "multisine")):
-        yield f"far-light+boxcar/{motion}/{noise.name}", partial(_maker, "far-light+boxcar", motion, noise)
+        yield (
+            f"far-light+boxcar/{motion}/{noise.name}",
+            partial(_maker, "far-light+boxcar", motion, noise),
+        )
 
 
 def readable(given: Setting) -> Setting:
-    """With a reference in which noise or steps of its own are small beside the motion over the whole band.
+    """Return a setting whose reference has little noise or steps of its own over the whole band.
 
     The displacement of a motion that is level in acceleration falls by 64 dB over the band.
     """
-    return replace(given, quantity="velocity" if given.quantity == "displacement" else given.quantity)
+    return replace(
+        given, quantity="velocity" if given.quantity == "displacement" else given.quantity
+    )
 
 
 def _maker(sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
     given = setting(sensor, rng)
     if motion == "rung":  # a beginning has lines of its own, which stand out of a displacement
         given = replace(given, quantity="acceleration")
-    if motion not in ("sine", "multisine", "few tones", "mixed") and (noise.reference or noise.bits):
+    if motion not in ("sine", "multisine", "few tones", "mixed") and (
+        noise.reference or noise.bits
+    ):
         given = readable(given)
     made = records(motion, given, noise, rng)
     allowed = {"reference_noise"} if noise.reference else set()

@@ -1,4 +1,4 @@
-"""Two clocks: the response is sampled at times that are (1 + ε) as far apart as those of the reference."""
+"""Two clocks: the times of the response are (1 + ε) as far apart as those of the reference."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ QUANTITIES = ("acceleration", "velocity", "displacement")
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for (low, high), motion in itertools.product(DECADES, MOTIONS):
         yield f"{low:g} to {high:g}/{motion}", partial(_maker, low, high, motion)
 
 
 def _maker(low: float, high: float, motion: str, rng: np.random.Generator) -> Trial:
-    model, quantity = str(rng.choice(MODELS)), str(rng.choice(QUANTITIES))
+    model = str(rng.choice(MODELS))
+    quantity = str(rng.choice(QUANTITIES))
     given, drawn = draw_setting(model, quantity, rng, places=("below", "in", "edge", "above"))
     noise = draw_noise(rng, (1e-4, 1e-2))
     shape = (8, 1000) if motion == "sine" else ((1, 20_000), (1, 8000), (4, 2000))[rng.integers(3)]
@@ -43,7 +44,9 @@ def _maker(low: float, high: float, motion: str, rng: np.random.Generator) -> Tr
     time_s = np.arange(shape[1]) / given.rate
     made = []
     for i, move in enumerate(draw_motions(motion, given, rng, shape)):
-        answer = Motion(move.frequency_hz, move.amplitude * given.sensor.transfer(move.frequency_hz))
+        answer = Motion(
+            move.frequency_hz, move.amplitude * given.sensor.transfer(move.frequency_hz)
+        )
         response = at_steps(answer, (1.0 + error) / given.rate, shape[1])
         reference = move.reference(time_s, given.quantity)
         channels = recorded(reference, response, given.rate, noise, rng)
@@ -65,7 +68,9 @@ def at_steps(motion: Motion, step_s: float, count: int) -> Real:
     """
     frequency = motion.frequency_hz
     spacing = float(np.min(np.diff(frequency))) if frequency.size > 100 else 0.0
-    lines = np.rint(frequency / spacing).astype(np.int64) if spacing else np.zeros(0, dtype=np.int64)
+    lines = (
+        np.rint(frequency / spacing).astype(np.int64) if spacing else np.zeros(0, dtype=np.int64)
+    )
     if not spacing or not np.allclose(lines * spacing, frequency, rtol=1e-9):
         return tones(frequency, motion.amplitude, np.arange(count) * step_s)
     turns = spacing * step_s

@@ -1,4 +1,4 @@
-"""One thing is wrong with the recordings; the right model is asked for."""
+"""Recordings in which one thing is wrong; the right model is asked for."""
 
 from __future__ import annotations
 
@@ -13,12 +13,34 @@ from bench.adversary.clean import readable
 from bench.adversary.defects import Defect, Raw, acquisition, recordings
 from bench.adversary.noise import Noise
 from bench.adversary.physics import Sensor
-from bench.adversary.recording import SHAPES, Setting, excite, recorded, records, setting, switched, twin
+from bench.adversary.recording import (
+    SHAPES,
+    Setting,
+    excite,
+    recorded,
+    records,
+    setting,
+    switched,
+    twin,
+)
 from bench.adversary.trial import Cases, Trial, calibration, truth
 
-SENSORS = ("in-light", "above-light", "in-damped", "below-light", "edge-light", "pickup-in-damped", "far-light")
+SENSORS = (
+    "in-light",
+    "above-light",
+    "in-damped",
+    "below-light",
+    "edge-light",
+    "pickup-in-damped",
+    "far-light",
+)
 MOTIONS = ("sine", "multisine", "random", "sweep", "shock", "mixed")
-NOISES = (Noise("0.1 %", 1e-3), Noise("1 %", 1e-2), Noise("0.01 %", 1e-4), Noise("16 bit", 1e-4, bits=16))
+NOISES = (
+    Noise("0.1 %", 1e-3),
+    Noise("1 %", 1e-2),
+    Noise("0.01 %", 1e-4),
+    Noise("16 bit", 1e-4, bits=16),
+)
 #: Defects of the sensor itself: name, and what it becomes in the middle of each record.
 BECOMES = {
     "regime of damping:2": {"damping_ratio": 2.0},
@@ -37,29 +59,44 @@ ANOTHER = {
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     turn = itertools.cycle(itertools.product(SENSORS, NOISES))
     for defect, motion in itertools.product(recordings(), (*MOTIONS, "sine", "random")):
         if "stated frequency" in defect.name and motion != "sine":
             continue
         sensor, noise = next(turn)
-        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", partial(_maker, sensor, motion, noise, defect)
+        yield (
+            f"{defect.name}/{motion}/{sensor}/{noise.name}",
+            partial(_maker, sensor, motion, noise, defect),
+        )
     for (name, factors), motion in itertools.product(BECOMES.items(), MOTIONS[:5]):
         sensor = "in-light" if "frequency" in name or motion != "random" else "in-damped"
         noise = next(turn)[1]
-        yield f"{name}/{motion}/{sensor}/{noise.name}", partial(_becoming, name, factors, sensor, motion, noise)
+        yield (
+            f"{name}/{motion}/{sensor}/{noise.name}",
+            partial(_becoming, name, factors, sensor, motion, noise),
+        )
     for (name, factors), motion in itertools.product(ANOTHER.items(), MOTIONS):
         noise = next(turn)[1]
-        yield f"{name}/{motion}/in-light/{noise.name}", partial(_another, name, factors, motion, noise)
+        yield (
+            f"{name}/{motion}/in-light/{noise.name}",
+            partial(_another, name, factors, motion, noise),
+        )
     for quantities, motion in itertools.product(MISTAKEN, MOTIONS):
         sensor, noise = next(turn)
         name = f"reference mistaken:{quantities[0]} for {quantities[1]}"
-        yield f"{name}/{motion}/{sensor}/{noise.name}", partial(_mistaken, name, quantities, sensor, motion, noise)
+        yield (
+            f"{name}/{motion}/{sensor}/{noise.name}",
+            partial(_mistaken, name, quantities, sensor, motion, noise),
+        )
     for rest, noise in itertools.product((0.3, 0.6), NOISES):
         yield f"rest in sines:{rest:g}/sine/in-light/{noise.name}", partial(_resting, rest, noise)
     for defect, motion in itertools.product(acquisition(), MOTIONS):
         sensor, noise = next(turn)
-        yield f"{defect.name}/{motion}/{sensor}/{noise.name}", partial(_maker, sensor, motion, noise, defect)
+        yield (
+            f"{defect.name}/{motion}/{sensor}/{noise.name}",
+            partial(_maker, sensor, motion, noise, defect),
+        )
 
 
 MISTAKEN = (
@@ -70,14 +107,24 @@ MISTAKEN = (
 )
 
 
-def _trial(made: list[Raw], given: Setting, defect: Defect | str, sound: list[Raw] | None = None) -> Trial:
+def _trial(
+    made: list[Raw], given: Setting, defect: Defect | str, sound: list[Raw] | None = None
+) -> Trial:
     model = given.sensor.model
     cause = defect.split(":")[0] if isinstance(defect, str) else defect.cause
     without = None if sound is None else calibration(sound, model, given.quantity)
-    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause, sound=without)
+    return Trial(
+        calibration(made, model, given.quantity),
+        model,
+        truth(given.sensor),
+        cause=cause,
+        sound=without,
+    )
 
 
-def _maker(sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.random.Generator) -> Trial:
+def _maker(
+    sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.random.Generator
+) -> Trial:
     given = setting(sensor, rng)
     if noise.bits:
         given = readable(given)
@@ -86,7 +133,12 @@ def _maker(sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.rando
 
 
 def _becoming(
-    name: str, factors: dict[str, float], sensor: str, motion: str, noise: Noise, rng: np.random.Generator
+    name: str,
+    factors: dict[str, float],
+    sensor: str,
+    motion: str,
+    noise: Noise,
+    rng: np.random.Generator,
 ) -> Trial:
     given = setting(sensor, rng)
     other = twin(given.sensor, **factors)
@@ -96,12 +148,16 @@ def _becoming(
     made = []
     for i, move in enumerate(excite(motion, given, rng)):
         response = switched(move, given.sensor, other, at, t)
-        reference, response = recorded(move.reference(t, given.quantity), response, given.rate, noise, rng)
+        reference, response = recorded(
+            move.reference(t, given.quantity), response, given.rate, noise, rng
+        )
         made.append(Raw(f"{motion}-{i}", reference, response, given.rate, motion))
     return _trial(made, given, name)
 
 
-def _another(name: str, factors: dict[str, float], motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
+def _another(
+    name: str, factors: dict[str, float], motion: str, noise: Noise, rng: np.random.Generator
+) -> Trial:
     given = setting("in-light", rng)
     other = replace(given, sensor=_other(given.sensor, factors, given.rate))
     seed = int(rng.integers(2**31))
@@ -112,11 +168,18 @@ def _another(name: str, factors: dict[str, float], motion: str, noise: Noise, rn
 
 def _other(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:
     late = {"delay": factors["delay"] / rate} if "delay" in factors else {}
-    return replace(twin(sensor, **factors), parameters={**twin(sensor, **factors).parameters, **late})
+    return replace(
+        twin(sensor, **factors), parameters={**twin(sensor, **factors).parameters, **late}
+    )
 
 
 def _mistaken(
-    name: str, quantities: tuple[str, str], sensor: str, motion: str, noise: Noise, rng: np.random.Generator
+    name: str,
+    quantities: tuple[str, str],
+    sensor: str,
+    motion: str,
+    noise: Noise,
+    rng: np.random.Generator,
 ) -> Trial:
     given = replace(setting(sensor, rng), quantity=quantities[0])
     made = records(motion, given, noise, rng)
@@ -132,5 +195,12 @@ def _resting(rest: float, noise: Noise, rng: np.random.Generator) -> Trial:
     for i, tone in enumerate(excite("sine", given, rng)):
         move = motions.gated(tone, samples, given.rate, rest)
         channels = move.reference(t, given.quantity), move.response(given.sensor, t)
-        made.append(Raw(f"sine-{i} of {count}", *recorded(*channels, given.rate, noise, rng), given.rate, "sine"))
+        made.append(
+            Raw(
+                f"sine-{i} of {count}",
+                *recorded(*channels, given.rate, noise, rng),
+                given.rate,
+                "sine",
+            )
+        )
     return _trial(made, given, "rest in sines")

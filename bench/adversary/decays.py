@@ -22,15 +22,18 @@ NOISES = (
 )
 SENSORS = ("in-sharp", "in-light", "below-light", "edge-light", "pickup-in-light")
 SAMPLES = 2000
-GROWTH = (0.1, 1.0)  # damping grows by this much from small motion to the first swing
+DAMPING_GROWTH = (0.1, 1.0)  # damping grows by this much from small motion to the first swing
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for sensor, noise, count in itertools.product(SENSORS, NOISES, (1, 4)):
         yield f"alone {count}/{sensor}/{noise.name}", partial(_alone, sensor, noise, count)
-    for growth, noise, count in itertools.product(GROWTH, NOISES, (1, 4)):
-        yield f"damping grows {growth:g}/{count}/{noise.name}", partial(_growing, growth, noise, count)
+    for growth, noise, count in itertools.product(DAMPING_GROWTH, NOISES, (1, 4)):
+        yield (
+            f"damping grows {growth:g}/{count}/{noise.name}",
+            partial(_growing, growth, noise, count),
+        )
     for sensor, noise in itertools.product(SENSORS[1:], NOISES):
         yield f"with sines/{sensor}/{noise.name}", partial(_with_sines, sensor, noise, 1.0, 1.0)
     for damping, frequency in ((0.1, 1.0), (0.7, 1.0), (3.0, 1.0), (1.0, 1.05), (1.0, 0.8)):
@@ -42,7 +45,8 @@ def cases() -> Cases:
 def _decay(sensor: Sensor, rate: float, noise: Noise, rng: np.random.Generator, name: str) -> Raw:
     t = np.arange(SAMPLES) / rate
     p = sensor.parameters
-    w, d = TAU * p["natural_frequency"], p["damping_ratio"]
+    w = TAU * p["natural_frequency"]
+    d = p["damping_ratio"]
     wave = np.exp(-d * w * t) * np.cos(w * np.sqrt(1.0 - d * d) * t + TAU * rng.random())
     values = recorded_channel(abs(sensor.gain) * 10.0 ** rng.uniform(-1, 1) * wave, noise, rng)
     return Raw(name, np.zeros(0), values + rng.normal() * np.std(values), rate, "decay")
@@ -59,21 +63,42 @@ def _growing(growth: float, noise: Noise, count: int, rng: np.random.Generator) 
     """V̈ + 2 δ (1 + g V²) ωn V̇ + ωn² V = 0 with V = 1 at first."""
     given = setting("in-light", rng)
     p = given.sensor.parameters
-    w, d = TAU * p["natural_frequency"], p["damping_ratio"]
+    w = TAU * p["natural_frequency"]
+    d = p["damping_ratio"]
 
     def slope(_, state):
-        return [state[1], -w * w * state[0] - 2.0 * d * (1.0 + growth * state[0] ** 2) * w * state[1]]
+        return [
+            state[1],
+            -w * w * state[0] - 2.0 * d * (1.0 + growth * state[0] ** 2) * w * state[1],
+        ]
 
     made = []
     for i in range(count):
         t = np.arange(SAMPLES) / given.rate
-        way = solve_ivp(slope, (0.0, t[-1]), [1.0 - 0.2 * i, 0.0], "DOP853", t, rtol=1e-7, atol=1e-9)
-        made.append(Raw(f"decay-{i}", np.zeros(0), recorded_channel(way.y[0], noise, rng), given.rate, "decay"))
+        way = solve_ivp(
+            slope, (0.0, t[-1]), [1.0 - 0.2 * i, 0.0], "DOP853", t, rtol=1e-7, atol=1e-9
+        )
+        made.append(
+            Raw(
+                f"decay-{i}",
+                np.zeros(0),
+                recorded_channel(way.y[0], noise, rng),
+                given.rate,
+                "decay",
+            )
+        )
     true = {name: p[name] for name in ("natural_frequency", "damping_ratio")}
-    return Trial(calibration(made, "accelerometer", "acceleration"), "accelerometer", true, cause="damping grows")
+    return Trial(
+        calibration(made, "accelerometer", "acceleration"),
+        "accelerometer",
+        true,
+        cause="damping grows",
+    )
 
 
-def _with_sines(sensor: str, noise: Noise, damping: float, frequency: float, rng: np.random.Generator) -> Trial:
+def _with_sines(
+    sensor: str, noise: Noise, damping: float, frequency: float, rng: np.random.Generator
+) -> Trial:
     given = setting(sensor, rng)
     other = twin(given.sensor, damping_ratio=damping, natural_frequency=frequency)
     made = records("sine", given, noise, rng)

@@ -1,4 +1,4 @@
-"""What goes wrong with recordings: each is a change of the channels of one record, or of the list of records."""
+"""Defects of recordings: changes of the channels of a record, or of the list of records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bench.adversary.physics import TAU, Real
 
 @dataclass(frozen=True)
 class Raw:
-    """One recording before it is handed over: channels, samples a second, kind of motion, stated frequency."""
+    """Recording before it is handed over: channels, rate, kind of motion, stated frequency."""
 
     name: str
     reference: Real
@@ -24,7 +24,7 @@ class Raw:
     frequency_hz: float | None = None
 
     def both(self, change: Callable[[Real], Real]) -> Raw:
-        """The same change of both channels."""
+        """Return the same change of both channels."""
         return replace(self, reference=change(self.reference), response=change(self.response))
 
 
@@ -34,24 +34,29 @@ Changes = Callable[[list[Raw], np.random.Generator], list[Raw]]
 
 @dataclass(frozen=True)
 class Defect:
-    """A defect of recordings."""
+    """A defect of recordings.
 
-    name: str  # cause and size
-    change: Changes  # of all records
+    Attributes:
+        name: cause and size.
+        change: of all records.
+    """
+
+    name: str
+    change: Changes
 
     @property
     def cause(self) -> str:
-        """The name without its size."""
+        """Return the name without its size."""
         return self.name.split(":")[0]
 
 
 def each(change: Change) -> Changes:
-    """The same defect in every record."""
+    """Return the same defect in every record."""
     return lambda records, rng: [change(record, rng) for record in records]
 
 
 def one(change: Change) -> Changes:
-    """A defect of one record among several."""
+    """Return a defect of one record among several."""
 
     def changed(records: list[Raw], rng: np.random.Generator) -> list[Raw]:
         at = int(rng.integers(len(records)))
@@ -61,7 +66,7 @@ def one(change: Change) -> Changes:
 
 
 def _on(channel: str, change: Callable[..., Real], *sizes: Any) -> Change:
-    """A change of one channel by a function of its values, random numbers, and the sizes."""
+    """Return a change of one channel by a function of its values, random numbers, and the sizes."""
     return lambda raw, rng: replace(raw, **{channel: change(getattr(raw, channel), rng, *sizes)})
 
 
@@ -80,41 +85,43 @@ def dropout(values: Real, rng: np.random.Generator, count: int, length: int, hel
 
 
 def step(values: Real, rng: np.random.Generator, size: float) -> Real:
-    """A gain that changes in the middle."""
+    """Return a gain that changes in the middle."""
     at = int(values.size * rng.uniform(0.4, 0.6))
     return np.concatenate([values[:at], (1.0 + size) * values[at:]])
 
 
 def ramp(values: Real, rng: np.random.Generator, size: float) -> Real:
-    """A gain that changes evenly over the record."""
+    """Return a gain that changes evenly over the record."""
     return values * (1.0 + size * np.linspace(0.0, 1.0, values.size))
 
 
 def drift(values: Real, rng: np.random.Generator, size: float) -> Real:
-    """A zero that wanders by this much of the rms."""
+    """Return a zero that wanders by this much of the rms."""
     return values + size * rms(values) * np.linspace(-1.0, 1.0, values.size) ** 3
 
 
 def settling(values: Real, rng: np.random.Generator, size: float) -> Real:
-    """A zero that settles by this much of the rms, as while an amplifier warms up."""
+    """Return a zero that settles by this much of the rms, as while an amplifier warms up."""
     return values + size * rms(values) * np.exp(-np.linspace(0.0, 1.0, values.size) / 0.6)
 
 
 def spikes(values: Real, rng: np.random.Generator, count: int, size: float) -> Real:
     """Single samples off by this many rms."""
     values = values.copy()
-    values[rng.integers(0, values.size, count)] += size * rms(values) * rng.choice([-1.0, 1.0], count)
+    values[rng.integers(0, values.size, count)] += (
+        size * rms(values) * rng.choice([-1.0, 1.0], count)
+    )
     return values
 
 
 def missing(values: Real, rng: np.random.Generator, count: int) -> Real:
-    """Samples lost, one here and there; the rest moves up and the end is repeated."""
+    """Return the samples lost, one here and there; the rest moves up and the end is repeated."""
     kept = np.delete(values, rng.integers(values.size // 10, values.size - 10, count))
     return np.concatenate([kept, kept[-(values.size - kept.size) :]])
 
 
 def gap(length: int) -> Change:
-    """A jump of time: a stretch of both channels is gone, and so is the time that it took."""
+    """Cut a stretch of both channels out, and the time that it took."""
 
     def jumped(raw: Raw, rng: np.random.Generator) -> Raw:
         at = int(raw.response.size * rng.uniform(0.3, 0.7))
@@ -124,18 +131,19 @@ def gap(length: int) -> Change:
 
 
 def twice(length: int, inserted: bool) -> Callable[[Real], Real]:
-    """A block that was written twice: over what followed it, or before it."""
+    """Return A block that was written twice: over what followed it, or before it."""
 
     def written(values: Real) -> Real:
         at = values.size // 3 + 7
-        block, rest = values[at : at + length], values[at + (0 if inserted else length) :]
+        block = values[at : at + length]
+        rest = values[at + (0 if inserted else length) :]
         return np.concatenate([values[: at + length], block, rest[length:]])[: values.size]
 
     return written
 
 
 def slipped(samples: int) -> Change:
-    """The response lags by so many samples more from about the middle on: the reference lost them."""
+    """Let the response lag by more samples from about the middle on: the reference lost them."""
 
     def slip(raw: Raw, rng: np.random.Generator) -> Raw:
         at = int(raw.response.size * rng.uniform(0.4, 0.6))
@@ -146,10 +154,12 @@ def slipped(samples: int) -> Change:
 
 
 def cuts(count: int, length: int) -> Change:
-    """A few samples of both channels are lost here and there."""
+    """Return a few samples of both channels are lost here and there."""
 
     def cut(raw: Raw, rng: np.random.Generator) -> Raw:
-        places = (np.linspace(0.15, 0.85, count) + rng.uniform(-0.05, 0.05, count)) * raw.response.size
+        places = (
+            np.linspace(0.15, 0.85, count) + rng.uniform(-0.05, 0.05, count)
+        ) * raw.response.size
         gone = [int(place) + i for place in places for i in range(length)]
         return raw.both(lambda values: np.delete(values, gone))
 
@@ -157,23 +167,23 @@ def cuts(count: int, length: int) -> Change:
 
 
 def compressed(values: Real, rng: np.random.Generator, part: float) -> Real:
-    """The response falls short by this part at its peak, as the cube of it."""
+    """Return the response falls short by this part at its peak, as the cube of it."""
     return values * (1.0 - part * (values / np.max(np.abs(values))) ** 2)
 
 
 def squared(values: Real, rng: np.random.Generator, part: float) -> Real:
-    """A square of this part of the peak is added."""
+    """Return a square of this part of the peak is added."""
     return values + part * values**2 / np.max(np.abs(values))
 
 
 def dead_band(values: Real, rng: np.random.Generator, part: float) -> Real:
-    """What is smaller than this part of the peak is not seen."""
+    """Return what is smaller than this part of the peak is not seen."""
     edge = part * np.max(np.abs(values))
     return np.sign(values) * np.maximum(np.abs(values) - edge, 0.0)
 
 
 def slewed(values: Real, rng: np.random.Generator, part: float) -> Real:
-    """The response cannot change faster than this part of its fastest change."""
+    """Return the response cannot change faster than this part of its fastest change."""
     most = part * float(np.max(np.abs(np.diff(values))))
     out = values.copy()
     for i in range(1, out.size):
@@ -182,22 +192,24 @@ def slewed(values: Real, rng: np.random.Generator, part: float) -> Real:
 
 
 def folded(values: Real, rng: np.random.Generator, tone: float, size: float) -> Real:
-    """A tone from above half the rate, folded into the band."""
-    return values + size * rms(values) * np.cos(TAU * (tone * np.arange(values.size) + rng.random()))
+    """Return a tone from above half the rate, folded into the band."""
+    return values + size * rms(values) * np.cos(
+        TAU * (tone * np.arange(values.size) + rng.random())
+    )
 
 
 def respond(change: Callable[..., Real], *sizes: Any) -> Changes:
-    """In the response of every record."""
+    """Apply a change to the response of every record."""
     return each(_on("response", change, *sizes))
 
 
 def refer(change: Callable[..., Real], *sizes: Any) -> Changes:
-    """In the reference of every record."""
+    """Apply a change to the reference of every record."""
     return each(_on("reference", change, *sizes))
 
 
 def respond_once(change: Callable[..., Real], *sizes: Any) -> Changes:
-    """In the response of one record."""
+    """Apply a change to the response of one record."""
     return one(_on("response", change, *sizes))
 
 
@@ -207,11 +219,13 @@ def swapped(raw: Raw, rng: np.random.Generator) -> Raw:
 
 
 def rate(factor: float, stated: bool) -> Change:
-    """The rate is wrong by a factor; sines may state their frequency."""
+    """Return the rate is wrong by a factor; sines may state their frequency."""
 
     def wrong(raw: Raw, rng: np.random.Generator) -> Raw:
         possible = stated and raw.frequency_hz and raw.frequency_hz < 0.5 * raw.rate * factor
-        return replace(raw, rate=raw.rate * factor, frequency_hz=raw.frequency_hz if possible else None)
+        return replace(
+            raw, rate=raw.rate * factor, frequency_hz=raw.frequency_hz if possible else None
+        )
 
     return wrong
 
@@ -233,7 +247,7 @@ def _sizes(name: str, sizes: tuple[float, ...], make: Callable[[float], Changes]
 
 
 def recordings() -> tuple[Defect, ...]:
-    """All defects of recordings."""
+    """Return all defects of recordings."""
     found: list[Defect] = []
     for part in (0.9, 0.7, 0.4):
         found += [
@@ -246,15 +260,25 @@ def recordings() -> tuple[Defect, ...]:
         for held in (True, False):
             kind = "held" if held else "zero"
             found += [
-                Defect(f"dropouts {kind} response:{count}x{length}", respond(dropout, count, length, held)),
-                Defect(f"dropouts {kind} reference:{count}x{length}", refer(dropout, count, length, held)),
+                Defect(
+                    f"dropouts {kind} response:{count}x{length}",
+                    respond(dropout, count, length, held),
+                ),
+                Defect(
+                    f"dropouts {kind} reference:{count}x{length}",
+                    refer(dropout, count, length, held),
+                ),
             ]
     found += _sizes("gain step", (0.001, 0.01, 0.1, 0.5), lambda s: respond(step, s))
     found += _sizes("gain step of the reference", (0.01, 0.1), lambda s: refer(step, s))
     found += _sizes("gain ramp", (0.01, 0.1), lambda s: respond(ramp, s))
-    found += _sizes("gain of one record", (0.003, 0.03, 0.3), lambda s: respond_once(scaled, 1.0 + s))
+    found += _sizes(
+        "gain of one record", (0.003, 0.03, 0.3), lambda s: respond_once(scaled, 1.0 + s)
+    )
     found += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift, s))
-    found += _sizes("offset", (1.0, 100.0), lambda s: each(lambda r, g: r.both(lambda v: v + s * rms(v))))
+    found += _sizes(
+        "offset", (1.0, 100.0), lambda s: each(lambda r, g: r.both(lambda v: v + s * rms(v)))
+    )
     found += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes, 3, s))
     found += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes, 3, s))
     found += _sizes("missing samples", (1, 3), lambda s: respond(missing, int(s)))
@@ -265,14 +289,19 @@ def recordings() -> tuple[Defect, ...]:
     found += _sizes("slew rate", (0.5, 0.8), lambda s: respond(slewed, s))
     found += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded, 0.19, s))
     found += _sizes("copies", (2, 5), lambda s: repeated(int(s)))
-    found += _sizes("rate with stated frequency", (0.5, 2.0, 1.024), lambda s: each(rate(s, stated=True)))
+    found += _sizes(
+        "rate with stated frequency", (0.5, 2.0, 1.024), lambda s: each(rate(s, stated=True))
+    )
     found += [
         Defect("swapped channels", each(swapped)),
         Defect("swapped channels of one record", one(swapped)),
         Defect("polarity of one record", respond_once(scaled, -1.0)),
         Defect("polarity of the reference of one record", one(_on("reference", scaled, -1.0))),
         Defect("dead response", respond_once(lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
-        Defect("dead reference", one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size)))),
+        Defect(
+            "dead reference",
+            one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
+        ),
         Defect("constant response", respond_once(lambda v, g: np.full(v.size, v[0]))),
         *_sizes("settling zero", (0.02,), lambda s: respond(settling, s)),
     ]
@@ -284,11 +313,24 @@ def acquisition() -> tuple[Defect, ...]:
     found: list[Defect] = []
     for length in (40, 128):
         found += [
-            Defect(f"buffer twice response:{length}", respond(lambda v, g, n=length: twice(n, False)(v))),
-            Defect(f"buffer twice reference:{length}", refer(lambda v, g, n=length: twice(n, False)(v))),
-            Defect(f"buffer twice both:{length}", each(lambda r, g, n=length: r.both(twice(n, False)))),
-            Defect(f"buffer inserted response:{length}", respond(lambda v, g, n=length: twice(n, True)(v))),
-            Defect(f"buffer inserted both:{length}", each(lambda r, g, n=length: r.both(twice(n, True)))),
+            Defect(
+                f"buffer twice response:{length}",
+                respond(lambda v, g, n=length: twice(n, False)(v)),
+            ),
+            Defect(
+                f"buffer twice reference:{length}", refer(lambda v, g, n=length: twice(n, False)(v))
+            ),
+            Defect(
+                f"buffer twice both:{length}", each(lambda r, g, n=length: r.both(twice(n, False)))
+            ),
+            Defect(
+                f"buffer inserted response:{length}",
+                respond(lambda v, g, n=length: twice(n, True)(v)),
+            ),
+            Defect(
+                f"buffer inserted both:{length}",
+                each(lambda r, g, n=length: r.both(twice(n, True))),
+            ),
         ]
     found += _sizes("slip between channels", (1, 10, 100), lambda s: each(slipped(int(s))))
     found += _sizes("slip between channels of one record", (1, 10), lambda s: one(slipped(int(s))))

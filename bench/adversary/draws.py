@@ -1,4 +1,4 @@
-"""Settings, motions and noise drawn from a seed for the groups whose cases name only what is varied by hand."""
+"""Settings, motions and noise drawn from a seed, for groups named by what is varied by hand."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def draw_setting(
 ) -> tuple[Setting, str]:
     """Return a sensor of this model with its band, and a text that says where it lies."""
     core, *add_ons = model.split("+")
-    place, damping = str(rng.choice(places)), str(rng.choice(dampings))
+    place = str(rng.choice(places))
+    damping = str(rng.choice(dampings))
     kind = f"{'below' if place == 'under' else place}-{damping}"
     if core == "velocity-pickup":
         kind = f"pickup-{kind}"
@@ -76,7 +77,9 @@ def draw_noise(
     return Noise(text, level, behind, colour, reference_colour=other)
 
 
-def draw_motions(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[int, int]) -> list[Motion]:
+def draw_motions(
+    motion: str, given: Setting, rng: np.random.Generator, shape: tuple[int, int]
+) -> list[Motion]:
     """Return the motions of all records; level in acceleration or in the reference's quantity."""
     base, _, running = motion.partition(" ")
     low, top = given.band_hz
@@ -143,7 +146,9 @@ def clean_trial(made: list[Raw], given: Setting, noise: Noise, drawn: str) -> Tr
     )
 
 
-def faulty_trial(made: list[Raw], sound: list[Raw] | None, given: Setting, cause: str, drawn: str, **more) -> Trial:
+def faulty_trial(
+    made: list[Raw], sound: list[Raw] | None, given: Setting, cause: str, drawn: str, **more
+) -> Trial:
     """Return a trial with which something is wrong; ``sound``: the same without it."""
     model = given.sensor.model
     without = None if sound is None else calibration(sound, model, given.quantity)

@@ -1,4 +1,4 @@
-"""Strange but right data: scales, lengths, numbers of records, short records; declared effects; files."""
+"""Strange but right data: scales, lengths, numbers of records; declared effects; files."""
 
 from __future__ import annotations
 
@@ -26,17 +26,30 @@ QUIET = Noise("0.1 %", 1e-3)
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for scale, motion in itertools.product(SCALES, ("sine", "random", "shock")):
         for side in ("response", "reference"):
-            yield f"scale {side} {scale:g}/{motion}", partial(_scaled, scale, side, "in-light", motion)
-        yield f"scale both {scale:g}/pickup/{motion}", partial(_scaled, scale, "both", "pickup-in-damped", motion)
+            yield (
+                f"scale {side} {scale:g}/{motion}",
+                partial(_scaled, scale, side, "in-light", motion),
+            )
+        yield (
+            f"scale both {scale:g}/pickup/{motion}",
+            partial(_scaled, scale, "both", "pickup-in-damped", motion),
+        )
     for motion, shapes in SHAPES.items():
         for shape, sensor in itertools.product(shapes, ("in-light", "in-damped", "above-light")):
-            yield f"{shape[0]} records of {shape[1]}/{motion}/{sensor}", partial(_shaped, shape, sensor, motion)
-    for periods, sensor in itertools.product((0.8, 1.2, 1.9, 2.5), ("in-light", "below-damped", "above-light")):
+            yield (
+                f"{shape[0]} records of {shape[1]}/{motion}/{sensor}",
+                partial(_shaped, shape, sensor, motion),
+            )
+    for periods, sensor in itertools.product(
+        (0.8, 1.2, 1.9, 2.5), ("in-light", "below-damped", "above-light")
+    ):
         yield f"{periods:g} periods/{sensor}", partial(_few_periods, periods, sensor)
-    for kind, motion, sensor in itertools.product(EFFECTS, ("sine", "random"), ("in-light", "above-light")):
+    for kind, motion, sensor in itertools.product(
+        EFFECTS, ("sine", "random"), ("in-light", "above-light")
+    ):
         yield f"declared {kind}/{motion}/{sensor}", partial(_declared, kind, motion, sensor)
 
 
@@ -49,7 +62,13 @@ def _scaled(scale: float, side: str, sensor: str, motion: str, rng: np.random.Ge
     made = []
     for raw in records(motion, given, QUIET, rng):
         response = raw.response * (scale if side != "reference" else 1.0)
-        made.append(replace(raw, response=response, reference=raw.reference * (1.0 if side == "response" else scale)))
+        made.append(
+            replace(
+                raw,
+                response=response,
+                reference=raw.reference * (1.0 if side == "response" else scale),
+            )
+        )
     if side == "both":
         factor = 1.0
     true = twin(given.sensor, **{name: factor})
@@ -64,8 +83,16 @@ def _shaped(shape: tuple[int, int], sensor: str, motion: str, rng: np.random.Gen
     made = records(motion, given, QUIET, rng, shape=shape)
     model = given.sensor.model
     small = shape[0] * shape[1] <= 400 or (shape[0] == 1 and motion == "sine")
-    few = frozenset({"short_record", "weakly_determined", "at_bound", "lack_of_fit"} if small else ())
-    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), allowed=few, strange=small)
+    few = frozenset(
+        {"short_record", "weakly_determined", "at_bound", "lack_of_fit"} if small else ()
+    )
+    return Trial(
+        calibration(made, model, given.quantity),
+        model,
+        truth(given.sensor),
+        allowed=few,
+        strange=small,
+    )
 
 
 def _few_periods(periods: float, sensor: str, rng: np.random.Generator) -> Trial:
@@ -78,14 +105,16 @@ def _few_periods(periods: float, sensor: str, rng: np.random.Generator) -> Trial
         made.append(replace(raw.both(lambda v, n=length: v[:n]), name=f"sine-{i}"))
     model = given.sensor.model
     allowed = frozenset({"short_record"} if periods < 2.0 else ())
-    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), allowed=allowed)
+    return Trial(
+        calibration(made, model, given.quantity), model, truth(given.sensor), allowed=allowed
+    )
 
 
 EFFECTS = ("gain", "timing", "phase", "clock")
 
 
 def _declared(kind: str, motion: str, sensor: str, rng: np.random.Generator) -> Trial:
-    """A systematic error drawn from the uncertainty that is declared for it: the statement must cover it."""
+    """Draw a systematic error from its declared uncertainty, which the statement must cover."""
     given = setting(sensor, rng)
     u = {"gain": 0.003, "timing": 0.05 / given.rate, "phase": 0.003, "clock": 1e-4}[kind]
     error = u * float(np.clip(rng.normal(), -2.0, 2.0))
@@ -100,7 +129,9 @@ def _declared(kind: str, motion: str, sensor: str, rng: np.random.Generator) -> 
     if kind == "clock":
         made = [replace(raw, rate=raw.rate * (1.0 + error)) for raw in made]
     effect = SystematicEffect("declared", kind, u)  # type: ignore[arg-type]
-    return Trial(calibration(made, own.model, given.quantity, effects=(effect,)), own.model, truth(own))
+    return Trial(
+        calibration(made, own.model, given.quantity, effects=(effect,)), own.model, truth(own)
+    )
 
 
 @dataclass(frozen=True)
@@ -110,5 +141,5 @@ class Turned(Sensor):
     angle: float = 0.0
 
     def transfer(self, frequency_hz):
-        """Response per acceleration."""
+        """Return the response per acceleration."""
         return super().transfer(frequency_hz) * np.exp(1j * self.angle)

@@ -1,4 +1,4 @@
-"""Recordings as files: time columns in many units, rates that contradict them, gaps, a file under two names."""
+"""Recordings as files: time columns in many units, contradicting rates, gaps, doubled files."""
 
 from __future__ import annotations
 
@@ -40,10 +40,15 @@ QUIET = Noise("0.1 %", 1e-3)
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for header, motion in itertools.product(HEADERS, ("sine", "random", "sweep")):
-        yield f"{header.replace('/', ' per ')}/{motion}", partial(_maker, "", motion, header, "in-light")
-    for wrong, motion, sensor in itertools.product(WRONG, ("sine", "random"), ("in-light", "in-damped")):
+        yield (
+            f"{header.replace('/', ' per ')}/{motion}",
+            partial(_maker, "", motion, header, "in-light"),
+        )
+    for wrong, motion, sensor in itertools.product(
+        WRONG, ("sine", "random"), ("in-light", "in-damped")
+    ):
         if motion == "sine" or "frequencies" not in wrong:
             yield f"{wrong}/{motion}/{sensor}", partial(_maker, wrong, motion, "time_s", sensor)
 
@@ -53,7 +58,8 @@ def _maker(wrong: str, motion: str, header: str, sensor: str, rng: np.random.Gen
     made = records(motion, given, QUIET, rng, stated="frequencies" in wrong)
     files, sampling = _written(made, wrong, header)
     text = _calibration_file(given.sensor.model, given.quantity, sampling, made, tuple(files))
-    model, cause = given.sensor.model, wrong and f"file: {wrong}"
+    model = given.sensor.model
+    cause = wrong and f"file: {wrong}"
 
     def reading() -> Calibration:
         with tempfile.TemporaryDirectory() as folder:
@@ -88,11 +94,15 @@ def _csv(raw: Raw, wrong: str, header: str) -> str:
     name = "counter" if wrong == "rate contradicts the stated frequencies" else name
     if name == "counter":
         columns[0] = np.arange(columns[0].size, dtype=float)
-    rows = "\n".join(",".join(f"{value:.12g}" for value in row) for row in zip(*columns, strict=True))
+    rows = "\n".join(
+        ",".join(f"{value:.12g}" for value in row) for row in zip(*columns, strict=True)
+    )
     return f"{name},reference,response\n{rows}\n"
 
 
-def _calibration_file(model: str, quantity: str, sampling: str, made: list[Raw], names: tuple[str, ...]) -> str:
+def _calibration_file(
+    model: str, quantity: str, sampling: str, made: list[Raw], names: tuple[str, ...]
+) -> str:
     if "time_column" in sampling and any(raw.frequency_hz for raw in made):
         sampling = "time_column = 't'"
     by_name: Mapping[str, Raw] = {f"{raw.name}.csv": raw for raw in made}

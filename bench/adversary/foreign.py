@@ -1,4 +1,4 @@
-"""What a stranger may bring that is no recording of the sensor asked for: nothing that is stated of it can be true."""
+"""Recordings that are not of the sensor asked for: nothing stated of them can be true."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ def _noise_alone(raw: Raw, rng: np.random.Generator) -> Raw:
 
 
 def _both_noise(raw: Raw, rng: np.random.Generator) -> Raw:
-    return replace(_noise_alone(raw, rng), reference=rms(raw.reference) * rng.normal(size=raw.reference.size))
+    return replace(
+        _noise_alone(raw, rng), reference=rms(raw.reference) * rng.normal(size=raw.reference.size)
+    )
 
 
 def _squared(raw: Raw, rng: np.random.Generator) -> Raw:
-    """A rectifier: what it answers is even in the motion."""
+    """Return a rectifier: what it answers is even in the motion."""
     return replace(raw, response=np.abs(raw.response))
 
 
 def _integrated(raw: Raw, rng: np.random.Generator) -> Raw:
-    """An integrator twice over, of noise beside."""
+    """Return an integrator twice over, of noise beside."""
     return replace(raw, response=np.cumsum(np.cumsum(rng.normal(size=raw.response.size))))
 
 
 def _reversed(raw: Raw, rng: np.random.Generator) -> Raw:
-    """A response that runs backwards: no causal sensor has it."""
+    """Return a response that runs backwards: no causal sensor has it."""
     return replace(raw, response=raw.response[::-1].copy())
 
 
@@ -57,7 +59,7 @@ NOTHING_TRUE = dict.fromkeys(("sensitivity", "natural_frequency", "damping_ratio
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     turn = itertools.cycle(itertools.product(SENSORS, NOISES))
     for name, motion in itertools.product((*STRANGE, PAIRED), MOTIONS):
         if motion == "sine" and name in (PAIRED, "response backwards", "rectified response"):
@@ -66,7 +68,10 @@ def cases() -> Cases:
             sensor, noise = next(turn)
             if motion == "sweep" and name == PAIRED:
                 continue  # one sweep is like another
-            yield f"{name}/{motion}/{sensor}/{noise.name}", partial(_maker, name, sensor, motion, noise)
+            yield (
+                f"{name}/{motion}/{sensor}/{noise.name}",
+                partial(_maker, name, sensor, motion, noise),
+            )
 
 
 def _maker(name: str, sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
@@ -74,8 +79,12 @@ def _maker(name: str, sensor: str, motion: str, noise: Noise, rng: np.random.Gen
     made = records(motion, given, noise, rng)
     if name == PAIRED:
         others = records(motion, given, noise, rng)
-        made = [replace(one, response=other.response) for one, other in zip(made, others, strict=True)]
+        made = [
+            replace(one, response=other.response) for one, other in zip(made, others, strict=True)
+        ]
     else:
         made = [STRANGE[name](one, rng) for one in made]
     model = given.sensor.model
-    return Trial(calibration(made, model, given.quantity), model, NOTHING_TRUE, cause=name, strange=True)
+    return Trial(
+        calibration(made, model, given.quantity), model, NOTHING_TRUE, cause=name, strange=True
+    )

@@ -23,22 +23,22 @@ from bench.adversary.physics import TAU, Motion, Real, Sensor
 from bench.adversary.recording import RATES, Setting, recorded
 from bench.adversary.trial import Cases, Trial, calibration
 
-OVER = 16  # steps a sample
+STEPS_PER_SAMPLE = 16  # steps a sample
 SIZES = {"0.1 to 1 %": (1e-3, 1e-2), "1 to 10 %": (1e-2, 1e-1)}
 MOTIONS = ("random", "sweep running", "sweep", "multisine", "sine", "burst")
 STEADY = ("tone", "two tones", "tone in noise", "growing tone", "beating tones", "noise")
-COUNTS = (1, 3)
+RECORD_COUNTS = (1, 3)
 
 
 def friction() -> Cases:
-    """Names and makers: how large the friction is in parts of the rms acceleration."""
+    """Return the names and makers: how large the friction is in parts of the rms acceleration."""
     for size, motion in itertools.product(SIZES, MOTIONS):
         yield f"{size}/{motion}", partial(_rubbing, size, motion)
 
 
 def steady() -> Cases:
-    """Names and makers: what is declared a decay and is none."""
-    for kind, count in itertools.product(STEADY, COUNTS):
+    """Return the names and makers: what is declared a decay and is none."""
+    for kind, count in itertools.product(STEADY, RECORD_COUNTS):
         yield f"{kind}/{count}", partial(_steady, kind, count)
 
 
@@ -51,7 +51,8 @@ def _rubbing(size: str, motion: str, rng: np.random.Generator) -> Trial:
     answers = rubbed(moves, given.sensor, part, shape[1], given.rate)
     time_s = np.arange(shape[1]) / given.rate
     declared = {"burst": "random"}.get(motion, motion.partition(" ")[0])
-    made, sound = [], []
+    made = []
+    sound = []
     for i, (move, answer) in enumerate(zip(moves, answers, strict=True)):
         for response, into in ((answer, made), (move.response(given.sensor, time_s), sound)):
             channels = recorded(move.acceleration(time_s), response, given.rate, noise, rng)
@@ -68,29 +69,34 @@ def rubbed(moves: list[Motion], sensor: Sensor, part: float, samples: int, rate:
     it; where the mass turns it sticks as long as the spring and the acceleration are below F.
     A quarter of the record before it begins is computed and left out.
     """
-    step = 1.0 / (rate * OVER)
+    step = 1.0 / (rate * STEPS_PER_SAMPLE)
     before = samples // 4
-    t = (np.arange((samples + before) * OVER + 1) - before * OVER) * step
+    t = (np.arange((samples + before) * STEPS_PER_SAMPLE + 1) - before * STEPS_PER_SAMPLE) * step
     push = np.array([_at(move, t) for move in moves])
-    inner = push[:, before * OVER :: OVER]
+    inner = push[:, before * STEPS_PER_SAMPLE :: STEPS_PER_SAMPLE]
     force = part * np.array([level(values) for values in inner])
-    w, d = TAU * sensor.parameters["natural_frequency"], sensor.parameters["damping_ratio"]
+    w = TAU * sensor.parameters["natural_frequency"]
+    d = sensor.parameters["damping_ratio"]
     block = np.zeros((4, 4))  # state, acceleration and its slope
     block[:2, :2] = [[0.0, w], [-w, -2.0 * d * w]]  # x ω², v ω
     block[1, 2] = w
     block[2, 3] = 1.0 / step
     whole = expm(block * step)
-    move_on, from_level, from_slope = whole[:2, :2].T, whole[:2, 2], whole[:2, 3]
+    move_on = whole[:2, :2].T
+    from_level = whole[:2, 2]
+    from_slope = whole[:2, 3]
     state = np.zeros((len(moves), 2))
     out = np.zeros((len(moves), samples))
-    for k in range((samples + before) * OVER):
-        if k % OVER == 0 and k >= before * OVER:
-            out[:, k // OVER - before] = state[:, 0]
+    for k in range((samples + before) * STEPS_PER_SAMPLE):
+        if k % STEPS_PER_SAMPLE == 0 and k >= before * STEPS_PER_SAMPLE:
+            out[:, k // STEPS_PER_SAMPLE - before] = state[:, 0]
         drive = push[:, k]
         direction = np.sign(state[:, 1])
         resting = direction == 0.0
         free = drive - state[:, 0]
-        direction = np.where(resting, np.clip(free / np.maximum(force, 1e-300), -1.0, 1.0), direction)
+        direction = np.where(
+            resting, np.clip(free / np.maximum(force, 1e-300), -1.0, 1.0), direction
+        )
         held = resting & (np.abs(free) <= force)
         net = drive - force * direction
         slope = push[:, k + 1] - drive
@@ -113,7 +119,9 @@ def _steady(kind: str, count: int, rng: np.random.Generator) -> Trial:
     rate = float(rng.choice(RATES))
     samples = int(log_uniform(2e3, 2e4, rng))
     noise = draw_noise(rng, (1e-3, 1e-1))
-    sensor = Sensor("accelerometer", {"sensitivity": 1.0, "natural_frequency": 1.0, "damping_ratio": 0.1})
+    sensor = Sensor(
+        "accelerometer", {"sensitivity": 1.0, "natural_frequency": 1.0, "damping_ratio": 0.1}
+    )
     frequency = rate * log_uniform(5e-3, 0.3, rng)
     made = []
     for i in range(count):

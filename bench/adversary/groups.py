@@ -1,4 +1,4 @@
-"""Groups of cases by themselves, printed as they run; figures of a state of the code are kept by its name."""
+"""Groups of cases by themselves, printed as they run; figures are kept by the code's state."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ from bench.adversary.judge import BAD, SILENT, judged, quiet
 from vibrident.show.media import markdown
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-WIDE = 3.0  # ratio of u to that of the same recordings without what is wrong
+MAX_U_RATIO = 3.0  # ratio of u to that of the same recordings without what is wrong
 PAGE = RESULTS.parents[1] / "studies" / "adversary.md"
 MAX_CASE_CPU_S = 120.0  # a case that needs more is given up and counts as a traceback
 SECTION = "## Drawn groups: "
-TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of
-the run draws what a case's name does not say: where the sensor lies (below the whole band, in it,
-at its end, above, far above), damping, level and colour of the noise, shape of the motion, number
-and length of the records.
+INTRODUCTION = """Written by `python -m bench.adversary --groups NAME … --first RUN
+--keep {state}`. The number of the run draws what a case's name does not say: where the sensor lies
+(below the whole band, in it, at its end, above, far above), damping, level and colour of the noise,
+shape of the motion, number and length of the records.
 
 - Clean: `quantities`, every quantity of the reference, linear model and motion, `running` where it
-  runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2), brown
-  in both channels; `long`, 2e5 to 2e6 samples. `drift` is no false alarm where the noise is brown.
+  runs when the record begins; `noises`, 1e-5 to 3 % noise of the reference, white, pink, AR(2),
+  brown in both channels; `long`, 2e5 to 2e6 samples. `drift` is no false alarm where the noise is
+  brown.
 - The sensor's parameters are the truth: `clocks`, the response is sampled by a clock that is off by
-  1e-6 to 4e-2; `held`, a step, telegraph signals and the stairs of a converter, exact from the poles;
-  `wild`, bursts of 2 to 40 wild samples and single glitches; `friction`, dry friction in the sensor.
+  1e-6 to 4e-2; `held`, a step, telegraph signals and the stairs of a converter, exact from the
+  poles; `wild`, bursts of 2 to 40 wild samples and single glitches; `friction`, dry friction in the
+  sensor.
 - Nothing that is stated is true: `unlike`, models that explain little; `steady`, steady tones and
   noise declared decays.
 
@@ -41,8 +43,9 @@ standard uncertainty is more than three times that of the same recordings withou
 and the case is in the list. A case is given up
 after the CPU seconds in `limit` and counts as a traceback then.
 """
-LISTED = """Failures and runaways. `python -m bench.adversary --show NAME --run RUN` runs one again.
-"""
+LIST_INTRODUCTION = (
+    "Failures and runaways. `python -m bench.adversary --show NAME --run RUN` runs one again.\n"
+)
 
 
 def main(arguments: list[str]) -> int:
@@ -73,7 +76,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--cases", type=int, default=0, help="so many of each group; 0: all")
     parser.add_argument("--only", default="", metavar="TEXT", help="cases whose name holds this")
     parser.add_argument("--limit", type=float, default=MAX_CASE_CPU_S, help="CPU seconds a case")
-    parser.add_argument("--verbose", action="store_true", help="print all cases, not failures alone")
+    parser.add_argument(
+        "--verbose", action="store_true", help="print all cases, not failures alone"
+    )
     parser.add_argument("--keep", default="", metavar="STATE", help="keep the figures for the page")
     return parser
 
@@ -104,7 +109,7 @@ def _limited(case: Case, run: int, limit_s: float) -> dict[str, Any]:
 
 def is_failure(line: dict[str, Any]) -> bool:
     """Return whether a case belongs on the list: a bad class, a runaway, or u far too large."""
-    wide = (line.get("u_ratio") or 0.0) > WIDE
+    wide = (line.get("u_ratio") or 0.0) > MAX_U_RATIO
     return line["class"] in BAD or bool(line.get("runaway")) or wide
 
 
@@ -127,7 +132,9 @@ def describe_failure(line: dict[str, Any]) -> str:
 def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return a header and a row a group: cases, classes, runaways, silence, CPU seconds."""
     head = ("group", "cases", "right", "warned", "refused", "silent-wrong", "false alarm")
-    rows: list[tuple[str, ...]] = [(*head, "traceback", "named", "runaway", "wide", "CPU s", "longest", "limit")]
+    rows: list[tuple[str, ...]] = [
+        (*head, "traceback", "named", "runaway", "wide", "CPU s", "longest", "limit")
+    ]
     for group in dict.fromkeys(line["name"].split("/")[0] for line in lines):
         own = [line for line in lines if line["name"].split("/")[0] == group]
         counts = Counter(line["class"] for line in own)
@@ -138,7 +145,7 @@ def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
                 *(str(counts[kind] or "") for kind in (*head[2:], "traceback")),
                 str(sum(bool(line.get("named")) for line in own) or ""),
                 str(sum(bool(line.get("runaway")) for line in own) or ""),
-                str(sum((line.get("u_ratio") or 0.0) > WIDE for line in own) or ""),
+                str(sum((line.get("u_ratio") or 0.0) > MAX_U_RATIO for line in own) or ""),
                 f"{sum(line['cpu'] for line in own):.0f}",
                 f"{max(line['cpu'] for line in own):.1f}",
                 f"{max(line.get('limit', 0.0) for line in own):.0f}",
@@ -173,9 +180,11 @@ def sections() -> list[str]:
         figures = json.loads(file.read_text(encoding="utf-8"))
         state = file.stem.partition("-")[2]
         head = sums([])[0]
-        rows = [tuple(group["figures"].get(label, "") for label in head) for group in figures.values()]
-        parts += [f"{SECTION}{state}", "", TEXT.format(state=state)]
-        parts += [markdown.table(head, rows, right=range(1, len(head))), "", LISTED, ""]
+        rows = [
+            tuple(group["figures"].get(label, "") for label in head) for group in figures.values()
+        ]
+        parts += [f"{SECTION}{state}", "", INTRODUCTION.format(state=state)]
+        parts += [markdown.table(head, rows, right=range(1, len(head))), "", LIST_INTRODUCTION, ""]
         for name, group in figures.items():
             failures = [f"- {text}" for text in group["failures"]]
             parts += [f"`{name}`, run {group['first']}:", "", *(failures or ["- none"]), ""]

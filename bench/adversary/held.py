@@ -1,4 +1,4 @@
-"""Inputs that are held between samples: a step, telegraph signals, and the stairs of a converter."""
+"""Inputs held between samples: a step, telegraph signals, and the stairs of a converter."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ QUANTITIES = ("drive", "acceleration")
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for kind, sensor in itertools.product(KINDS, SENSORS):
         yield f"{kind}/{sensor}", partial(_maker, kind, sensor)
 
@@ -66,7 +66,8 @@ def stairs(kind: str, samples: int, hold: int, period: float, rng: np.random.Gen
     elif kind == "staircase":
         values = np.cumsum(rng.choice([-1.0, 0.0, 1.0], steps)) * 0.1
     elif kind == "stairs of a sweep":
-        low, high = 0.05 / period, min(3.0 / period, 0.2 / hold)
+        low = 0.05 / period
+        high = min(3.0 / period, 0.2 / hold)
         values = np.sin(TAU * (low * t + 0.5 * (high - low) * t**2 / samples))
     else:
         smooth = np.fft.rfft(rng.normal(size=2 * steps))

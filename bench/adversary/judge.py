@@ -1,4 +1,4 @@
-"""What the package says of a trial, against the truth."""
+"""Verdict on what the package says of a trial, against the truth."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from bench.adversary.trial import Trial
 from vibrident import Result, VibridentError, identify
 from vibrident.physics.naming import in_words
 
-LIMIT = 4.0  # A parameter further from the truth than this many standard uncertainties is wrong
-AWAY = 0.3  # of the truth: a parameter that is wrong by more was found at another optimum
-ROUNDING = 1e-8  # errors below this part of the truth are rounding
+#: A parameter further from the truth than this many standard uncertainties is wrong.
+MAX_DISTANCE_U = 4.0
+#: Of the truth: a parameter that is wrong by more was found at another optimum.
+MAX_RELATIVE_ERROR = 0.3
+ROUNDING_ERROR = 1e-8  # errors below this part of the truth are rounding
 #: A stated impact is true within this part of the real one, or one standard uncertainty.
-IMPACT_WITHIN = 0.3
+IMPACT_TOLERANCE = 0.3
 #: What speaks of single parameters: heeded for those that its message names.
 OF_PARAMETERS = ("weakly_determined", "at_bound")
 #: Derived parameters and what they are made of.
@@ -31,8 +33,9 @@ MADE_OF = {
     "resonance_frequency": ("natural_frequency", "damping_ratio"),
     "conversion_coefficient": ("sensitivity", "natural_frequency"),
 }
-#: A weakly determined parameter is no false alarm where its stated uncertainty is above this part of its value.
-WEAK = 0.009
+#: A weakly determined parameter is no false alarm where its stated uncertainty is above this part
+#: of its value.
+WEAK_UNCERTAINTY = 0.009
 
 RIGHT = "right"
 WARNED = "warned"
@@ -45,7 +48,8 @@ BAD = (SILENT, ALARM, TRACEBACK)
 
 def judged(trial: Trial) -> dict[str, Any]:
     """Class of the trial, and what led to it, as plain values."""
-    begin, cpu = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
+    cpu = time.process_time()
     found: dict[str, Any] = {"cause": trial.cause, "clean": not trial.cause}
     found |= {"drawn": trial.drawn} if trial.drawn else {}
     try:
@@ -53,29 +57,46 @@ def judged(trial: Trial) -> dict[str, Any]:
             warnings.simplefilter("always")
             result = identify(trial.calibration(), model=trial.model)
         found |= of_result(trial, result)
-        found["python_warnings"] = sorted({f"{w.category.__name__}: {w.message}"[:100] for w in noted})
+        found["python_warnings"] = sorted(
+            {f"{w.category.__name__}: {w.message}"[:100] for w in noted}
+        )
     except VibridentError as error:
         expected = bool(trial.cause) or trial.strange
-        found |= {"class": REFUSED if expected else ALARM, "codes": ["refused"], "says": [str(error)[:300]]}
+        found |= {
+            "class": REFUSED if expected else ALARM,
+            "codes": ["refused"],
+            "says": [str(error)[:300]],
+        }
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{where.filename.rpartition('/')[2]}:{where.lineno}"
-        found |= {"class": TRACEBACK, "codes": [], "says": [f"{type(error).__name__}: {error} ({place})"[:300]]}
-    spent = {"seconds": round(time.perf_counter() - begin, 2), "cpu": round(time.process_time() - cpu, 2)}
+        found |= {
+            "class": TRACEBACK,
+            "codes": [],
+            "says": [f"{type(error).__name__}: {error} ({place})"[:300]],
+        }
+    spent = {
+        "seconds": round(time.perf_counter() - begin, 2),
+        "cpu": round(time.process_time() - cpu, 2),
+    }
     return {**found, **spent}
 
 
 def of_result(trial: Trial, result: Result) -> dict[str, Any]:
-    """The class of a trial that gave a result."""
+    """Return the class of a trial that gave a result."""
     z = distances(result, trial.truth)
-    wrong = [name for name, value in z.items() if value > LIMIT]
+    wrong = [name for name, value in z.items() if value > MAX_DISTANCE_U]
     unheeded = [name for name in wrong if not heeded(name, result)]
     alarms = [] if trial.cause else false_alarms(trial, result)
-    kind = SILENT if unheeded else ALARM if alarms else WARNED if result.warnings and wrong else RIGHT
+    kind = (
+        SILENT if unheeded else ALARM if alarms else WARNED if result.warnings and wrong else RIGHT
+    )
     fit = result.fit
     return {
         "class": kind,
-        "z": {name: round(value, 2) if math.isfinite(value) else 1e300 for name, value in z.items()},
+        "z": {
+            name: round(value, 2) if math.isfinite(value) else 1e300 for name, value in z.items()
+        },
         "wrong": wrong,
         "codes": list(result.warning_codes),
         "says": [f"{w.code}: {w.message}"[:240] for w in result.warnings],
@@ -85,21 +106,23 @@ def of_result(trial: Trial, result: Result) -> dict[str, Any]:
         "chi2": fit.chi2_reduced,
         "degrees": fit.degrees_of_freedom,
         "estimator": result.estimator,
-        "samples_left_out": sum("left out" in step for f in result.provenance["files"] for step in f["history"]),
+        "samples_left_out": sum(
+            "left out" in step for f in result.provenance["files"] for step in f["history"]
+        ),
         **({"named": bool(trial.expected & set(result.warning_codes))} if trial.expected else {}),
         **({"u_ratio": u_ratio(trial, result)} if trial.compared else {}),
     }
 
 
 def runaway(result: Result, truth: Mapping[str, float], z: Mapping[str, float]) -> list[str]:
-    """Return the parameters that another optimum has: wrong, and off by more than ``AWAY`` of the truth."""
+    """Return the parameters that another optimum gets wrong, relative to the truth."""
     return [
         name
         for name, distance in z.items()
-        if distance > LIMIT
+        if distance > MAX_DISTANCE_U
         and name not in MADE_OF
         and math.isfinite(truth[name])
-        and abs(result.parameters[name].value - truth[name]) > AWAY * abs(truth[name])
+        and abs(result.parameters[name].value - truth[name]) > MAX_RELATIVE_ERROR * abs(truth[name])
     ]
 
 
@@ -120,20 +143,26 @@ def u_ratio(trial: Trial, result: Result) -> float | None:
 
 #: What a warning says of the parameter that a departure moves most.
 IMPACT = re.compile(
-    r"Without (?:it|them) the (?P<name>.+) would be (?P<without>\S+)(?P<unit>.*) in place of (?P<stated>\S+)"
+    r"Without (?:it|them) the (?P<name>.+) would be "
+    r"(?P<without>\S+)(?P<unit>.*) in place of (?P<stated>\S+)"
     r"(?P<same>.*) \((?P<size>[^ ()]+) u\)"
 )
 
 
 def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
-    """The parameter that the first said departure moves most: how far it moved, and how far the warning says.
+    """Return the parameter that the first departure moves most, by how much, and as it is said.
 
-    Both in stated standard uncertainties. It moved from where the same recordings without what is wrong lead to; where
-    there are none, from the truth. None where no departure is said, or the model does not explain the data.
+    Both in stated standard uncertainties. It moved from where the same recordings without what is
+    wrong lead to; where there are none, from the truth. None where no departure is said, or the
+    model does not explain the data.
     """
     for warning in result.warnings if result.fit.adequate else ():
         found = IMPACT.search(warning.message)
-        name = None if found is None else next((n for n in trial.truth if in_words(n) == found["name"]), None)
+        name = (
+            None
+            if found is None
+            else next((n for n in trial.truth if in_words(n) == found["name"]), None)
+        )
         stated = None if name is None else result.parameters.get(name)
         if found is None or name is None or stated is None or not stated.standard_uncertainty:
             continue
@@ -142,13 +171,13 @@ def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
             less = -less
         told = math.copysign(float(found["size"]), less * stated.value)
         off = (stated.value - _without(trial, name)) / stated.standard_uncertainty
-        true = abs(off - told) <= max(IMPACT_WITHIN * abs(off), 1.0)
+        true = abs(off - told) <= max(IMPACT_TOLERANCE * abs(off), 1.0)
         return {"code": warning.code, "parameter": name, "off": off, "told": told, "true": true}
     return None
 
 
 def _without(trial: Trial, name: str) -> float:
-    """What a parameter is without what is wrong."""
+    """Return what a parameter is without what is wrong."""
     if trial.sound is not None:
         with suppress(VibridentError):
             return identify(trial.sound(), model=trial.model).parameters[name].value
@@ -156,10 +185,10 @@ def _without(trial: Trial, name: str) -> float:
 
 
 def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
-    """Distance of each stated parameter from the truth, in standard uncertainties of a normal distribution.
+    """Return the distance of each stated parameter from the truth, in u of a normal distribution.
 
-    Where the stated uncertainty has few degrees of freedom, the distance is that of a normal variable as probable as
-    Student's is.
+    Where the stated uncertainty has few degrees of freedom, the distance is that of a normal
+    variable as probable as Student's is.
     """
     found = {}
     freedom = float(result.settings.get("effective_degrees_of_freedom") or math.inf)
@@ -168,7 +197,7 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
         if parameter is None or parameter.standard_uncertainty is None:
             continue
         error = abs(parameter.value - true)
-        if math.isfinite(true) and error <= ROUNDING * abs(true):
+        if math.isfinite(true) and error <= ROUNDING_ERROR * abs(true):
             found[name] = 0.0
         elif not parameter.standard_uncertainty > 0.0:
             found[name] = math.inf
@@ -178,7 +207,7 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
 
 
 def as_normal(ratio: float, freedom: float) -> float:
-    """The normal deviate as improbable as Student's."""
+    """Return the normal deviate as improbable as Student's."""
     if not freedom < 1e4:
         return ratio
     tail = float(t.sf(ratio, max(freedom, 1.0)))
@@ -186,7 +215,7 @@ def as_normal(ratio: float, freedom: float) -> float:
 
 
 def heeded(name: str, result: Result) -> bool:
-    """Whether a warning, but for one of the polarity, would keep a person from relying on this parameter."""
+    """Return whether a warning other than of polarity would keep a person from a parameter."""
     own = (name, *MADE_OF.get(name, ()))
     for warning in result.warnings:
         if warning.code == "polarity":
@@ -201,8 +230,10 @@ def heeded(name: str, result: Result) -> bool:
 
 
 def named(message: str) -> str:
-    """A message with its parameters by their names in a result, whether it has those or words."""
-    text = message.replace("second-mode ", "mode2_").replace("high-pass", "highpass").replace(" ", "_")
+    """Return a message in which parameters go by their names in a result."""
+    text = (
+        message.replace("second-mode ", "mode2_").replace("high-pass", "highpass").replace(" ", "_")
+    )
     return text.replace("mode2_damping_ratio", "mode2_damping")
 
 
@@ -212,7 +243,9 @@ def false_alarms(trial: Trial, result: Result) -> list[str]:
     for warning in result.warnings:
         if warning.code in trial.allowed:
             continue
-        gain = next((v for k, v in trial.truth.items() if k in ("sensitivity", "generator_constant")), 1.0)
+        gain = next(
+            (v for k, v in trial.truth.items() if k in ("sensitivity", "generator_constant")), 1.0
+        )
         if warning.code == "polarity" and gain < 0.0:
             continue
         if warning.code in OF_PARAMETERS and _weak(warning.message, result):
@@ -222,15 +255,17 @@ def false_alarms(trial: Trial, result: Result) -> list[str]:
 
 
 def _weak(message: str, result: Result) -> bool:
-    """Whether a parameter that the message names is as uncertain as it says."""
+    """Return whether a parameter that the message names is as uncertain as it says."""
     text = named(message)
     for name, parameter in result.parameters.items():
         u = parameter.standard_uncertainty
-        if name in text and (u is None or name == "delay" or u > WEAK * abs(parameter.value)):
+        if name in text and (
+            u is None or name == "delay" or u > WEAK_UNCERTAINTY * abs(parameter.value)
+        ):
             return True
     return False
 
 
 def quiet() -> None:
-    """What NumPy says of overflows is no part of the verdict."""
+    """Silence NumPy's warnings of overflows, which are no part of the verdict."""
     np.seterr(all="ignore")

@@ -30,21 +30,30 @@ HIDDEN = (
     ("boxcar", "in-light+boxcar"),
 )
 NOISES = (Noise("0.1 %", 1e-3), Noise("1 %", 1e-2))
-#: Third harmonic over the fundamental, well below resonance, and rest points as parts of the largest V.
+#: Third harmonic over the fundamental, well below resonance, and rest points as parts of the
+#: largest V.
 BENDS = (0.001, 0.01, -0.01)
 RESTS = {"at zero": (0.0, 0.0), "of the spring": (0.3, 0.3), "of the reference": (0.0, 0.3)}
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     turn = itertools.cycle(NOISES)
     for lacked, sensors in LACKS.items():
         for sensor, motion in itertools.product(sensors, MOTIONS):
             noise = next(turn)
-            yield f"{lacked}/{sensor}/{motion}/{noise.name}", partial(_lacking, lacked, sensor, motion, noise)
+            yield (
+                f"{lacked}/{sensor}/{motion}/{noise.name}",
+                partial(_lacking, lacked, sensor, motion, noise),
+            )
     for lacked, sensor in HIDDEN:
-        yield f"{lacked}/{sensor}/few tones/0.1 %", partial(_lacking, lacked, sensor, "few tones", NOISES[0])
-    for bend, rest, motion in itertools.product(BENDS, RESTS, ("sine", "multisine", "random", "sweep")):
+        yield (
+            f"{lacked}/{sensor}/few tones/0.1 %",
+            partial(_lacking, lacked, sensor, "few tones", NOISES[0]),
+        )
+    for bend, rest, motion in itertools.product(
+        BENDS, RESTS, ("sine", "multisine", "random", "sweep")
+    ):
         for asked in ("accelerometer", "accelerometer+cubic"):
             if asked == "accelerometer" and rest != "at zero":
                 continue  # a linear sensor of another natural frequency stands there
@@ -53,27 +62,44 @@ def cases() -> Cases:
             yield name, partial(_bending, bend, rest, motion, noise, asked)
 
 
-def _lacking(lacked: str, sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
+def _lacking(
+    lacked: str, sensor: str, motion: str, noise: Noise, rng: np.random.Generator
+) -> Trial:
     given = setting(sensor, rng)
     made = records(motion, given, noise, rng)
     model = "+".join(part for part in given.sensor.parts if part != lacked)
     true = seen_without_mode2(given) if lacked == "mode2" else truth(given.sensor)
-    return Trial(calibration(made, model, given.quantity), model, true, cause=f"model lacks {lacked}")
+    return Trial(
+        calibration(made, model, given.quantity), model, true, cause=f"model lacks {lacked}"
+    )
 
 
 def seen_without_mode2(given: Setting) -> dict[str, float]:
-    """What is true of a sensor of two modes as one of one mode: its static sensitivity has both modes' shares."""
+    """Return the truth on a sensor of two modes as one of one mode.
+
+    Its static sensitivity has both modes' shares.
+    """
     parameters = given.sensor.parameters
-    found = truth(given.sensor) | {"sensitivity": parameters["sensitivity"] * (1.0 + parameters["mode2_gain"])}
+    found = truth(given.sensor) | {
+        "sensitivity": parameters["sensitivity"] * (1.0 + parameters["mode2_gain"])
+    }
     return {name: value for name, value in found.items() if name != "conversion_coefficient"}
 
 
-def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str, rng: np.random.Generator) -> Trial:
-    """Springs that harden or soften, with the reference's own zero and the rest point of the spring."""
-    rate, samples = 2000.0, SHAPES[motion][1]
-    low, top = 0.005 * rate, 0.1 * rate
+def _bending(
+    bend: float, rest: str, motion: str, noise: Noise, asked: str, rng: np.random.Generator
+) -> Trial:
+    """Return springs that harden or soften, with the zero of the reference and their rest point."""
+    rate = 2000.0
+    samples = SHAPES[motion][1]
+    low = 0.005 * rate
+    top = 0.1 * rate
     fn = top * rng.uniform(0.3, 0.8)
-    parameters = {"sensitivity": 1.0, "natural_frequency": fn, "damping_ratio": rng.uniform(0.25, 0.6)}
+    parameters = {
+        "sensitivity": 1.0,
+        "natural_frequency": fn,
+        "damping_ratio": rng.uniform(0.25, 0.6),
+    }
     made = []
     for i, (move, spacing) in enumerate(_periodic(motion, (low, top), samples, rate, rng)):
         sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 0.0})
@@ -83,7 +109,8 @@ def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str, rng:
         move = move.scaled(size / level)  # the largest |V| is about one third, two thirds, one
         sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend})
         spring, shown = RESTS[rest]
-        answer = bent(move, sensor, spacing, offset=spring)[0]  # the recorder couples the response by AC
+        # The recorder couples the response by AC.
+        answer = bent(move, sensor, spacing, offset=spring)[0]
         channels = move.acceleration(t) + shown, answer.acceleration(t)
         reference, response = recorded(*channels, rate, noise, rng)
         made.append(Raw(f"{motion}-{i}", reference, response, rate, motion))
@@ -94,7 +121,9 @@ def _bending(bend: float, rest: str, motion: str, noise: Noise, asked: str, rng:
     return Trial(calibration(made, asked, "acceleration"), asked, true, cause=cause)
 
 
-def _periodic(motion: str, band: tuple[float, float], samples: int, rate: float, rng: np.random.Generator):
+def _periodic(
+    motion: str, band: tuple[float, float], samples: int, rate: float, rng: np.random.Generator
+):
     """Motions and the spacing of the lines that their tones lie on."""
     count = SHAPES[motion][0]
     if motion == "sine":

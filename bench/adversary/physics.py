@@ -1,11 +1,11 @@
 """Sensors and motions in continuous time, exactly: sums of tones, and free motion from the poles.
 
-Nothing here is taken from the package: every formula is written again from the sensor's differential equation, so that
-a mistake in one is not hidden by the same mistake in the other.
+Nothing here is taken from the package: every formula is written again from the sensor's
+differential equation, so that a mistake in one is not hidden by the same mistake in the other.
 
-A motion is a sum of tones, acceleration Re Σ A e^{jωt}. A linear sensor answers each tone by its transfer function, and
-its free motion is a sum of e^{pt} over its poles. Samples of both are exact to rounding; all tones lie below half the
-sampling rate, but for what a nonlinear sensor adds.
+A motion is a sum of tones, acceleration Re Σ A e^{jωt}. A linear sensor answers each tone by its
+transfer function, and its free motion is a sum of e^{pt} over its poles. Samples of both are exact
+to rounding; all tones lie below half the sampling rate, but for what a nonlinear sensor adds.
 """
 
 from __future__ import annotations
@@ -40,16 +40,20 @@ class Sensor:
     @property
     def gain(self) -> float:
         """Sensitivity, or generator constant."""
-        return self.parameters["generator_constant" if self.parts[0] == "velocity-pickup" else "sensitivity"]
+        return self.parameters[
+            "generator_constant" if self.parts[0] == "velocity-pickup" else "sensitivity"
+        ]
 
     def fraction(self) -> tuple[Real, Real]:
-        """Numerator and denominator in s, ascending, from acceleration to response, without delay and average."""
+        """Return numerator and denominator in s, ascending, without delay and average."""
         p = self.parameters
-        w, d = TAU * p["natural_frequency"], p["damping_ratio"]
+        w = TAU * p["natural_frequency"]
+        d = p["damping_ratio"]
         top = np.array([0.0, 1.0]) if self.parts[0] == "velocity-pickup" else np.array([w * w])
         below = np.array([w * w, 2.0 * d * w, 1.0])
         if "mode2" in self.parts:
-            w2, d2 = TAU * p["mode2_frequency"], p["mode2_damping"]
+            w2 = TAU * p["mode2_frequency"]
+            d2 = p["mode2_damping"]
             second = np.array([w2 * w2, 2.0 * d2 * w2, 1.0])
             top = poly.polyadd(poly.polymul(top, second), p["mode2_gain"] * w2 * w2 * below)
             below = poly.polymul(below, second)
@@ -59,12 +63,17 @@ class Sensor:
         return self.gain * top, below
 
     def transfer(self, frequency_hz: Real) -> Complex:
-        """Response per acceleration at each frequency, for e^{+jωt}."""
-        p, s = self.parameters, 1j * TAU * np.asarray(frequency_hz, dtype=float)
-        w, d = TAU * p["natural_frequency"], p["damping_ratio"]
-        core = (s if self.parts[0] == "velocity-pickup" else w * w) / (s * s + 2.0 * d * w * s + w * w)
+        """Return the response per acceleration at each frequency, for e^{+jωt}."""
+        p = self.parameters
+        s = 1j * TAU * np.asarray(frequency_hz, dtype=float)
+        w = TAU * p["natural_frequency"]
+        d = p["damping_ratio"]
+        core = (s if self.parts[0] == "velocity-pickup" else w * w) / (
+            s * s + 2.0 * d * w * s + w * w
+        )
         if "mode2" in self.parts:
-            w2, d2 = TAU * p["mode2_frequency"], p["mode2_damping"]
+            w2 = TAU * p["mode2_frequency"]
+            d2 = p["mode2_damping"]
             core = core + p["mode2_gain"] * w2 * w2 / (s * s + 2.0 * d2 * w2 * s + w2 * w2)
         if "highpass" in self.parts:
             core = core * s / (s + TAU * p["highpass_frequency"])
@@ -74,20 +83,24 @@ class Sensor:
         return self.gain * core * np.exp(-s * p.get("delay", 0.0))
 
     def poles(self) -> Complex:
-        """Of free motion, rad/s."""
+        """Return the poles of free motion, rad/s."""
         return np.asarray(poly.polyroots(self.fraction()[1]), dtype=complex)
 
     def from_rest(self, frequency_hz: Real, amplitude: Complex) -> Complex:
-        """Weights of e^{pt} that a motion from rest at t = 0 adds to its steady state; distinct poles."""
+        """Return the weights of e^{pt} that a motion from rest at t = 0 adds to the steady one."""
         top, below = self.fraction()
         roots = self.poles()
         residues = poly.polyval(roots, top) / poly.polyval(roots, poly.polyder(below))
         s = 1j * TAU * np.asarray(frequency_hz)
-        return -np.array([np.sum(amplitude * r / (s - root)) for root, r in zip(roots, residues, strict=True)])
+        return -np.array(
+            [np.sum(amplitude * r / (s - root)) for root, r in zip(roots, residues, strict=True)]
+        )
 
     def free(self, weights: Complex, time_s: Real) -> Real:
         """Re Σ weight e^{pt}."""
-        return np.real(sum(c * np.exp(p * time_s) for c, p in zip(weights, self.poles(), strict=True)))
+        return np.real(
+            sum(c * np.exp(p * time_s) for c, p in zip(weights, self.poles(), strict=True))
+        )
 
 
 @dataclass(frozen=True)
@@ -98,20 +111,20 @@ class Motion:
     amplitude: Complex
 
     def acceleration(self, time_s: Real) -> Real:
-        """At these times."""
+        """Return the values at these times."""
         return tones(self.frequency_hz, self.amplitude, time_s)
 
     def reference(self, time_s: Real, quantity: str) -> Real:
-        """What a reference of this quantity reads at these times."""
+        """Return what a reference of this quantity reads at these times."""
         s = 1j * TAU * self.frequency_hz
         return tones(self.frequency_hz, self.amplitude / s ** INTEGRATIONS[quantity], time_s)
 
     def response(self, sensor: Sensor, time_s: Real) -> Real:
-        """What the sensor answers in the steady state."""
+        """Return what the sensor answers in the steady state."""
         return tones(self.frequency_hz, self.amplitude * sensor.transfer(self.frequency_hz), time_s)
 
     def scaled(self, factor: float) -> Motion:
-        """The same motion, larger."""
+        """Return the same motion, larger."""
         return Motion(self.frequency_hz, factor * self.amplitude)
 
     def later(self, time_s: float) -> Motion:
@@ -135,11 +148,18 @@ def tones(frequency_hz: Real, amplitude: Complex, time_s: Real) -> Real:
 
 
 def _grid(frequency_hz: Real, time_s: Real) -> tuple[NDArray[np.int64], int] | None:
-    """Lines and period in samples, where many tones lie on the lines of one period and the times on samples from 0."""
+    """Return lines and period in samples of many tones on the lines of one period.
+
+    None where they are not, or where times are not on samples from 0.
+    """
     if frequency_hz.size < 100 or time_s[0] != 0.0:
         return None
-    spacing, step = float(np.min(np.diff(frequency_hz))), float(time_s[1])
+    spacing = float(np.min(np.diff(frequency_hz)))
+    step = float(time_s[1])
     lines = np.rint(frequency_hz / spacing).astype(np.int64)
     period = round(1.0 / (spacing * step))
-    even = np.allclose(lines * spacing, frequency_hz, rtol=1e-9) and abs(period * spacing * step - 1.0) < 1e-9
+    even = (
+        np.allclose(lines * spacing, frequency_hz, rtol=1e-9)
+        and abs(period * spacing * step - 1.0) < 1e-9
+    )
     return (lines, period) if even and time_s.size <= period else None

@@ -1,4 +1,4 @@
-"""Clean recordings: every reference quantity, model and motion; noise of every colour; long records."""
+"""Clean recordings of every quantity, model, motion and colour of noise; long records."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SOFT = {"reference": (1e-5, 1e-3), "strong": (1e-3, 3e-2)}
 
 
 def quantities() -> Cases:
-    """Names and makers: what the reference measures, the model and the motion."""
+    """Return the names and makers: colours of both channels' noise, strength of the reference's."""
     for quantity, model, motion in itertools.product(QUANTITIES, MODELS, MOTIONS):
         yield f"{quantity}/{model}/{motion}", partial(_quantity, quantity, model, motion)
     for quantity in QUANTITIES:
@@ -46,18 +46,21 @@ def quantities() -> Cases:
 
 
 def noises() -> Cases:
-    """Names and makers: colours of the noise of both channels, and how strong the reference's is."""
+    """Return the names and makers: colours of both channels' noise, strength of the reference's."""
     motions = itertools.cycle(MOTIONS)
-    for strength, reference, response, quantity in itertools.product(SOFT, COLOURS, COLOURS, QUANTITIES):
+    for strength, reference, response, quantity in itertools.product(
+        SOFT, COLOURS, COLOURS, QUANTITIES
+    ):
         motion = next(motions)
         name = f"{strength} {reference}, response {response}/{quantity}/{motion}"
         yield name, partial(_noisy, SOFT[strength], (response, reference), quantity, motion)
 
 
 def long() -> Cases:
-    """Names and makers: how many samples a record has, and the colour of the noise."""
+    """Return the names and makers: colours of both channels' noise, strength of the reference's."""
     for place, samples in enumerate(LENGTHS):
-        colour, motion = COLOURS[(place + place // 4) % 4], LONG_MOTIONS[place % 4]
+        colour = COLOURS[(place + place // 4) % 4]
+        motion = LONG_MOTIONS[place % 4]
         yield f"{samples}/{colour}/{motion}", partial(_long, samples, colour, motion)
 
 

@@ -1,4 +1,4 @@
-"""Sensors of every kind in a band, and recordings of them, exact but for the noise that is asked for."""
+"""Sensors of every kind in a band, and recordings of them, exact but for their noise."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bench.adversary.physics import TAU, Complex, Motion, Real, Sensor
 
 #: Samples a second that there are; all else is set in parts of it.
 RATES = (100.0, 512.0, 2_000.0, 10_000.0, 51_200.0, 1e6)
-LOW = 0.005  # lowest frequency of the motion, over the rate
-TOP = 0.2  # highest frequency of the motion, over the rate
+LOWEST_RATIO = 0.005  # lowest frequency of the motion, over the rate
+HIGHEST_RATIO = 0.2  # highest frequency of the motion, over the rate
 #: Natural frequency over the top of the band.
 PLACES = {
     "below": (0.05, 0.15),
@@ -45,8 +45,9 @@ DECLARED = {
     "rung": "sine",
     "few tones": "multisine",
 }  # what is declared of each motion
-FEW = 5  # tones of a multisine that tells hardly more than the parameters
-LOCKED = (5, 6, 8, 10, 16, 25, 50, 125)  # samples of a period of sines whose generator keeps in step with the recorder
+FEW_TONES = 5  # tones of a multisine that tells hardly more than the parameters
+#: Samples of a period of sines whose generator keeps in step with the recorder.
+LOCKED_PERIODS = (5, 6, 8, 10, 16, 25, 50, 125)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Setting:
 
 
 def setting(kind: str, rng: np.random.Generator) -> Setting:
-    """A sensor by its kind, ``place-damping`` with add-ons behind "+", drawn within its limits.
+    """Draw a sensor by its kind, ``place-damping`` with add-ons behind "+", within its limits.
 
     ``in-light+delay`` is an accelerometer; ``pickup-in-light`` a velocity pickup.
     """
@@ -68,7 +69,8 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
     pickup = core.startswith("pickup-")
     place, damping = core.removeprefix("pickup-").split("-")
     rate = float(rng.choice(RATES))
-    low, top = LOW * rate, TOP * rate
+    low = LOWEST_RATIO * rate
+    top = HIGHEST_RATIO * rate
     frequency = top * rng.uniform(*PLACES[place])
     gain = 10.0 ** rng.uniform(-9.0, 9.0) * float(rng.choice([-1.0, 1.0]))
     parameters = {
@@ -81,12 +83,16 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
         name, _, size = add_on.partition("=")
         model += f"+{name}"
         parameters |= _add_on(name, float(size or 0.0), rate, frequency, low, rng)
-    quantity = str(rng.choice(QUANTITIES if place == "in" and not add_ons else ["acceleration", "drive"]))
+    quantity = str(
+        rng.choice(QUANTITIES if place == "in" and not add_ons else ["acceleration", "drive"])
+    )
     return Setting(Sensor(model, parameters), rate, quantity, (low, top))
 
 
-def _add_on(name: str, size: float, rate: float, frequency: float, low: float, rng: np.random.Generator) -> dict:
-    top = TOP * rate
+def _add_on(
+    name: str, size: float, rate: float, frequency: float, low: float, rng: np.random.Generator
+) -> dict:
+    top = HIGHEST_RATIO * rate
     if name == "delay":
         return {"delay": (size or rng.uniform(0.05, 3.0)) / rate}
     if name == "highpass":
@@ -96,12 +102,18 @@ def _add_on(name: str, size: float, rate: float, frequency: float, low: float, r
     if name == "mode2":
         other = rng.uniform(1.5, 2.2) if frequency < 0.5 * top else rng.uniform(0.3, 0.6)
         gain = size or 0.03
-        return {"mode2_frequency": other * frequency, "mode2_damping": rng.uniform(0.01, 0.05), "mode2_gain": gain}
+        return {
+            "mode2_frequency": other * frequency,
+            "mode2_damping": rng.uniform(0.01, 0.05),
+            "mode2_gain": gain,
+        }
     raise ValueError(name)
 
 
-def excite(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[int, int] | None = None) -> list[Motion]:
-    """The motions of all records."""
+def excite(
+    motion: str, given: Setting, rng: np.random.Generator, shape: tuple[int, int] | None = None
+) -> list[Motion]:
+    """Return the motions of all records."""
     count, samples = shape or SHAPES[motion]
     low, top = given.band_hz
     rate = given.rate
@@ -109,31 +121,42 @@ def excite(motion: str, given: Setting, rng: np.random.Generator, shape: tuple[i
         grid = np.geomspace(max(low, 3.1 * rate / samples), top, count)
         return [motions.sine(f * rng.uniform(0.97, 1.0), 10.0, rng) for f in grid]
     if motion in ("multisine", "few tones"):
-        tones = 15 if motion == "multisine" else FEW
-        return [motions.multisine(_spread(low, top, tones, rate / samples, rng), 10.0, rng) for _ in range(count)]
+        tones = 15 if motion == "multisine" else FEW_TONES
+        return [
+            motions.multisine(_spread(low, top, tones, rate / samples, rng), 10.0, rng)
+            for _ in range(count)
+        ]
     if motion == "random":
         return [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
     if motion == "sweep":
         return [motions.sweep((low, top), 10.0 * (1 + i % 3), samples, rate) for i in range(count)]
     if motion == "shock":
         durations = rng.uniform(1.0, 1.6, count) / (0.35 * top)
-        return [motions.shock(d, 100.0 * (1 + i % 3), samples, rate) for i, d in enumerate(durations)]
+        return [
+            motions.shock(d, 100.0 * (1 + i % 3), samples, rate) for i, d in enumerate(durations)
+        ]
     if motion == "burst":
         moving = [motions.random((low, top), 10.0, samples, rate, rng) for _ in range(count)]
         return [motions.gated(m, samples, rate, 0.45) for m in moving]
     if motion == "locked":
-        return [motions.sine(rate / period, 10.0 * rng.uniform(0.5, 2.0), rng) for period in LOCKED]
+        return [
+            motions.sine(rate / period, 10.0 * rng.uniform(0.5, 2.0), rng)
+            for period in LOCKED_PERIODS
+        ]
     if motion == "rung":
         begun = rng.uniform(0.0, 0.1, count)
         steady = excite("sine", given, rng, (count, samples))
         return [motions.gated(m, samples, rate, at) for m, at in zip(steady, begun, strict=True)]
     if motion == "mixed":
-        return [*excite("sine", given, rng, (4, samples)), *excite("random", given, rng, (count - 4, samples))]
+        return [
+            *excite("sine", given, rng, (4, samples)),
+            *excite("random", given, rng, (count - 4, samples)),
+        ]
     raise ValueError(motion)
 
 
 def _spread(low: float, top: float, count: int, apart: float, rng: np.random.Generator) -> Real:
-    """Frequencies about evenly in their logarithm, at least three lines apart."""
+    """Return the frequencies about evenly in their logarithm, at least three lines apart."""
     found = np.geomspace(low, top, count) * rng.uniform(0.98, 1.0, count)
     for i in range(1, count):
         found[i] = max(found[i], found[i - 1] + 3.0 * apart)
@@ -152,15 +175,18 @@ def record(
     free: float = 0.0,
     stated: bool = False,
 ) -> Raw:
-    """One recording: exact, with ``free`` times the response's rms of free motion, then the noise."""
+    """Return an exact recording with noise and free motion, ``free`` times the response's rms."""
     t = np.arange(samples) / given.rate
     if noise.felt:
-        beside = motions.random((0.3 * given.band_hz[0], 2.0 * given.band_hz[1]), 1.0, samples, given.rate, rng)
+        beside = motions.random(
+            (0.3 * given.band_hz[0], 2.0 * given.band_hz[1]), 1.0, samples, given.rate, rng
+        )
         beside = beside.scaled(noise.felt * rms(motion.acceleration(t)))
         reference = motion.reference(t, given.quantity) + beside.reference(t, given.quantity)
         response = motion.response(given.sensor, t) + beside.response(given.sensor, t)
     else:
-        reference, response = motion.reference(t, given.quantity), motion.response(given.sensor, t)
+        reference = motion.reference(t, given.quantity)
+        response = motion.response(given.sensor, t)
     if free:
         response = response + free_motion(given.sensor, free * rms(response), t, rng)
     reference, response = recorded(reference, response, given.rate, noise, rng)
@@ -169,15 +195,17 @@ def record(
 
 
 def free_motion(sensor: Sensor, size: float, time_s: Real, rng: np.random.Generator) -> Real:
-    """What is left of an earlier motion, of this rms over its first tenth."""
+    """Return what is left of an earlier motion, of this rms over its first tenth."""
     roots = sensor.poles()
     weights: Complex = rng.normal(size=roots.size) + 1j * rng.normal(size=roots.size)
     motion = sensor.free(weights, time_s)
     return motion * size / max(rms(motion[: max(8, time_s.size // 10)]), 1e-300)
 
 
-def recorded(reference: Real, response: Real, rate: float, noise: Noise, rng: np.random.Generator) -> tuple[Real, Real]:
-    """Both channels with noise, hum and the steps of their converters."""
+def recorded(
+    reference: Real, response: Real, rate: float, noise: Noise, rng: np.random.Generator
+) -> tuple[Real, Real]:
+    """Return both channels with noise, hum and the steps of their converters."""
     response = added(response, noise.response, noise.colour, rng)
     reference = added(reference, noise.reference, noise.reference_colour, rng)
     if noise.hum:
@@ -197,7 +225,7 @@ def records(
     shape: tuple[int, int] | None = None,
     stated: bool = False,
 ) -> list[Raw]:
-    """All recordings of a calibration."""
+    """Return all recordings of a calibration."""
     moves: Sequence[Motion] = excite(motion, given, rng, shape)
     samples = (shape or SHAPES[motion])[1]
     found = []
@@ -205,29 +233,37 @@ def records(
         declared = DECLARED.get(motion, motion)
         if motion == "mixed":
             declared = "sine" if move.frequency_hz.size == 1 else "random"
-        moving = motion != "burst" and given.sensor.parameters["natural_frequency"] < 0.4 * given.rate
-        free = float(rng.choice([0.0, 0.3])) if moving else 0.0  # a recorder lets nothing through above half its rate
+        moving = (
+            motion != "burst" and given.sensor.parameters["natural_frequency"] < 0.4 * given.rate
+        )
+        # A recorder lets nothing through above half its rate.
+        free = float(rng.choice([0.0, 0.3])) if moving else 0.0
         name = f"{declared}-{i}"
-        found.append(record(move, name, declared, samples, given, noise, rng, free=free, stated=stated))
+        found.append(
+            record(move, name, declared, samples, given, noise, rng, free=free, stated=stated)
+        )
     return found
 
 
 def switched(move: Motion, one: Sensor, other: Sensor, at_s: float, time_s: Real) -> Real:
-    """The response of a sensor that becomes another one, of the same poles' number, at a time.
+    """Return the response of a sensor that becomes another one, of as many poles, at a time.
 
     Its state goes on: the response and its derivative do not jump (accelerometers without add-ons).
     """
-    before, after = move.response(one, time_s), move.response(other, time_s)
+    before = move.response(one, time_s)
+    after = move.response(other, time_s)
     speed = Motion(move.frequency_hz, 1j * TAU * move.frequency_hz * move.amplitude)
     now = np.array([at_s])
     jump = [float((m.response(one, now) - m.response(other, now))[0]) for m in (move, speed)]
     roots = other.poles()
-    weights = np.linalg.solve(np.vander(roots, 2, increasing=True).T, np.asarray(jump, dtype=complex))
+    weights = np.linalg.solve(
+        np.vander(roots, 2, increasing=True).T, np.asarray(jump, dtype=complex)
+    )
     since = np.maximum(time_s - at_s, 0.0)
     return np.where(time_s < at_s, before, after + other.free(weights, since))
 
 
 def twin(sensor: Sensor, **factors: float) -> Sensor:
-    """The sensor with some parameters times a factor."""
+    """Return the sensor with some parameters times a factor."""
     changed = {name: value * factors.get(name, 1.0) for name, value in sensor.parameters.items()}
     return replace(sensor, parameters=changed)

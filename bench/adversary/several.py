@@ -19,19 +19,27 @@ CASES = {2: 60, 3: 30}
 
 
 def cases() -> Cases:
-    """Names and makers."""
-    kinds = sorted((one for one in recordings() if "stated" not in one.name), key=lambda one: one.name)
+    """Return the names and makers."""
+    kinds = sorted(
+        (one for one in recordings() if "stated" not in one.name), key=lambda one: one.name
+    )
     turn = itertools.cycle(itertools.product(SENSORS, NOISES))
     chosen = np.random.default_rng(26)
     for count, number in CASES.items():
         for index, motion in zip(range(number), itertools.cycle(MOTIONS)):
-            defects = [kinds[place] for place in sorted(chosen.choice(len(kinds), count, replace=False).tolist())]
+            defects = [
+                kinds[place]
+                for place in sorted(chosen.choice(len(kinds), count, replace=False).tolist())
+            ]
             sensor, noise = next(turn)
-            name = f"{count} defects/{index}/{' + '.join(one.name for one in defects)}/{motion}/{sensor}/{noise.name}"
+            names = " + ".join(defect.name for defect in defects)
+            name = f"{count} defects/{index}/{names}/{motion}/{sensor}/{noise.name}"
             yield name, partial(_maker, sensor, motion, noise, defects)
 
 
-def _maker(sensor: str, motion: str, noise: Noise, defects: list[Defect], rng: np.random.Generator) -> Trial:
+def _maker(
+    sensor: str, motion: str, noise: Noise, defects: list[Defect], rng: np.random.Generator
+) -> Trial:
     given = setting(sensor, rng)
     if noise.bits:
         given = readable(given)
@@ -39,5 +47,12 @@ def _maker(sensor: str, motion: str, noise: Noise, defects: list[Defect], rng: n
     for defect in defects:
         made = defect.change(made, rng)
     model = given.sensor.model
-    cause, without = f"{len(defects)} defects at once", calibration(sound, model, given.quantity)
-    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause, sound=without)
+    cause = f"{len(defects)} defects at once"
+    without = calibration(sound, model, given.quantity)
+    return Trial(
+        calibration(made, model, given.quantity),
+        model,
+        truth(given.sensor),
+        cause=cause,
+        sound=without,
+    )

@@ -1,4 +1,4 @@
-"""The page of the study: how often the package was right, said so, or was wrong without a word, and at what."""
+"""Page of the study: how often the package was right, warned, or was wrong without a word."""
 
 from __future__ import annotations
 
@@ -10,49 +10,66 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from bench.adversary.judge import ALARM, BAD, IMPACT_WITHIN, LIMIT, REFUSED, RIGHT, ROUNDING, SILENT, TRACEBACK, WARNED
+from bench.adversary.judge import (
+    ALARM,
+    BAD,
+    IMPACT_TOLERANCE,
+    MAX_DISTANCE_U,
+    REFUSED,
+    RIGHT,
+    ROUNDING_ERROR,
+    SILENT,
+    TRACEBACK,
+    WARNED,
+)
 from vibrident.show.media import markdown
 
 CLASSES = (RIGHT, WARNED, REFUSED, SILENT, ALARM, TRACEBACK)
 Row = tuple[str, ...]
-LISTED = 400  # most failures that are listed by name
+MAX_LISTED = 400  # most failures that are listed by name
 HEAD = """# Sensors, motions and defects from a simulator of its own
 
 Written by `python -m bench.adversary`; do not edit. {runs} of {cases} cases, in an order by chance;
-code of commit {commit}. `python -m bench.adversary` runs the rest, and `--jobs` says in how many processes.
+code of commit {commit}. `python -m bench.adversary` runs the rest, and `--jobs` says in how many
+processes.
 
-An exact simulator, which shares no code with the package's estimators or its own simulation, makes recordings of a
-sensor: the transfer function tone by tone on a grid of tones below half the sampling rate, free motion from the poles,
-bent springs by harmonic balance; `tests/bench/test_adversary.py` holds it against an integrator of order eight. Each
-case draws the sensor's place against the band (below, in, at the end of, above, far above), its damping (0.001 to 3),
-sign and gain (1e-9 to 1e9), the sampling rate (100 Hz to 1 MHz) and the quantity of the reference from its own seed.
-`clean`: nothing is wrong, noise of fourteen kinds. `defect`: one thing is wrong with the recordings, or with one of
-them. `lacking`: the sensor has what the model asked for lacks, or its spring bends; a sensor of two
-modes has the static sensitivity of both. `table`: tabulated responses.
-`several`: two or three defects at once. `foreign`: no recording of the sensor asked for (noise, the response of another
-measurement, one that is rectified or runs backwards): nothing that is stated of it is true.
-`decay`: free decays. `extreme`: scales from 1e-150 to 1e150, one to sixty records of 100 to 100 000 samples, records of
-few periods, declared systematic effects. `file`: time columns in many units, and rates that contradict them.
-What the other groups draw stands at the end of the page.
+An exact simulator, which shares no code with the package's estimators or its own simulation, makes
+recordings of a sensor: the transfer function tone by tone on a grid of tones below half the
+sampling rate, free motion from the poles, bent springs by harmonic balance;
+`tests/bench/test_adversary.py` holds it against an integrator of order eight. Each case draws the
+sensor's place against the band (below, in, at the end of, above, far above), its damping (0.001 to
+3), sign and gain (1e-9 to 1e9), the sampling rate (100 Hz to 1 MHz) and the quantity of the
+reference from its own seed. `clean`: nothing is wrong, noise of fourteen kinds. `defect`: one thing
+is wrong with the recordings, or with one of them. `lacking`: the sensor has what the model asked
+for lacks, or its spring bends; a sensor of two modes has the static sensitivity of both. `table`:
+tabulated responses. `several`: two or three defects at once. `foreign`: no recording of the sensor
+asked for (noise, the response of another measurement, one that is rectified or runs backwards):
+nothing that is stated of it is true. `decay`: free decays. `extreme`: scales from 1e-150 to 1e150,
+one to sixty records of 100 to 100 000 samples, records of few periods, declared systematic effects.
+`file`: time columns in many units, and rates that contradict them. What the other groups draw
+stands at the end of the page.
 
-- **right**: every stated parameter within {limit:g} standard uncertainties of the truth, and on clean data no warning.
-- **warned**: a parameter is further off, and a warning is there that a person would heed: any but `polarity`;
-  `weakly_determined` and `at_bound` only for the parameters that their message names.
+- **right**: every stated parameter within {limit:g} standard uncertainties of the truth, and on
+  clean data no warning.
+- **warned**: a parameter is further off, and a warning is there that a person would heed: any but
+  `polarity`; `weakly_determined` and `at_bound` only for the parameters that their message names.
 - **refused**: the data are refused with what is wrong.
-- **silent-wrong**: a stated parameter is further off, without such a warning. Target: 0.5 % of the cases.
-- **false alarm**: a warning, or a refusal, where nothing is wrong. `polarity` of a negative gain, and
-  `weakly_determined` or `at_bound` of a parameter whose stated uncertainty is above 0.9 %, are true and do not count;
-  nor does `short_record` below two periods, or `reference_noise` where there is such noise. Target: 1 % of the clean
+- **silent-wrong**: a stated parameter is further off, without such a warning. Target: 0.5 % of the
   cases.
+- **false alarm**: a warning, or a refusal, where nothing is wrong. `polarity` of a negative gain,
+  and `weakly_determined` or `at_bound` of a parameter whose stated uncertainty is above 0.9 %, are
+  true and do not count; nor does `short_record` below two periods, or `reference_noise` where there
+  is such noise. Target: 1 % of the clean cases.
 - **traceback**: anything but a result or a refusal. Target: none.
 
-A distance in standard uncertainties of few degrees of freedom is that of a normal variable as improbable as Student's.
-Errors below {rounding:g} of the truth count as none. A parameter without a stated uncertainty claims nothing.
+A distance in standard uncertainties of few degrees of freedom is that of a normal variable as
+improbable as Student's. Errors below {rounding:g} of the truth count as none. A parameter without a
+stated uncertainty claims nothing.
 """
 
 
 def table(lines: list[dict[str, Any]], commit: str) -> str:
-    """The page as Markdown."""
+    """Return the page as Markdown."""
     from bench.adversary.cases import CASES
     from bench.adversary.groups import sections
 
@@ -61,19 +78,32 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
         for line in lines
         for run, one in enumerate(line["runs"], line["first"])
     ]
-    head = HEAD.format(runs=len(found), cases=len(CASES), commit=commit, limit=LIMIT, rounding=ROUNDING)
+    head = HEAD.format(
+        runs=len(found),
+        cases=len(CASES),
+        commit=commit,
+        limit=MAX_DISTANCE_U,
+        rounding=ROUNDING_ERROR,
+    )
     parts = [head, *_verdict(found)]
     clean = [one for one in found if one["name"].startswith("clean/")]
     parts += _counted("By group", "group", found, _part(0))
     parts += _counted("Clean recordings by motion", "motion", clean, _part(2))
     parts += _counted("Clean recordings by sensor", "sensor", clean, _part(1))
     parts += _counted("Clean recordings by noise", "noise", clean, _part(3))
-    parts += _counted("Defects by cause", "cause", [one for one in found if one["cause"]], lambda one: one["cause"])
-    return "\n".join([*parts, *_impacts(found), *_scatter(found), *_failures(found), *sections(), ""])
+    parts += _counted(
+        "Defects by cause",
+        "cause",
+        [one for one in found if one["cause"]],
+        lambda one: one["cause"],
+    )
+    return "\n".join(
+        [*parts, *_impacts(found), *_scatter(found), *_failures(found), *sections(), ""]
+    )
 
 
 def _part(number: int) -> Callable[[dict[str, Any]], str]:
-    """What stands at this place of a case's name; the last place takes the rest."""
+    """Return what stands at this place of a case's name; the last place takes the rest."""
     return lambda one: one["name"].split("/", 3)[number]
 
 
@@ -88,17 +118,27 @@ def _verdict(found: list[dict[str, Any]]) -> list[str]:
     return [
         "## Against the targets",
         "",
-        markdown.table(("", "cases", "rate", "95 % between", "target", ""), rows, right=(1, 2, 3, 4)),
+        markdown.table(
+            ("", "cases", "rate", "95 % between", "target", ""), rows, right=(1, 2, 3, 4)
+        ),
         "",
     ]
 
 
 def _rate(what: str, among: list[dict[str, Any]], kind: str, target: str, limit: float) -> Row:
-    count, total = sum(one["class"] == kind for one in among), max(len(among), 1)
+    count = sum(one["class"] == kind for one in among)
+    total = max(len(among), 1)
     low = 100.0 * float(beta.ppf(0.025, count, total - count + 1)) if count else 0.0
     high = 100.0 * float(beta.ppf(0.975, count + 1, total - count)) if count < total else 100.0
     verdict = "met" if count <= limit * total else "**NOT met**"
-    return what, f"{count} of {total}", f"{100 * count / total:.2f} %", f"{low:.2g} to {high:.2g} %", target, verdict
+    return (
+        what,
+        f"{count} of {total}",
+        f"{100 * count / total:.2f} %",
+        f"{low:.2g} to {high:.2g} %",
+        target,
+        verdict,
+    )
 
 
 def _counted(
@@ -120,23 +160,35 @@ def _counted(
 
 
 def _impacts(found: list[dict[str, Any]]) -> list[str]:
-    """How often what a warning says of the worst parameter is so."""
-    told = [one["impact"] for one in found if one.get("impact") and math.isfinite(one["impact"]["off"])]
+    """Return how often what a warning says of the worst parameter is so."""
+    told = [
+        one["impact"] for one in found if one.get("impact") and math.isfinite(one["impact"]["off"])
+    ]
     if not told:
         return []
     rows = []
     for code in (None, *sorted({one["code"] for one in told})):
         own = [one["true"] for one in told if code in (None, one["code"])]
-        rows.append((f"`{code}`" if code else "all", str(len(own)), f"{100 * sum(own) / len(own):.0f} %"))
-    far = [one["true"] for one in told if abs(one["off"]) > LIMIT]
+        rows.append(
+            (f"`{code}`" if code else "all", str(len(own)), f"{100 * sum(own) / len(own):.0f} %")
+        )
+    far = [one["true"] for one in told if abs(one["off"]) > MAX_DISTANCE_U]
     if far:
-        rows.insert(1, (f"of them more than {LIMIT:g} u off", str(len(far)), f"{100 * sum(far) / len(far):.0f} %"))
+        rows.insert(
+            1,
+            (
+                f"of them more than {MAX_DISTANCE_U:g} u off",
+                str(len(far)),
+                f"{100 * sum(far) / len(far):.0f} %",
+            ),
+        )
     return [
         "## Whether the impact is true",
         "",
-        "Defects that a departure names, where the model explains the data: is the parameter that it moves most as far",
+        "Defects that a departure names, where the model explains the data: is the parameter that "
+        "it moves most as far",
         "from where the same recordings without the defect lead to as the warning says, within "
-        f"{100 * IMPACT_WITHIN:.0f} % or one standard uncertainty? Target: 80 %.",
+        f"{100 * IMPACT_TOLERANCE:.0f} % or one standard uncertainty? Target: 80 %.",
         "",
         markdown.table(("warning", "cases", "true"), rows, right=(1, 2)),
         "",
@@ -144,20 +196,31 @@ def _impacts(found: list[dict[str, Any]]) -> list[str]:
 
 
 def _scatter(found: list[dict[str, Any]]) -> list[str]:
-    """How the distances of clean cases are spread: a normal variable's are below 1, 2, 3 in 68, 95, 99.7 %."""
+    """Describe the spread of the distances of clean cases.
+
+    A normal variable's are below 1, 2, 3 in 68, 95, 99.7 %.
+    """
     clean = [one for one in found if one["clean"] and one["class"] in (RIGHT, SILENT)]
     z = np.array([value for one in clean for value in one["z"].values()])
     if not z.size:
         return []
     shares = ", ".join(f"{100 * float(np.mean(z <= k)):.1f} % within {k}" for k in (1, 2, 3, 4))
-    text = f"Clean cases without a warning, {z.size} stated parameters: {shares} standard uncertainties."
+    text = (
+        f"Clean cases without a warning, {z.size} stated parameters: "
+        f"{shares} standard uncertainties."
+    )
     return ["## How far from the truth", "", text, ""]
 
 
 def _failures(found: list[dict[str, Any]]) -> list[str]:
-    failed = sorted((one for one in found if one["class"] in BAD), key=lambda one: (one["class"], one["name"]))
-    rows = [(one["class"], f"`{one['name']}`{_run(one)}", _worst(one), _said(one)) for one in failed[:LISTED]]
-    more = [f"… and {len(failed) - LISTED} more.", ""] if len(failed) > LISTED else []
+    failed = sorted(
+        (one for one in found if one["class"] in BAD), key=lambda one: (one["class"], one["name"])
+    )
+    rows = [
+        (one["class"], f"`{one['name']}`{_run(one)}", _worst(one), _said(one))
+        for one in failed[:MAX_LISTED]
+    ]
+    more = [f"… and {len(failed) - MAX_LISTED} more.", ""] if len(failed) > MAX_LISTED else []
     return [
         "## What failed",
         "",

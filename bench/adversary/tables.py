@@ -33,17 +33,28 @@ WRONG = {
     "magnitude in dB": lambda f, m, p: (f, 20.0 * np.log10(m) - 20.0 * np.log10(m).min() + 1.0, p),
     "per velocity": lambda f, m, p: (f, m * 2.0 * np.pi * f, p + 0.5 * np.pi),
     "power for magnitude": lambda f, m, p: (f, m**2 / m.mean(), p),
-    "one point off by 10 %": lambda f, m, p: (f, np.where(np.arange(f.size) == f.size // 2, 1.1 * m, m), p),
-    "one phase off by 2π/3": lambda f, m, p: (f, m, np.where(np.arange(f.size) == f.size // 2, p + 2.1, p)),
+    "one point off by 10 %": lambda f, m, p: (
+        f,
+        np.where(np.arange(f.size) == f.size // 2, 1.1 * m, m),
+        p,
+    ),
+    "one phase off by 2π/3": lambda f, m, p: (
+        f,
+        m,
+        np.where(np.arange(f.size) == f.size // 2, p + 2.1, p),
+    ),
 }
 
 
 def cases() -> Cases:
-    """Names and makers."""
-    for sensor, points, stated, phase in itertools.product(SENSORS, POINTS, (True, False), (True, False)):
+    """Return the names and makers."""
+    for sensor, points, stated, phase in itertools.product(
+        SENSORS, POINTS, (True, False), (True, False)
+    ):
         if (points > 10 and not stated and not phase) or (points == 100 and not stated):
             continue
-        name = f"{sensor}/{points} points, {'u' if stated else 'no u'}, {'phase' if phase else 'no phase'}"
+        uncertain = "u" if stated else "no u"
+        name = f"{sensor}/{points} points, {uncertain}, {'phase' if phase else 'no phase'}"
         yield name, partial(_maker, sensor, points, stated, phase, "")
     for sensor, wrong, stated in itertools.product(
         ("in-light", "above-light", "far-light", "in-damped"), WRONG, (True, False)
@@ -52,10 +63,14 @@ def cases() -> Cases:
         yield name, partial(_maker, sensor, 30, stated, True, wrong)
 
 
-def _maker(sensor: str, count: int, stated: bool, phase: bool, wrong: str, rng: np.random.Generator) -> Trial:
-    given, points = setting(sensor, rng), count
+def _maker(
+    sensor: str, count: int, stated: bool, phase: bool, wrong: str, rng: np.random.Generator
+) -> Trial:
+    given = setting(sensor, rng)
+    points = count
     f = np.geomspace(*given.band_hz, points)
-    if "rad/s" in wrong:  # of these it can be seen: the laboratory's frequencies are thirds of an octave
+    # Of these it can be seen: the laboratory's frequencies are thirds of an octave.
+    if "rad/s" in wrong:
         f = np.unique(10.0 ** (np.rint(10.0 * np.log10(f)) / 10.0))
         points = f.size
     response = given.sensor.transfer(f)
@@ -64,7 +79,10 @@ def _maker(sensor: str, count: int, stated: bool, phase: bool, wrong: str, rng: 
     angle = np.unwrap(np.angle(response)) + u * rng.normal(size=points)
     model = given.sensor.model
     f, m, p = WRONG[wrong](f, magnitude, angle) if wrong else (f, magnitude, angle)
-    table = {"magnitude_uncertainty": u * np.abs(m), "phase_uncertainty_rad": np.full(points, u) if phase else None}
+    table = {
+        "magnitude_uncertainty": u * np.abs(m),
+        "phase_uncertainty_rad": np.full(points, u) if phase else None,
+    }
 
     def made() -> Calibration:
         columns = {"frequency_hz": f, "magnitude": m, "phase_rad": p if phase else None}
@@ -73,11 +91,17 @@ def _maker(sensor: str, count: int, stated: bool, phase: bool, wrong: str, rng: 
     cause = wrong and f"table: {wrong}"
     few = points * (2 if phase else 1) <= len(given.sensor.parameters)
     allowed = {"lack_of_fit", "weakly_determined", "at_bound"} if few else set()
-    trial = Trial(made, model, truth(given.sensor), cause=cause, allowed=frozenset(allowed), strange=few)
+    trial = Trial(
+        made, model, truth(given.sensor), cause=cause, allowed=frozenset(allowed), strange=few
+    )
     ambiguous = not phase and not wrong  # a table without phase cannot give the sign
     return replace(trial, truth=_unsigned(trial.truth)) if ambiguous else trial
 
 
 def _unsigned(values):
     names = ("sensitivity", "generator_constant", "conversion_coefficient")
-    return {name: abs(value) if name in names else value for name, value in values.items() if name != "delay"}
+    return {
+        name: abs(value) if name in names else value
+        for name, value in values.items()
+        if name != "delay"
+    }

@@ -17,22 +17,37 @@ Cases = Iterator[tuple[str, Maker]]
 
 @dataclass(frozen=True)
 class Trial:
-    """What is put to the package."""
+    """Trial that is put to the package.
 
-    calibration: Callable[[], Calibration]  # made when called; it may refuse
-    model: str  # asked for
-    truth: Mapping[str, float]  # name of a parameter to its value; only these are judged
-    cause: str = ""  # what is wrong, for the summary; "" where nothing is
-    allowed: frozenset[str] = frozenset()  # warnings that are true of these data though nothing is wrong with them
-    strange: bool = False  # not a defect, but what a refusal is a right answer to
-    sound: Callable[[], Calibration] | None = None  # the same recordings, noise and all, without what is wrong
-    drawn: str = ""  # what chance has set, for who reads a failure
-    expected: frozenset[str] = frozenset()  # warnings that name what is wrong
-    compared: bool = False  # whether u is held against that of the same recordings without what is wrong
+    Attributes:
+        calibration: made when called; it may refuse.
+        model: asked for.
+        truth: name of a parameter to its value; only these are judged.
+        cause: what is wrong, for the summary; "" where nothing is.
+        allowed: warnings that are true of these data though nothing is wrong with them.
+        strange: not a defect, but what a refusal is a right answer to.
+        sound: the same recordings, noise and all, without what is wrong.
+        drawn: what chance has set, for who reads a failure.
+        expected: warnings that name what is wrong.
+        compared: whether u is held against that of the same recordings without what is wrong.
+    """
+
+    calibration: Callable[[], Calibration]
+    model: str
+    truth: Mapping[str, float]
+    cause: str = ""
+    allowed: frozenset[str] = frozenset()
+    strange: bool = False
+    sound: Callable[[], Calibration] | None = None
+    drawn: str = ""
+    expected: frozenset[str] = frozenset()
+    compared: bool = False
 
 
-def calibration(records: Sequence[Raw], model: str, quantity: str, **more: object) -> Callable[[], Calibration]:
-    """These recordings as the package takes them."""
+def calibration(
+    records: Sequence[Raw], model: str, quantity: str, **more: object
+) -> Callable[[], Calibration]:
+    """Return recordings as the package takes them."""
 
     def made() -> Calibration:
         kept = tuple(
@@ -46,13 +61,18 @@ def calibration(records: Sequence[Raw], model: str, quantity: str, **more: objec
             )
             for r in records
         )
-        return Calibration(records=kept, model=model, quantity=quantity, **more)  # type: ignore[arg-type]
+        return Calibration(
+            records=kept,
+            model=model,
+            quantity=quantity,  # type: ignore[arg-type]
+            **more,
+        )
 
     return made
 
 
 def truth(sensor: Sensor) -> dict[str, float]:
-    """Parameters of the sensor, and what follows from them."""
+    """Return the parameters of the sensor, and what follows from them."""
     values = dict(sensor.parameters)
     angular = TAU * values["natural_frequency"]
     values["natural_angular_frequency"] = angular

@@ -33,7 +33,8 @@ def modes(frequency_hz: Real, given: Setting, rng: np.random.Generator, count: i
     s = 1j * TAU * frequency_hz
     total = np.zeros(frequency_hz.shape, dtype=complex)
     for _ in range(count):
-        w, d = TAU * log_uniform(low, top, rng), log_uniform(0.005, 0.05, rng)
+        w = TAU * log_uniform(low, top, rng)
+        d = log_uniform(0.005, 0.05, rng)
         total += rng.normal() * w * w / (s * s + 2.0 * d * w * s + w * w)
     return total
 
@@ -48,40 +49,41 @@ def _structure(move: Motion, other: Motion, given: Setting, rng: np.random.Gener
 
 
 def _tower(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
-    """A structure far away, of which the reference drives little, much later."""
+    """Return a structure far away, of which the reference drives little, much later."""
     late = 1j * TAU * move.frequency_hz * rng.uniform(20.0, 200.0) / given.rate
     driven = _seen(move, modes(move.frequency_hz, given, rng, 4) * np.exp(-late))
     return _sum(driven, _seen(other, modes(other.frequency_hz, given, rng, 4)), 0.2)
 
 
 def _cause(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
-    """The sensor's answer to what it felt, of which the reference knows little."""
+    """Return the sensor's answer to what it felt, of which the reference knows little."""
     return _sum(move, other, float(rng.uniform(0.05, 0.5)))
 
 
 def _mode(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
-    """A second mode as strong as the first."""
+    """Return a second mode as strong as the first."""
     fn = given.sensor.parameters["natural_frequency"]
-    w, s = TAU * fn * rng.uniform(1.4, 2.5), 1j * TAU * move.frequency_hz
+    w = TAU * fn * rng.uniform(1.4, 2.5)
+    s = 1j * TAU * move.frequency_hz
     share = rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
     second = w * w / (s * s + 2.0 * rng.uniform(0.01, 0.05) * w * s + w * w)
     return _seen(move, 1.0 + share * second / given.sensor.transfer(move.frequency_hz))
 
 
 def _fixture(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
-    """A fixture that resonates between the reference and the sensor."""
+    """Return a fixture that resonates between the reference and the sensor."""
     w = TAU * given.band_hz[1] * rng.uniform(0.2, 0.8)
     s = 1j * TAU * move.frequency_hz
     return _seen(move, w * w / (s * s + 2.0 * rng.uniform(0.005, 0.05) * w * s + w * w))
 
 
 def _place(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
-    """A reference that moves with a structure, which the sensor does not."""
+    """Return a reference that moves with a structure, which the sensor does not."""
     return _seen(move, 1.0 / modes(move.frequency_hz, given, rng, 5))
 
 
 def _late(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
-    """A response that began elsewhere in the same motion."""
+    """Return a response that began elsewhere in the same motion."""
     return move.later(float(rng.choice([-1.0, 1.0])) * rng.uniform(50.0, 500.0) / given.rate)
 
 
@@ -108,11 +110,13 @@ ANSWERS: dict[str, Answer] = {
 }
 #: A pickup of two modes is none of the simulator's, and with a delay another moment is explained.
 ONE_MODEL = ("second mode missing", "response of another moment")
-NOTHING_TRUE = dict.fromkeys(("sensitivity", "generator_constant", "natural_frequency", "damping_ratio"), np.inf)
+NOTHING_TRUE = dict.fromkeys(
+    ("sensitivity", "generator_constant", "natural_frequency", "damping_ratio"), np.inf
+)
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for kind, motion in itertools.product(ANSWERS, MOTIONS):
         yield f"{kind}/{motion}", partial(_maker, kind, motion)
 
@@ -125,13 +129,19 @@ def _maker(kind: str, motion: str, rng: np.random.Generator) -> Trial:
     shape = ((1, 8000), (1, 4000), (4, 2000))[rng.integers(3)]
     declared = DECLARED.get(motion.partition(" ")[0], motion.partition(" ")[0])
     time_s = np.arange(shape[1]) / given.rate
-    pairs = zip(draw_motions(motion, given, rng, shape), draw_motions(motion, given, rng, shape), strict=True)
+    pairs = zip(
+        draw_motions(motion, given, rng, shape),
+        draw_motions(motion, given, rng, shape),
+        strict=True,
+    )
     seed = int(rng.integers(2**31))  # one structure for all records
     made = []
     for i, (move, other) in enumerate(pairs):
         felt = ANSWERS[kind](move, other, given, np.random.default_rng(seed))
         response = felt.response(given.sensor, time_s)
-        channels = recorded(move.reference(time_s, given.quantity), response, given.rate, noise, rng)
+        channels = recorded(
+            move.reference(time_s, given.quantity), response, given.rate, noise, rng
+        )
         made.append(Raw(f"{declared}-{i}", *channels, given.rate, declared))
     text = describe(given, made, noise, drawn)
     return faulty_trial(made, None, given, f"unlike: {kind}", text, true=NOTHING_TRUE, strange=True)

@@ -31,7 +31,7 @@ QUANTITIES = ("acceleration", "acceleration", "velocity")
 
 
 def cases() -> Cases:
-    """Names and makers."""
+    """Return the names and makers."""
     for length, channel, motion in itertools.product(LENGTHS, CHANNELS, MOTIONS):
         yield f"{length}/{channel}/{motion}", partial(_maker, length, channel, motion)
 
@@ -43,7 +43,8 @@ def _maker(length: str, channel: str, motion: str, rng: np.random.Generator) -> 
     noise = draw_noise(rng, (1e-4, 1e-1))
     shape = ((1, 12_000), (1, 30_000), (4, 2500))[rng.integers(3)]
     sound = draw_records(motion, given, noise, rng, shape)
-    bursts, size = int(rng.integers(1, 4)), log_uniform(1.0, 600.0, rng)
+    bursts = int(rng.integers(1, 4))
+    size = log_uniform(1.0, 600.0, rng)
     made = [sound[0]]
     for _ in range(bursts):
         made[0] = spoiled(made[0], CHANNELS[channel], LENGTHS[length], size, rng)
@@ -59,7 +60,7 @@ def spoiled(
     size: float,
     rng: np.random.Generator,
 ) -> Raw:
-    """Return the recording with one stretch of samples replaced by, or a single one moved to, anything."""
+    """Return the recording with a stretch of samples replaced, or one moved, by anything."""
     count = int(rng.integers(length[0], length[1] + 1))
     begin = int(rng.integers(raw.response.size // 20, raw.response.size * 19 // 20))
     for channel in channels:

@@ -1,10 +1,11 @@
-"""An extended Kalman filter in filterpy on the tracked records, in its own environment: ``python X.py IN OUT``.
+"""Extended Kalman filter of filterpy on the tracked records: ``python X.py IN OUT``.
 
-IN (npz): inputs of the network's cell, shape (runs, samples, q), responses, shape (runs, samples), start values of
-sensitivity, natural frequency and damping ratio, shape (runs, 3), their relative standard uncertainty, the standard
-deviation of the noise, shape (runs,), interval_s. OUT (JSON): values and standard uncertainties at the end, shape
-(runs, 3), seconds a sample, versions. The state is that of the network's cell with the three parameters beside it, in
-units of their start values; no process noise, as the sensor is constant. Imports only what that environment holds.
+IN (npz): inputs of the network's cell, shape (runs, samples, q), responses, shape (runs, samples),
+start values of sensitivity, natural frequency and damping ratio, shape (runs, 3), their relative
+standard uncertainty, the standard deviation of the noise, shape (runs,), interval_s. OUT (JSON):
+values and standard uncertainties at the end, shape (runs, 3), seconds a sample, versions. The state
+is that of the network's cell with the three parameters beside it, in units of their start values;
+no process noise, as the sensor is constant. Imports only what that environment holds.
 """
 
 import importlib.metadata
@@ -16,19 +17,27 @@ from pathlib import Path
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-SQUARINGS, TAYLOR = 6, 9  # of the matrix exponential, whose argument has a norm below 64: an error below 1e-12
+# Of the matrix exponential, whose argument has a norm below 64: an error below 1e-12.
+SQUARINGS = 6
+TAYLOR = 9
 STEP = 1e-6  # of the finite differences
 UNKNOWN = 1e3  # standard deviation of the initial states, in units of the response's
 
 
 def weights(values, terms, interval_s):
-    """Transition and drive of a step, whose inputs are the Legendre coefficients of the reference over it.
+    """Return transition and drive of a step.
+
+    Its inputs are the Legendre coefficients of the reference over it.
 
     ``values``: shape (k, 3); the weights have k in front.
     """
-    gain, w, damping = values[:, 0], 2.0 * np.pi * values[:, 1] * interval_s, values[:, 2]
+    gain = values[:, 0]
+    w = 2.0 * np.pi * values[:, 1] * interval_s
+    damping = values[:, 2]
     g = np.zeros((len(values), 2 + terms, 2 + terms))
-    g[:, 0, 1], g[:, 1, 0], g[:, 1, 1] = w, -w, -2.0 * w * damping
+    g[:, 0, 1] = w
+    g[:, 1, 0] = -w
+    g[:, 1, 1] = -2.0 * w * damping
     for j in range(terms):
         g[:, 1, 2 + j] = w * gain * (-1.0) ** j
         for i in range(j - 1, -1, -2):
@@ -48,39 +57,55 @@ class Filter(ExtendedKalmanFilter):
 
     def __init__(self, start, terms, interval_s):
         super().__init__(dim_x=5, dim_z=1)
-        self.start, self.terms, self.interval_s = start, terms, interval_s
+        self.start = start
+        self.terms = terms
+        self.interval_s = interval_s
 
     def predict_x(self, u=0):
         """Propagate by the cell, and linearise it."""
-        state, theta = self.x[:2, 0], self.x[2:, 0]
+        state = self.x[:2, 0]
+        theta = self.x[2:, 0]
         moved = theta + STEP * np.vstack([np.zeros(3), np.eye(3)])
         phi, gamma = weights(moved * self.start, self.terms, self.interval_s)
         after = phi @ state + gamma @ u
         self.F = np.eye(5)
-        self.F[:2, :2], self.F[:2, 2:] = phi[0], (after[1:] - after[0]).T / STEP
+        self.F[:2, :2] = phi[0]
+        self.F[:2, 2:] = (after[1:] - after[0]).T / STEP
         self.x[:2, 0] = after[0]
 
 
 def main(source: str, target: str) -> None:
     """Filter each run, write the parameters at its end."""
     data = np.load(source)
-    values, uncertainties, taken, row = [], [], 0.0, np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
+    values = []
+    uncertainties = []
+    taken = 0.0
+    row = np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
     runs = zip(data["inputs"], data["response"], data["start"], data["noise"], strict=True)
     for inputs, response, start, noise in runs:
         begin = time.process_time()
         one = Filter(start, inputs.shape[1], float(data["interval_s"]))
         one.x = np.array([[0.0, 0.0, 1.0, 1.0, 1.0]]).T
-        one.P = np.diag([(UNKNOWN * np.std(response)) ** 2] * 2 + [float(data["relative_u"]) ** 2] * 3)
-        one.R, one.Q = np.array([[noise**2]]), np.zeros((5, 5))
+        one.P = np.diag(
+            [(UNKNOWN * np.std(response)) ** 2] * 2 + [float(data["relative_u"]) ** 2] * 3
+        )
+        one.R = np.array([[noise**2]])
+        one.Q = np.zeros((5, 5))
         for c, y in zip(inputs, response, strict=True):
             one.update(np.array([[y]]), lambda x: row, lambda x: row @ x)
             one.predict(c)
         taken += time.process_time() - begin
         values.append((one.x[2:, 0] * start).tolist())
         uncertainties.append((np.sqrt(np.diag(one.P)[2:]) * start).tolist())
-    found = {"values": values, "uncertainties": uncertainties, "seconds": taken / data["response"].size}
+    found = {
+        "values": values,
+        "uncertainties": uncertainties,
+        "seconds": taken / data["response"].size,
+    }
     out = {"ekf": found}
-    out["versions"] = {name: importlib.metadata.version(name) for name in ("filterpy", "numpy", "scipy")}
+    out["versions"] = {
+        name: importlib.metadata.version(name) for name in ("filterpy", "numpy", "scipy")
+    }
     Path(target).write_text(json.dumps(out))
 
 

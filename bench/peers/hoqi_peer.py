@@ -1,8 +1,8 @@
-"""hoqi-bench's ellipse fits on the cases of ``bench.light``, in its own environment: ``python hoqi_peer.py CASES.npz``.
+"""Ellipse fits of hoqi-bench on the cases of ``bench.light``: ``python X.py CASES.npz``.
 
-CASES: signals, shape (cases, 2, samples), and the true phase, shape (cases, samples). Prints, for each of its fits, the
-relative error of the amplitude of the phase of every case; NaN where the fit failed. Imports only what that environment
-holds.
+CASES: signals, shape (cases, 2, samples), and the true phase, shape (cases, samples). Prints, for
+each of its fits, the relative error of the amplitude of the phase of every case; NaN where the fit
+failed. Imports only what that environment holds.
 """
 
 import json

@@ -1,9 +1,10 @@
-"""PyDynamic on the response of the benchmark, in its own environment: ``python pydynamic_peer.py IN.npz OUT.json``.
+"""Fits of PyDynamic on the response of the benchmark: ``python X.py IN.npz OUT.json``.
 
-IN: frequency_hz, shape (n,); parts and deviation of parts, shape (2 n,), real parts first; uncertain (with
-uncertainties), weighting (of the fit) and repeats; where there are draws, shape (m, 2 n), each is fitted too. OUT:
-parameters, median seconds of ``fit_som`` after one untimed call, versions, and values and standard uncertainties of the
-draws in the order of the parameters, each of shape (m, 3). Imports only what that environment holds.
+IN: frequency_hz, shape (n,); parts and deviation of parts, shape (2 n,), real parts first;
+uncertain (with uncertainties), weighting (of the fit) and repeats; where there are draws, shape (m,
+2 n), each is fitted too. OUT: parameters, median seconds of ``fit_som`` after one untimed call,
+versions, and values and standard uncertainties of the draws in the order of the parameters, each of
+shape (m, 3). Imports only what that environment holds.
 """
 
 import importlib.metadata
@@ -24,7 +25,8 @@ MONTE_CARLO_RUNS = 10000  # its default
 def main(source: str, target: str) -> None:
     """Fit, time, write."""
     data = np.load(source)
-    frequency, parts = data["frequency_hz"], data["parts"]
+    frequency = data["frequency_hz"]
+    parts = data["parts"]
     settings = {}
     if bool(data["uncertain"]):
         weighting = str(data["weighting"]) or None  # empty: its default, equal weights
@@ -48,7 +50,9 @@ def main(source: str, target: str) -> None:
         fits = [fit_som(frequency, draw, **settings) for draw in data["draws"]]
         order = [0, 2, 1]  # it gives S0, damping, natural frequency
         out["values"] = [np.asarray(values)[order].tolist() for values, _ in fits]
-        out["uncertainties"] = [np.sqrt(np.diag(covariance))[order].tolist() for _, covariance in fits]
+        out["uncertainties"] = [
+            np.sqrt(np.diag(covariance))[order].tolist() for _, covariance in fits
+        ]
     Path(target).write_text(json.dumps(out))
 
 

@@ -1,13 +1,14 @@
-"""statsmodels' RecursiveLS on the tracked records, in its own environment: ``python X.py IN.npz OUT.json``.
+"""RecursiveLS of statsmodels on the tracked records: ``python X.py IN.npz OUT.json``.
 
-IN: inputs of the network's cell, shape (runs, samples, q), responses, shape (runs, samples), interval_s; columns of the
-network linearised at the start values, shape (runs, samples, m), the parameters last, what the response is more than
-the network's, shape (runs, samples), and the start values, shape (runs, 3). OUT: values and standard uncertainties of
-sensitivity, natural frequency and damping ratio by either regression, shape (runs, 3), seconds a sample, versions.
+IN: inputs of the network's cell, shape (runs, samples, q), responses, shape (runs, samples),
+interval_s; columns of the network linearised at the start values, shape (runs, samples, m), the
+parameters last, what the response is more than the network's, shape (runs, samples), and the start
+values, shape (runs, 3). OUT: values and standard uncertainties of sensitivity, natural frequency
+and damping ratio by either regression, shape (runs, 3), seconds a sample, versions.
 
-``arx``: the state space as a regression on the last two responses and inputs; the parameters are read from its poles
-and its gain at rest, their uncertainties by finite differences. ``linearised``: on the columns. Imports only what that
-environment holds.
+``arx``: the state space as a regression on the last two responses and inputs; the parameters are
+read from its poles and its gain at rest, their uncertainties by finite differences. ``linearised``:
+on the columns. Imports only what that environment holds.
 """
 
 import importlib.metadata
@@ -19,7 +20,9 @@ from pathlib import Path
 import numpy as np
 from statsmodels.regression.recursive_ls import RecursiveLS
 
-TERMS = 2  # inputs of a step in ARX: mean and slope; with more of them its columns are collinear, and it gives NaN
+#: Inputs of a step in ARX: mean and slope; with more of them its columns are collinear, and it
+#: gives NaN.
+TERMS = 2
 
 
 def physical(coefficients, interval_s):
@@ -27,7 +30,8 @@ def physical(coefficients, interval_s):
     a1, a2 = coefficients[:2]
     poles = np.log(np.roots([1.0, -a1, -a2]).astype(complex)) / interval_s
     angular = np.sqrt(np.abs(np.prod(poles)))
-    gain = (coefficients[2] + coefficients[2 + TERMS]) / (1.0 - a1 - a2)  # the first input of a step is its mean
+    # The first input of a step is its mean.
+    gain = (coefficients[2] + coefficients[2 + TERMS]) / (1.0 - a1 - a2)
     return np.array([gain, angular / (2.0 * np.pi), -np.sum(poles).real / (2.0 * angular)])
 
 
@@ -38,13 +42,19 @@ def fitted(y, rows):
     begin = time.process_time()
     found = RecursiveLS(y, rows / size).fit()
     taken = time.process_time() - begin
-    return np.asarray(found.params) / size, np.asarray(found.cov_params()) / np.outer(size, size), taken
+    return (
+        np.asarray(found.params) / size,
+        np.asarray(found.cov_params()) / np.outer(size, size),
+        taken,
+    )
 
 
 def arx(c, y, interval_s):
-    """Values, standard uncertainties, seconds."""
+    """Return the values, standard uncertainties, seconds."""
     c = c[:, :TERMS]
-    best, covariance, taken = fitted(y[2:], np.hstack([y[1:-1, None], y[:-2, None], c[1:-1], c[:-2]]))
+    best, covariance, taken = fitted(
+        y[2:], np.hstack([y[1:-1, None], y[:-2, None], c[1:-1], c[:-2]])
+    )
     slopes = []
     for step in np.diag(1e-4 * np.sqrt(np.diag(covariance))):
         either = [physical(best + sign * step, interval_s) for sign in (1.0, -1.0)]
@@ -56,17 +66,26 @@ def arx(c, y, interval_s):
 def main(source: str, target: str) -> None:
     """Fit each run both ways, write the parameters."""
     data = np.load(source)
-    out = {"versions": {name: importlib.metadata.version(name) for name in ("statsmodels", "numpy", "scipy")}}
+    out = {
+        "versions": {
+            name: importlib.metadata.version(name) for name in ("statsmodels", "numpy", "scipy")
+        }
+    }
     both = {"arx": [], "linearised": []}
     keys = ("inputs", "response", "columns", "more", "start")
     for c, y, columns, more, start in zip(*(data[key] for key in keys), strict=True):
         both["arx"].append(arx(c, y, float(data["interval_s"])))
         best, covariance, taken = fitted(more, columns)
-        both["linearised"].append((start * (1.0 + best[-3:]), start * np.sqrt(np.diag(covariance)[-3:]), taken))
+        both["linearised"].append(
+            (start * (1.0 + best[-3:]), start * np.sqrt(np.diag(covariance)[-3:]), taken)
+        )
     for kind, fits in both.items():
         values, uncertainties, taken = zip(*fits, strict=True)
         seconds = sum(taken) / data["response"].size
-        out[kind] = {"values": np.array(values).tolist(), "uncertainties": np.array(uncertainties).tolist()}
+        out[kind] = {
+            "values": np.array(values).tolist(),
+            "uncertainties": np.array(uncertainties).tolist(),
+        }
         out[kind]["seconds"] = seconds
     Path(target).write_text(json.dumps(out))
 

@@ -3,7 +3,7 @@
 #
 # A laboratory moves an accelerometer with sines, at the one-third octaves from 40 Hz to
 # 1 kHz. A laser measures the motion ([ISO 16063-11](interferometer.md)). The customer
-# wants a certificate. He also asks: is the sensor still what it was last year?
+# wants a certificate, and asks: is the sensor still what it was last year?
 
 # %% [folded] The data: two calibrations, simulated
 from dataclasses import replace

@@ -18,7 +18,7 @@ import vibrident
 rate = 2 * np.pi * 35.0
 convective = [[-rate]], [rate], [0.1]
 
-# A loudspeaker: states are position and velocity of the cone, and the current.
+# A loudspeaker: position and velocity of the cone, and the current.
 force = 6.0  # N/A
 resistance = 6.4  # Ω
 inductance = 1.5e-3  # H
@@ -43,7 +43,7 @@ cone_truth = {
     "coil_time": inductance / resistance,
 }
 
-# A geophone: states are position and velocity of the mass, and the current.
+# A geophone: position and velocity of the mass, and the current.
 constant = 27.0  # V/(m/s)
 moving_mass = 0.011  # kg
 coil = 395.0  # Ω

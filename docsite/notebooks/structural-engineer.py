@@ -36,7 +36,7 @@ simulated = vibrident.simulate(
 )
 calibration = replace(simulated, reference_standard_uncertainty=0.005)
 
-# Twelve people cross: a lateral mode at 0.95 Hz, and a second one at 2.3 Hz.
+# Twelve people cross: modes at 0.95 Hz and at 2.3 Hz.
 rng = np.random.default_rng(8)
 time = np.arange(14000) / rate_hz
 turns = 2 * np.pi * time

@@ -69,7 +69,7 @@ _WHERE = {
     "NotConverged": "vibrident.base.errors",
 }
 
-#: What methods of a result, a sensor and a model call, and the optimiser of the paper.
+#: What methods of a calibration, a result, a sensor and a model call, and the optimiser of the paper.
 bind(
     adam="vibrident.paper.optimiser:Adam",
     summary="vibrident.show.terminal:text",
@@ -78,6 +78,7 @@ bind(
     result_html="vibrident.show.notebook:result",
     known_response="vibrident.result.known:known_response",
     sensor_html="vibrident.show.notebook:sensor",
+    write_calibration="vibrident.data.io.writer:write_calibration",
     with_add_ons="vibrident.physics.models:with_add_ons",
     zeros_and_poles="vibrident.export.approximation:system",
 )

@@ -65,8 +65,8 @@ def test_jax_is_an_extra_from_the_trusted_version_on():
 )
 def test_the_flag_is_set_for_the_versions_that_need_it(version, cured):
     """Others may not know it, and XLA ends a process whose flags it does not know."""
-    assert backend._with_cure("", version) == (CURE if cured else "")
-    assert backend._with_cure(CURE, version) == CURE
+    assert backend._with_remedy("", version) == (CURE if cured else "")
+    assert backend._with_remedy(CURE, version) == CURE
 
 
 STATE = "import os, vibrident.base.backend as b; print(os.environ['XLA_FLAGS'], b.jax.config.jax_compilation_cache_dir)"
@@ -108,12 +108,12 @@ def test_another_version_that_computes_wrongly_is_refused(monkeypatch):
     monkeypatch.setattr(backend, "_installed", OTHER_VERSION)
     monkeypatch.setattr(backend, "arithmetic_error", lambda: float("inf"))
     with pytest.raises(InputError, match=rf"(?s)JAX {OTHER_VERSION}.*pip install 'jax=={backend.TRUSTED}'"):
-        backend._refuse_if_wrong()
+        backend._require_sound_arithmetic()
 
 
 def test_another_version_that_computes_rightly_is_accepted(monkeypatch):
     monkeypatch.setattr(backend, "_installed", OTHER_VERSION)
-    backend._refuse_if_wrong()
+    backend._require_sound_arithmetic()
 
 
 def test_the_cache_lies_where_the_variable_says(monkeypatch, tmp_path):

@@ -99,7 +99,7 @@ def test_records_that_cannot_be_split_are_refused(data: Dataset):
 def test_metrics_obey_their_laws(seed: int, size: float):
     rng = np.random.default_rng(seed)
     measured = rng.standard_normal(50)
-    m = Metrics.of(measured, measured + size * rng.standard_normal(50))
+    m = Metrics.from_samples(measured, measured + size * rng.standard_normal(50))
     assert m.mae <= m.rmse
     assert m.mse == pytest.approx(m.rmse**2)
     assert m.r2 == pytest.approx(1.0 - 1.0 / m.rpd**2)
@@ -199,7 +199,7 @@ def test_the_bound_scales_with_noise_and_falls_with_the_root_of_the_data(data: D
 def test_the_interferometer_is_noisy_quantised_late_and_differentiated_right():
     made = interferometer(seed=5, samples=3000)
     assert made.simulated
-    velocity, acceleration = made.own.calibration, made.published.calibration
+    velocity, acceleration = made.recorded.calibration, made.published.calibration
     assert velocity.quantity == "velocity"
     assert velocity.records[0].reference_full_scale == pytest.approx(10.0 * VIBROMETER)
     step = 2.0 * 10.0 * VIBROMETER / 2**24

@@ -149,7 +149,7 @@ def _jax() -> list[Check]:
         return [Check("JAX", f"{type(error).__name__}: {error}", "cannot be used", remedy)]
     install = f"pip install 'jax=={backend.TRUSTED}' 'jaxlib=={backend.TRUSTED}'"
     error = backend.arithmetic_error()
-    right = error < backend.LEAST_ERROR
+    right = error < backend.MAX_ARITHMETIC_ERROR
     wide = backend.jnp.asarray(1.0).dtype == "float64"
     device = backend.jax.devices()[0]
     return [

@@ -1,1 +1,1 @@
-"""What every other room stands on: errors, names, plug-ins, processes with limits. It knows nothing of vibration."""
+"""Foundations without vibration: errors, settings, plug-ins, and processes with limits."""

@@ -1,4 +1,4 @@
-"""How numbers with a unit are written: for messages, tables and pictures."""
+"""Format numbers with units for messages, tables and pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ NONE = "–"  # printed where there is no number
 
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
-    """Return a number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    """Return a number without stated uncertainty as text; "–" for None and not finite.
+
+    ``digits``: largest number of significant digits.
+    """
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:.{digits}g}"
@@ -46,8 +49,8 @@ SUPERSCRIPTS = str.maketrans("0123456789-+", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺"
 
 
 @dataclass(frozen=True)
-class Scale:
-    """Multiply by ``factor`` to get values in ``unit``, which is ready for print."""
+class UnitScale:
+    """Factor to values in ``unit``, which is ready for print."""
 
     factor: float
     unit: str
@@ -67,21 +70,23 @@ class Scale:
 
 
 def pretty(unit: str) -> str:
-    """Write a unit with superscripts: ``m/s^2`` becomes ``m/s²``; no unit becomes ``1``."""
+    """Format a unit with superscripts: ``m/s^2`` becomes ``m/s²``; no unit becomes ``1``."""
     power = r"\^(?:\(([+-]?\d+)\)|([+-]?\d+))"
-    text = re.sub(power, lambda found: (found[1] or found[2]).translate(SUPERSCRIPTS), unit.strip())
+    text = re.sub(power, lambda match: (match[1] or match[2]).translate(SUPERSCRIPTS), unit.strip())
     return text.replace("*", "·") or "1"
 
 
-def scaled(unit: str, size: float) -> Scale:
-    """Choose the SI prefix that makes a number of about ``size`` (in ``unit``) read well.
+def scaled(unit: str, size: float) -> UnitScale:
+    """Choose the SI prefix that makes a number read well.
 
-    ``unit``: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may carry a prefix
-    already; ``size``: typical magnitude of the number; zero and values that are not finite leave
-    the unit as it is.
+    Args:
+        unit: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may have a prefix
+            already.
+        size: typical magnitude of the number in that unit; zero and values that are not finite
+            leave the unit as it is.
 
     Returns:
-        factor and unit; the factor is 1 where no prefix is natural for the unit.
+        factor and unit; the factor is 1 if no prefix is natural for the unit.
     """
     lead = re.match(r"[A-Za-zµμΩ]+", unit)
     if (
@@ -90,25 +95,25 @@ def scaled(unit: str, size: float) -> Scale:
         or not math.isfinite(size)
         or size == 0
     ):
-        return Scale(1.0, pretty(unit))
+        return UnitScale(1.0, pretty(unit))
     symbol = lead.group()
     present = 0
     if symbol not in _NATURAL and symbol[:1] in _EXPONENTS:
         present = _EXPONENTS[symbol[0]]
         symbol = symbol[1:]
     if symbol not in _NATURAL:
-        return Scale(1.0, pretty(unit))
+        return UnitScale(1.0, pretty(unit))
     decade = math.floor(math.log10(abs(size)) + 1e-9) + present
     lowest, highest = _NATURAL[symbol]
     wanted = min(max(3 * math.floor(decade / 3), lowest), highest)
     if symbol == "Hz" and 0 <= decade < 4:  # 4096 Hz reads better than 4.096 kHz
         wanted = 0
-    return Scale(
+    return UnitScale(
         10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :])
     )
 
 
 def amount(value: float, unit: str, digits: int = 5) -> str:
-    """Return a number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
+    """Return a number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; no unit for one."""
     scale = scaled(unit, value)
     return f"{plain(value * scale.factor, digits)} {scale.printed}".rstrip()

@@ -1,9 +1,9 @@
-"""The only door to JAX (extra ``network``): float64, the compilation cache, and arithmetic that is checked.
+"""Load JAX (extra ``network``) with float64, a compilation cache, and a check of its arithmetic.
 
-JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU, unless
-XLA is given a flag. It is set here for those versions. On every version but 0.10.1, which was
-sound, that computation is made when JAX is loaded, and nothing more where it is wrong. Import
-``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here.
+Import ``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here only. JAX 0.10.2 to 0.12.0.1
+return wrong results for small batched matrix products in float64 on CPU, unless XLA is given a
+flag, which is set here for those versions. On every version but 0.10.1, which was sound, the
+product is computed when JAX is loaded, and a wrong result is refused.
 """
 
 from __future__ import annotations
@@ -20,21 +20,23 @@ from vibrident.base.extras import library
 TRUSTED = "0.10.1"
 FIRST_FAULTY = (0, 10, 2)
 LAST_FAULTY = (0, 12, 0, 1)
-MOST_MAPS = (
-    40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
-)
-LEAST_ERROR = 1e-12  # largest relative error of sound arithmetic
-_CURE = "--xla_cpu_experimental_ynn_fusion_type="
+# memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
+MAX_MEMORY_MAPS = 40_000
+MAX_ARITHMETIC_ERROR = 1e-12  # relative, of sound arithmetic
+_REMEDY_FLAG = "--xla_cpu_experimental_ynn_fusion_type="
 
 
-def _with_cure(flags: str, version: str) -> str:
-    """XLA's flags with the one that a faulty version needs; XLA ends a process whose flags it does not know."""
+def _with_remedy(flags: str, version: str) -> str:
+    """Return XLA's flags with the one that a faulty version needs.
+
+    XLA ends a process whose flags it does not know.
+    """
     faulty = (
         FIRST_FAULTY
         <= tuple(int(part) for part in version.split(".") if part.isdigit())
         <= LAST_FAULTY
     )
-    return f"{flags} {_CURE}".strip() if faulty and _CURE not in flags else flags
+    return f"{flags} {_REMEDY_FLAG}".strip() if faulty and _REMEDY_FLAG not in flags else flags
 
 
 def _required(name: str) -> Any:
@@ -54,7 +56,7 @@ except importlib.metadata.PackageNotFoundError:
 # Cached kernels carry two tuning hints that XLA's loader reports as "unsupported features" on
 # stderr, harmlessly.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-if _CURE in (_flags := _with_cure(os.environ.get("XLA_FLAGS", ""), _installed)):
+if _REMEDY_FLAG in (_flags := _with_remedy(os.environ.get("XLA_FLAGS", ""), _installed)):
     os.environ["XLA_FLAGS"] = _flags
 
 _required("jax")
@@ -74,7 +76,10 @@ def __getattr__(name: str) -> Any:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None if the variable is empty."""
+    """Return the folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache.
+
+    None if the variable is empty.
+    """
     chosen = os.environ.get("VIBRIDENT_CACHE")
     if chosen is not None:
         return Path(chosen) if chosen else None
@@ -97,7 +102,7 @@ def arithmetic_error() -> float:
     return float(error) if np.isfinite(error) else float("inf")
 
 
-def release_kernels(most_maps: int = MOST_MAPS) -> bool:
+def release_kernels(most_maps: int = MAX_MEMORY_MAPS) -> bool:
     """Free compiled kernels before the process runs out of memory maps; return whether it did.
 
     Linux allows a process 65 530 maps; beyond, XLA crashes. Identifying thousands of data sets of
@@ -123,14 +128,14 @@ def _configure() -> None:
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
-def _refuse_if_wrong() -> None:
+def _require_sound_arithmetic() -> None:
     if _installed == TRUSTED:
         return
     error = arithmetic_error()
-    if not error < LEAST_ERROR:
+    if not error < MAX_ARITHMETIC_ERROR:
         raise InputError(
             "JAX computes wrong numbers on this machine.",
-            expected=f"a relative error below {LEAST_ERROR:g} in a sum of matrix products",
+            expected=f"a relative error below {MAX_ARITHMETIC_ERROR:g} in a sum of matrix products",
             found=f"{error:g}, with JAX {_installed}",
             where=f"XLA_FLAGS={os.environ.get('XLA_FLAGS', '')}",
             remedy=f"⟦install = jax=={TRUSTED} jaxlib=={TRUSTED}⟧",
@@ -138,4 +143,4 @@ def _refuse_if_wrong() -> None:
 
 
 _configure()
-_refuse_if_wrong()
+_require_sound_arithmetic()

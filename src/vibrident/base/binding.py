@@ -1,7 +1,7 @@
-"""Functions of later rooms that methods of earlier objects call: ``result.plot()``, ``sensor.to_scipy()``.
+"""Bind functions of later packages to names, for methods such as ``result.plot()``.
 
-The package's ``__init__`` binds them, as it binds the public names, so that a room knows none that
-comes after it.
+The package's ``__init__`` binds them, as it binds the public names, so that no subpackage imports
+one that depends on it.
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ _PLACES: dict[str, str] = {}
 
 
 def bind(**places: str) -> None:
-    """Say where functions are: name → "module:function"; a module is loaded when its function is first called."""
+    """Bind names to functions, given as "module:function".
+
+    A module is loaded when its function is first called.
+    """
     _PLACES.update(places)
 
 
 def bound(name: str) -> Callable[..., Any]:
-    """Return the function that is bound to a name."""
+    """Return the function that a name is bound to."""
     return pkgutil.resolve_name(_PLACES[name])

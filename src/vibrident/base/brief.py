@@ -1,4 +1,4 @@
-"""Short representations: what an object holds, without the numbers of its arrays."""
+"""Short representations of objects, without the numbers of their arrays."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-MOST = 1000  # most characters of a representation
-MOST_A_FIELD = 160  # most characters of one field of it
+MAX_LENGTH = 1000  # characters of a representation
+MAX_FIELD_LENGTH = 160  # characters of one field
 
 
 class _Short(reprlib.Repr):
-    """The standard library's, with arrays by their shape and mappings by what they hold."""
+    """The standard library's class, with arrays by their shape and mappings by their items."""
 
     def repr1(self, x: Any, level: int) -> str:
-        """Return one value, ``level`` levels deep at most."""
+        """Return the representation of one value, at most ``level`` levels deep."""
         if isinstance(x, np.ndarray):
             shape = "×".join(str(length) for length in x.shape)
             return f"<{shape} {x.dtype}>" if x.size > 4 else repr(x.tolist())
@@ -37,15 +37,15 @@ _short.maxstring = _short.maxother = 80
 
 
 def brief(self: Any) -> str:
-    """``__repr__`` for a dataclass: every field that holds something, each cut short."""
+    """Return a representation of a dataclass: every field that is not empty, each cut short."""
     parts = []
     for each in fields(self):
         value = getattr(self, each.name)
         empty = value is None or (isinstance(value, str | tuple | Mapping) and not value)
         if each.repr and not empty:
             text = _short.repr(value)
-            parts.append(
-                f"{each.name}={text if len(text) <= MOST_A_FIELD else text[: MOST_A_FIELD - 1] + '…'}"
-            )
+            if len(text) > MAX_FIELD_LENGTH:
+                text = text[: MAX_FIELD_LENGTH - 1] + "…"
+            parts.append(f"{each.name}={text}")
     text = f"{type(self).__name__}({', '.join(parts)})"
-    return text if len(text) <= MOST else text[: MOST - 2] + "…)"
+    return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 2] + "…)"

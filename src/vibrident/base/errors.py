@@ -5,22 +5,37 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Iterable
-from typing import Any
+from typing import Self, overload
 
 from vibrident.base.settings import Word, python_word, rendered
 
 
 class VibridentError(Exception):
-    """Base of every error that vibrident raises on purpose."""
+    """Base class of every error that vibrident raises on purpose.
+
+    Examples:
+        >>> import vibrident
+        >>> try:
+        ...     vibrident.read("calibration.txt")
+        ... except vibrident.VibridentError as error:
+        ...     print(type(error).__name__)
+        InputError
+    """
 
 
 class _Text:
-    """A text of an error: kept with its markers of settings, read in the words of Python."""
+    """Text of an error: stored with its markers of settings, read in the words of Python."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, error: Exception | None, owner: type | None = None) -> Any:
+    @overload
+    def __get__(self, error: None, owner: type | None = None) -> Self: ...
+
+    @overload
+    def __get__(self, error: Exception, owner: type | None = None) -> str: ...
+
+    def __get__(self, error: Exception | None, owner: type | None = None) -> Self | str:
         if error is None:
             return self
         return rendered(vars(error)[self._name], python_word)
@@ -41,13 +56,21 @@ class InputError(VibridentError):
         found: what was there instead.
         where: file, line, column, key or record.
         remedy: what the user can do about it.
+
+    Examples:
+        >>> import vibrident
+        >>> try:
+        ...     vibrident.read("no-such-folder/calibration.toml")
+        ... except vibrident.InputError as error:
+        ...     print(error.where)
+        no-such-folder/calibration.toml
     """
 
-    problem = _Text()
-    expected = _Text()
-    found = _Text()
-    where = _Text()
-    remedy = _Text()
+    problem: _Text = _Text()
+    expected: _Text = _Text()
+    found: _Text = _Text()
+    where: _Text = _Text()
+    remedy: _Text = _Text()
 
     def __init__(
         self,
@@ -72,20 +95,20 @@ class InputError(VibridentError):
 
     @property
     def parts(self) -> list[tuple[str, str]]:
-        """Return the label and text of what is said beside the problem."""
+        """Return label and text of each part of the message after the problem."""
         labels = ("expected", "found", "where", "remedy")
         return [(label, text) for label in labels if (text := getattr(self, label))]
 
     def at(self, where: str) -> InputError:
-        """Return the same error, of another place."""
+        """Return the error with another place."""
         return type(self)(**{**vars(self), "where": where})
 
     def within(self, place: str) -> InputError:
-        """Return the same error, of a place in another one."""
+        """Return the error with its place inside another one."""
         return self.at(f"{place}, {vars(self)['where']}")
 
     def in_words(self, word: Word) -> InputError:
-        """Return the same error with a surface's words for the settings that it names."""
+        """Return the error with a surface's words for the settings that it names."""
         return type(self)(**{key: rendered(text, word) for key, text in vars(self).items()})
 
     def __reduce__(self) -> tuple[object, ...]:  # pickling keeps keyword-only arguments
@@ -99,14 +122,23 @@ def did_you_mean(
     *,
     likeness: float = 0.6,
 ) -> str:
-    """Return the remedy for an unknown name: the nearest known one, in either case, if one is similar."""
-    by_lower = {other.lower(): other for other in known}
+    """Return the remedy for an unknown name: the most similar known one, else ``otherwise``."""
+    by_lower = {each.lower(): each for each in known}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
 
 
 class ModelError(InputError):
-    """The model cannot be built or cannot be used with these data."""
+    """The model cannot be built or cannot be used with these data.
+
+    Examples:
+        >>> import vibrident
+        >>> try:
+        ...     vibrident.parse_model("acelerometer")
+        ... except vibrident.ModelError as error:
+        ...     print(error.remedy)
+        did you mean 'accelerometer'?
+    """
 
 
 def unknown(
@@ -117,11 +149,20 @@ def unknown(
     otherwise: str = "choose one of the expected",
     kind: type[InputError] = InputError,
 ) -> InputError:
-    """Return the error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
+    """Return the error of an unknown name.
+
+    The remedy names the most similar known one, else ``otherwise``.
+    """
     names = tuple(known)
     remedy = did_you_mean(str(name), names, otherwise)
     return kind(problem, expected=" | ".join(names), found=repr(name), where=where, remedy=remedy)
 
 
 class NotConverged(VibridentError):
-    """The estimator stopped before it reached an optimum; the message says where and why."""
+    """The estimator stopped before it reached an optimum; the message says where and why.
+
+    Examples:
+        >>> import vibrident
+        >>> issubclass(vibrident.NotConverged, vibrident.VibridentError)
+        True
+    """

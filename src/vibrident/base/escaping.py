@@ -1,4 +1,4 @@
-"""Text of others (names, units, remarks) made harmless for each medium that it is written to: one function a medium.
+"""Escape text from files (names, units, remarks) for each medium; one function per medium.
 
 Serial numbers, column names and customers' texts come from files that anybody may have written.
 Whatever they hold, a program's code, a page's markup and a terminal's state must not depend on it.
@@ -13,11 +13,10 @@ import unicodedata
 from html import escape
 from typing import Any
 
-MARK = "\N{REPLACEMENT CHARACTER}"  # in place of what cannot be seen
-_JOINERS = (
-    "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"  # unseen, but part of words in some scripts
-)
-#: A spreadsheet takes a cell that begins so for a formula.
+MARK = "\N{REPLACEMENT CHARACTER}"  # in place of invisible characters
+# invisible, but part of words in some scripts
+_JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"
+#: A spreadsheet takes a cell that begins with one of these for a formula.
 _FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # and their full-width forms
 _MARKDOWN = re.compile(r"([\\`*_\[\]<>~$|])|(&)(?=[#\w])|(:)(?=//)|(?<=www)(\.)", re.IGNORECASE)
 _MARKDOWN_START = re.compile(r"^(\s*)(?:([#+=-])|(\d+)([.)]))")
@@ -25,16 +24,16 @@ _MARKDOWN_NAMED = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 
 def one_line(text: object) -> str:
-    """Return one line of characters that can be seen."""
-    return _seen(" ".join(str(text).split()))
+    """Return the text as one line of visible characters."""
+    return _visible(" ".join(str(text).split()))
 
 
 def lines(text: object) -> str:
-    """Return the same, line by line."""
+    """Return the text as lines of visible characters."""
     return "\n".join(one_line(line) for line in str(text).splitlines())
 
 
-def _seen(text: str) -> str:
+def _visible(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
@@ -44,55 +43,58 @@ def _seen(text: str) -> str:
 
 
 def c_comment(text: object) -> str:
-    """For a comment in C: no end of it, no beginning of another, no trigraph, no spliced line.
+    """Escape text for a comment in C: no end of it, no nested comment, trigraph or spliced line.
 
-    The backslash goes first: what it becomes may end a comment together with its neighbours.
+    The backslash goes first: its replacement may end a comment together with its neighbours.
     """
-    line = _seen(" ".join(str(text).splitlines())).replace("\\", "/")
+    line = _visible(" ".join(str(text).splitlines())).replace("\\", "/")
     line = re.sub(r"\*(?=/)", "* ", line)
     line = re.sub(r"/(?=\*)", "/ ", line)
     return re.sub(r"\?(?=\?)", "? ", line)
 
 
 def python_docstring(text: object) -> str:
-    """For a docstring or a comment in Python: no end of it, no escape."""
+    """Escape text for a docstring or a comment in Python: no end of it, no escape."""
     return one_line(text).replace("\\", "/").replace('"', "'")
 
 
 def sac_comment(text: object) -> str:
-    """For a comment line of a SAC file: one line."""
+    """Escape text for a comment line of a SAC file: one line."""
     return one_line(text)
 
 
 def xml_text(text: object) -> str:
-    """For a library that writes XML and escapes markup: characters that XML 1.0 allows."""
+    """Escape text for a library that writes XML and escapes markup: characters of XML 1.0 only."""
     return one_line(text)
 
 
 def html(text: object) -> str:
-    """For text or an attribute of HTML."""
+    """Escape text for an element or an attribute of HTML."""
     return escape(one_line(text))
 
 
 def plotly(text: object) -> str:
-    """For names and labels of plotly, which takes some HTML in them, links among it, and its own templates."""
+    """Escape text for names and labels of plotly, which interprets HTML and its own templates."""
     return escape(one_line(text), quote=False).replace("%{", "%&#123;")
 
 
 def markdown(text: object) -> str:
-    """For a table's cell, a heading or a part of a line of Markdown, with GitHub's extensions."""
+    """Escape text for a cell, a heading or a part of a line of GitHub's Markdown."""
     return _MARKDOWN.sub(
-        lambda found: _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}"), one_line(text)
+        lambda match: _MARKDOWN_NAMED.get(match[0], f"\\{match[0]}"), one_line(text)
     )
 
 
 def markdown_paragraph(text: object) -> str:
-    """For a paragraph of Markdown: it does not begin a heading, a list or a rule either."""
+    """Escape text for a paragraph of Markdown: it begins no heading, list or rule either."""
     return _MARKDOWN_START.sub(lambda m: f"{m[1]}{m[3] or ''}\\{m[2] or m[4]}", markdown(text))
 
 
 def typst_data(value: Any) -> Any:
-    """For a document's data: every text in nested mappings and lists, line by line; typst takes no markup from data."""
+    """Escape every text in nested mappings and lists, line by line, for the data of a document.
+
+    Typst interprets no markup in data.
+    """
     if isinstance(value, str):
         return lines(value)
     if isinstance(value, dict):
@@ -103,13 +105,13 @@ def typst_data(value: Any) -> Any:
 
 
 def csv_cell(text: object) -> str:
-    """For a cell with text: a spreadsheet takes it for no formula."""
+    """Escape text for a cell that no spreadsheet takes for a formula."""
     line = one_line(text)
     return f"'{line}" if line.startswith(_FORMULA) else line
 
 
 def terminal(text: object) -> str:
-    """For a terminal: line ends and tabs, and no other control."""
+    """Escape text for a terminal: line ends and tabs, and no other control character."""
     return "\n".join(
-        "\t".join(_seen(part) for part in line.split("\t")) for line in str(text).split("\n")
+        "\t".join(_visible(part) for part in line.split("\t")) for line in str(text).split("\n")
     )

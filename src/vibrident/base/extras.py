@@ -10,9 +10,13 @@ from vibrident.base.errors import InputError
 
 
 def library(name: str, extra: str, problem: str, where: str) -> Any:
-    """Import a library, by the dotted name of a module, of an extra, without its deprecation warnings.
+    """Import a library of an extra, by the dotted name of a module, without its warnings.
 
-    ``problem``: what its absence means; ``where``: the file or option that needs it.
+    Args:
+        name: dotted name of the module.
+        extra: extra that installs it.
+        problem: message if it is missing.
+        where: the file or option that needs it.
 
     Raises:
         InputError: it is not installed.
@@ -26,16 +30,16 @@ def library(name: str, extra: str, problem: str, where: str) -> Any:
 
 
 def require(name: str, extra: str, problem: str, where: str) -> None:
-    """Refuse to go on without a library, which is not loaded; arguments and errors as :func:`library`."""
+    """Refuse to continue without a library, which is not loaded; arguments as :func:`library`."""
     if importlib.util.find_spec(name) is None:
         raise _missing(name, extra, problem, where, f"No module named {name!r}")
 
 
-def _missing(name: str, extra: str, problem: str, where: str, found: str) -> InputError:
+def _missing(name: str, extra: str, problem: str, where: str, reason: str) -> InputError:
     return InputError(
         problem,
         expected=name.partition(".")[0],
-        found=found,
+        found=reason,
         where=where,
         remedy=f"⟦install = vibrident[{extra}]⟧",
     )

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, even if the process is ended: written beside their place, then renamed.
+"""Write files atomically: beside their place, then renamed, so that none is ever partial.
 
 If the power fails, files that the system had not yet written are missing or empty. There is no
 fsync: on a busy disk it takes longer than the work.
@@ -17,8 +17,11 @@ ENDING = ".part"  # of an unfinished file, whose name begins with a dot
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Yield the name to write a file under; it is ``path`` after the block, and gone where that fails."""
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yield a temporary path to write to; it becomes ``path`` after the block.
+
+    If the block fails, the temporary file is removed.
+    """
     partial = path.with_name(f".{uuid.uuid4().hex}{ENDING}")
     try:
         yield partial

@@ -1,4 +1,4 @@
-"""How much memory reading a file may take; freed memory kept for the next array, or returned; threads of arithmetic."""
+"""Limit the memory of file reading, keep or return freed memory, and limit arithmetic threads."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import os
 import threading
 from collections.abc import Iterator
 
-#: Surroundings of a process with one thread of arithmetic, read when NumPy is loaded.
+#: Environment of a process with one thread of arithmetic, read when NumPy is loaded.
 ONE_THREAD: dict[str, str] = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
-VARIABLE = "VIBRIDENT_MEMORY_MB"  # most megabytes for a file's numbers; replaces all rules below
+VARIABLE = "VIBRIDENT_MEMORY_MB"  # limit for a file's numbers, MB; replaces all rules below
 ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
-#: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor
-#: of 10 at most; float64 takes four times the room of 16 bit.
-EXPANSION = 64
-# of the free memory for a file's numbers; scaling and the rest need as much again
-_SHARE_OF_FREE = 1 / 3
+#: Beyond ALWAYS_BYTES: largest ratio of numbers to file size. Compression of measured signals gains
+#: a factor of 10 at most; float64 takes four times the room of 16 bit.
+MAX_EXPANSION = 64
+# of the free memory, for a file's numbers; scaling and later steps need as much again
+_MAX_SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
-LONG = 2**18  # records longer than this return unused memory to the system at once
-_KEPT = 64 << 20  # freed bytes that a process keeps
-_LARGEST_KEPT = 4 << 20  # most bytes of an array that is taken from them
+LONG_RECORD_SAMPLES = 2**18  # longer records return unused memory to the system at once
+_KEPT_BYTES = 64 << 20  # freed memory that a process keeps
+_MAX_KEPT_ARRAY_BYTES = 4 << 20  # an array up to this size is allocated from kept memory
 _M_TRIM_THRESHOLD = -1  # glibc's mallopt: freed bytes above which memory returns to the system
 _M_MMAP_THRESHOLD = -3  # glibc's mallopt: bytes above which an array has pages of its own
 
@@ -46,7 +46,10 @@ _limit = contextlib.ExitStack()
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """Yield the limit belongs to the process: the first caller sets it, and the last one takes it back."""
+    """Limit the process to one thread of arithmetic within the block.
+
+    The first caller sets the limit, and the last one removes it.
+    """
     global _inside
     if any(name in os.environ for name in ONE_THREAD):
         yield
@@ -68,36 +71,36 @@ def _one_thread() -> Iterator[None]:
 
 #: Decorator of a function: its matrices are on one core, unless the user's environment says
 #: otherwise. For scripts, which have loaded NumPy before.
-in_one_thread = _one_thread()
+in_one_thread: contextlib.ContextDecorator = _one_thread()
 
 
 @functools.cache
 def keep_freed() -> None:
-    """Keep freed memory for the next arrays (glibc), once for all.
+    """Keep freed memory for the next arrays (glibc), once and for all.
 
-    Else the system takes the pages of each array of a record back, and clears them for the next
-    one: a tenth of the time of an identification.
+    Otherwise the system takes the pages of each array of a record back, and clears them for the
+    next one: a tenth of the time of an identification.
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
-        library.mallopt(_M_TRIM_THRESHOLD, _KEPT)
+        library.mallopt(_M_MMAP_THRESHOLD, _MAX_KEPT_ARRAY_BYTES)
+        library.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
-def give_back() -> None:
-    """Return freed memory to the system (glibc): a compiler or a large file leaves hundreds of megabytes."""
+def return_freed() -> None:
+    """Return freed memory to the system (glibc), after a compiler or a large file left much."""
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def give_back_after(samples: int) -> None:
-    """The same after work on a record of so many samples, where that is much."""
-    if samples > LONG:
-        give_back()
+def return_freed_after(samples: int) -> None:
+    """Return freed memory to the system after work on a long record of ``samples``."""
+    if samples > LONG_RECORD_SAMPLES:
+        return_freed()
 
 
-def most_bytes(file_bytes: int) -> float:
-    """Return the most bytes that the numbers of a file of this size may take.
+def max_bytes(file_bytes: int) -> float:
+    """Return the largest number of bytes that the numbers of a file of this size may take.
 
     Raises:
         ValueError: the environment variable holds no number above 0.
@@ -108,11 +111,11 @@ def most_bytes(file_bytes: int) -> float:
         if not 0 < limit < math.inf:
             raise ValueError(f"{VARIABLE} is {stated!r}")
         return limit
-    return min(max(ALWAYS_BYTES, EXPANSION * file_bytes), _SHARE_OF_FREE * free_bytes())
+    return min(max(ALWAYS_BYTES, MAX_EXPANSION * file_bytes), _MAX_SHARE_OF_FREE * free_bytes())
 
 
 def free_bytes() -> float:
-    """Free memory within the limits of this process; infinite if the system does not tell."""
+    """Return the free memory within the limits of this process; infinite if it is not known."""
     free = math.inf
     with (
         contextlib.suppress(OSError, ValueError, StopIteration),

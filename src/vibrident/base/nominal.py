@@ -1,4 +1,4 @@
-"""Nominal one-third-octave frequencies (ISO 266): their names, and those at which a certificate states values."""
+"""Nominal one-third-octave frequencies (ISO 266), and those at which a certificate has values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of one decade,
 #: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far
 #: below the distance of nominal and exact values.
 SAME = 1e-4
-# where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
+# defaults: of accelerometers (ISO 16063-21), of seismometers and geophones
 REFERENCES_HZ = (
     160.0,
     1.0,
@@ -20,7 +20,7 @@ REFERENCES_HZ = (
 
 @dataclass(frozen=True)
 class Nominal:
-    """A frequency at which a value is stated: its nominal value and the one computed with, both in Hz."""
+    """Frequency at which a value is stated: nominal, and as computed with, both in Hz."""
 
     nominal_hz: float
     frequency_hz: float
@@ -39,20 +39,25 @@ def nominal_value(n: int) -> float:
 
 
 def nominal_name(frequency_hz: float, within: float = SAME) -> str | None:
-    """Return the nominal name (Hz) of an exact one-third-octave frequency (158.49 → "160"); None for any other frequency."""
+    """Return the nominal name (Hz) of an exact one-third-octave frequency (158.49 → "160").
+
+    None for any other frequency.
+    """
     if not (math.isfinite(frequency_hz) and frequency_hz > 0):
         return None
     n = round(10 * math.log10(frequency_hz))
     return f"{nominal_value(n):.6g}" if abs(frequency_hz / 10 ** (n / 10) - 1) <= within else None
 
 
-def same(one_hz: float, other_hz: float) -> bool:
+def is_same_frequency(one_hz: float, other_hz: float) -> bool:
     """Return whether two frequencies are the same within a tone's uncertainty."""
     return abs(one_hz / other_hz - 1.0) <= SAME
 
 
-def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> tuple[Nominal, ...]:
-    """Return the nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; may be empty.
+def nominal_frequencies(
+    low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()
+) -> tuple[Nominal, ...]:
+    """Return the nominal frequencies from ``low_hz`` to ``high_hz``, both included, rising.
 
     Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the
     data were taken at nominal values (160.00 Hz) than at exact ones. ``measured_hz``: frequencies
@@ -62,47 +67,56 @@ def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> 
         return ()
     first = math.floor(10 * math.log10(low_hz)) - 1
     last = math.ceil(10 * math.log10(high_hz)) + 1
-    literal = _literal(f for f in measured_hz if f and f > 0)
-    found = []
+    at_nominal = _taken_at_nominal(f for f in measured_hz if f and f > 0)
+    frequencies = []
     for n in range(first, last + 1):
-        frequency = nominal_value(n) if literal else 10 ** (n / 10)
+        frequency = nominal_value(n) if at_nominal else 10 ** (n / 10)
         if low_hz * (1 - SAME) <= frequency <= high_hz * (1 + SAME):
-            found.append(Nominal(nominal_value(n), frequency))
-    return tuple(found)
+            frequencies.append(Nominal(nominal_value(n), frequency))
+    return tuple(frequencies)
 
 
-def _literal(measured_hz: Iterable[float]) -> bool:
-    """Return whether more frequencies are nominal values than exact ones, of those where the two differ."""
+def _taken_at_nominal(measured_hz: Iterable[float]) -> bool:
+    """Return whether more of the frequencies are nominal values than exact ones.
+
+    Only frequencies count of which nominal and exact value differ.
+    """
     nominal = exact = 0
     for frequency in measured_hz:
-        pair = _apart(round(10 * math.log10(frequency)))
+        pair = _distinct_pair(round(10 * math.log10(frequency)))
         if pair is not None:
-            nominal += same(frequency, pair.nominal_hz)
-            exact += same(frequency, pair.frequency_hz)
+            nominal += is_same_frequency(frequency, pair.nominal_hz)
+            exact += is_same_frequency(frequency, pair.frequency_hz)
     return nominal > exact
 
 
 @functools.cache
-def _apart(n: int) -> Nominal | None:
+def _distinct_pair(n: int) -> Nominal | None:
     """Return the nominal and exact value of 10^(n/10) Hz; None where they are the same."""
     pair = Nominal(nominal_value(n), 10 ** (n / 10))
-    return None if same(pair.nominal_hz, pair.frequency_hz) else pair
+    return None if is_same_frequency(pair.nominal_hz, pair.frequency_hz) else pair
 
 
-def reference(
+def choose_reference(
     low_hz: float, high_hz: float, measured_hz: Iterable[float] = (), stated_hz: float | None = None
 ) -> tuple[Nominal | None, str]:
     """Return the reference frequency of a measured band, and how it was chosen.
 
-    ``measured_hz``: frequencies at which there are data; ``stated_hz``: what the calibration file
-    asks for.
+    Args:
+        low_hz: lower end of the band.
+        high_hz: upper end of the band.
+        measured_hz: frequencies at which there are data.
+        stated_hz: frequency that the calibration file states.
 
     Returns:
-        the frequency (None if the stated one lies outside the band, or the band holds no nominal one), and the reason.
+        the frequency and the reason; None if the stated one lies outside the band, or if the band
+        holds no nominal one.
     """
-    available = series(low_hz, high_hz, measured_hz)
+    available = nominal_frequencies(low_hz, high_hz, measured_hz)
     if stated_hz is not None:
-        at_nominal = next((item for item in available if same(item.nominal_hz, stated_hz)), None)
+        at_nominal = next(
+            (item for item in available if is_same_frequency(item.nominal_hz, stated_hz)), None
+        )
         if at_nominal is not None:
             return at_nominal, "as stated"
         if low_hz * (1 - SAME) <= stated_hz <= high_hz * (1 + SAME):
@@ -114,9 +128,12 @@ def reference(
     for number, wanted in enumerate(REFERENCES_HZ):
         for item in available:
             if item.nominal_hz == wanted:
-                outside = f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual for seismometers"
+                outside = (
+                    f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual "
+                    "for seismometers"
+                )
                 return item, outside if number else "the default"
-    if not available and same(low_hz, high_hz):
+    if not available and is_same_frequency(low_hz, high_hz):
         return Nominal(low_hz, low_hz), "the only frequency that was measured"
     if not available:
         return None, "the measured band holds no nominal frequency"

@@ -1,4 +1,4 @@
-"""Values through a pipe and back, without pickle: a sender can make no other objects than these.
+"""Send values through a pipe without pickle: a sender can create no other objects than these.
 
 Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this
 package. Each value is one line of JSON; the raw bytes of its arrays follow the line.
@@ -20,7 +20,7 @@ _PACKAGE = "vibrident."
 
 
 class TooLong(Exception):
-    """A value takes more bytes than it may."""
+    """Value that takes more bytes than allowed."""
 
 
 def send(stream: IO[bytes], value: Any) -> None:
@@ -31,11 +31,11 @@ def send(stream: IO[bytes], value: Any) -> None:
     """
     buffers: list[memoryview] = []
     tree = _plain(value, buffers)
-    line = json.dumps([sum(len(one) + -len(one) % _ALIGNED for one in buffers), tree])
+    line = json.dumps([sum(len(buffer) + -len(buffer) % _ALIGNED for buffer in buffers), tree])
     stream.write(line.encode() + b"\n")
-    for one in buffers:
-        stream.write(one)
-        stream.write(bytes(-len(one) % _ALIGNED))
+    for buffer in buffers:
+        stream.write(buffer)
+        stream.write(bytes(-len(buffer) % _ALIGNED))
     stream.flush()
 
 
@@ -62,7 +62,7 @@ def receive(stream: IO[bytes], most_bytes: int) -> Any:
 
 
 class _Buffers:
-    """The raw bytes of arrays, one after another in the order of the tree."""
+    """Raw bytes of arrays, one after another in the order of the tree."""
 
     def __init__(self, content: memoryview) -> None:
         self._content = content
@@ -77,7 +77,7 @@ class _Buffers:
 
 
 def _plain(value: Any, buffers: list[memoryview]) -> Any:
-    """Return the value as JSON holds it: scalars as they are, anything else as [kind, …]."""
+    """Return the value in JSON's types: scalars as they are, anything else as [kind, …]."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -98,9 +98,9 @@ def _plain(value: Any, buffers: list[memoryview]) -> Any:
         buffers.append(memoryview(value))
         return ["bytes", len(value)]
     if isinstance(value, np.ndarray) and value.dtype.kind in "iufcb":
-        whole = np.ascontiguousarray(value)
-        buffers.append(whole.reshape(-1).view(np.uint8).data)
-        return ["array", whole.dtype.str, list(value.shape), whole.nbytes]
+        contiguous = np.ascontiguousarray(value)
+        buffers.append(contiguous.reshape(-1).view(np.uint8).data)
+        return ["array", contiguous.dtype.str, list(value.shape), contiguous.nbytes]
     kind = type(value)
     if is_dataclass(value) and kind.__module__.startswith(_PACKAGE):
         filled = [
@@ -113,22 +113,22 @@ def _plain(value: Any, buffers: list[memoryview]) -> Any:
 def _value(tree: Any, buffers: _Buffers) -> Any:
     if not isinstance(tree, list):
         return tree
-    kind, *rest = tree
+    kind, *items = tree
     match kind:
         case "list":
-            return [_value(item, buffers) for item in rest]
+            return [_value(item, buffers) for item in items]
         case "tuple":
-            return tuple(_value(item, buffers) for item in rest)
+            return tuple(_value(item, buffers) for item in items)
         case "mapping":
-            return {_value(key, buffers): _value(item, buffers) for key, item in rest}
+            return {_value(key, buffers): _value(item, buffers) for key, item in items}
         case "path":
-            return Path(rest[0])
+            return Path(items[0])
         case "bytes":
-            return bytes(buffers.take(rest[0]))
+            return bytes(buffers.take(items[0]))
         case "array":
-            return _array(rest, buffers)
+            return _array(items, buffers)
         case "dataclass":
-            return _dataclass(rest, buffers)
+            return _dataclass(items, buffers)
     raise ValueError(f"no kind {kind!r} is known")
 
 
@@ -144,7 +144,7 @@ def _dataclass(stated: list[Any], buffers: _Buffers) -> Any:
     module, name, filled = stated
     if not module.startswith(_PACKAGE):
         raise ValueError(f"a class of {module}")
-    found = getattr(importlib.import_module(module), name, None)
-    if not (isinstance(found, type) and is_dataclass(found) and found.__module__ == module):
+    loaded = getattr(importlib.import_module(module), name, None)
+    if not (isinstance(loaded, type) and is_dataclass(loaded) and loaded.__module__ == module):
         raise ValueError(f"no dataclass {module}.{name}")
-    return found(**{key: _value(item, buffers) for key, item in filled})
+    return loaded(**{key: _value(item, buffers) for key, item in filled})

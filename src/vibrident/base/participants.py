@@ -1,4 +1,4 @@
-"""Which libraries take part in a computation: the places where they run name them."""
+"""Record which libraries take part in a computation; the code that uses them names them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _names: ContextVar[set[str] | None] = ContextVar("participants", default=None)
 
 @contextmanager
 def watching() -> Iterator[None]:
-    """Collect the names of libraries within the block, or the function that this decorates."""
+    """Collect the names of libraries within the block, or within the decorated function."""
     outer = _names.get()
     token = _names.set(set())
     try:
@@ -23,7 +23,7 @@ def watching() -> Iterator[None]:
 
 
 def takes_part(*packages: str) -> None:
-    """Name packages that take part in the computation that is watched, if one is."""
+    """Record packages as participants of the computation that is watched, if any."""
     names = _names.get()
     if names is not None:
         names.update(packages)

@@ -1,8 +1,8 @@
-"""Functions called in another process, with limits on memory and time, progress, and errors as they are raised.
+"""Call functions in another process, with limits on memory and time, progress, and errors.
 
-The one mechanism for readers of untrusted files, identifications of the page and of fleets, and
-pictures. Calls and answers are parcels over the pipes of the child. The child ends when its stdin
-ends, in the middle of whatever it does: whoever started it is gone.
+Readers of untrusted files, identifications of the page and of fleets, and pictures use it. Calls
+and answers are parcels over the pipes of the child. The child ends as soon as its stdin ends, even
+during a call: the process that started it is gone.
 """
 
 from __future__ import annotations
@@ -29,22 +29,19 @@ from vibrident.base.memory import ONE_THREAD, keep_freed
 _WORK = "from vibrident.base.process import work; work()"
 #: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they
 #: are foreign code.
-_SURROUNDINGS = {
+_ENVIRONMENT = {
     **ONE_THREAD,
     "HDF5_PLUGIN_PRELOAD": "::",
     "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # processes share a GPU
 }
-#: Most bytes of an answer: an error may quote its input.
-_LONGEST_ANSWER = 16_000_000
-_ANY_LENGTH = 1 << 62  # of a call, whose sender is trusted
-_LONGEST_TRACE = 20_000
-#: Bytes of what a process printed last.
-_LAST_BYTES = 20_000
-#: Seconds until a process that closed its output has ended.
-_ENDING_S = 5.0
-_OUT_OF_TIME = -24  # SIGXCPU of Linux and macOS
-#: How an answer fails that was not written by :func:`parcel.send`.
-_UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
+_MAX_ANSWER_BYTES = 16_000_000  # an error may quote its input
+_UNLIMITED_BYTES = 1 << 62  # of a call, whose sender is trusted
+_MAX_TRACE_LENGTH = 20_000  # characters of a traceback
+_MAX_PRINTED_BYTES = 20_000  # of the end of what a process printed
+_ENDING_TIMEOUT_S = 5.0  # for a process that closed its output
+_OUT_OF_TIME_CODE = -24  # SIGXCPU of Linux and macOS
+#: Errors of an answer that was not written by :func:`parcel.send`.
+_UNREADABLE_ERRORS = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
 
 
@@ -57,48 +54,55 @@ def _signal(number: int) -> str:
 
 
 class WorkerError(RuntimeError):
-    """An unexpected failure in the process; the message is its traceback."""
+    """Unexpected failure in the process; the message is its traceback."""
 
 
-class Ended(Exception):
-    """The process was ended by its owner during a call, or before."""
+class ProcessEnded(Exception):
+    """Raised by a call if the owner has ended the process."""
 
 
-class Died(Exception):
-    """The process ended, or had to be ended, during a call: ``ending`` in words, and what it printed last."""
+class ProcessDied(Exception):
+    """Raised by a call during which the process ended or had to be ended.
+
+    Attributes:
+        reason: the process ran out of time or memory, or crashed.
+        ending: how it ended, in words.
+        printed: end of what it printed.
+    """
 
     def __init__(
         self, reason: Literal["time", "memory", "crash"], ending: str, printed: str = ""
     ) -> None:
         super().__init__(f"{ending}\n{printed}".rstrip())
-        self.reason = reason
-        self.ending = ending
-        self.printed = printed
+        self.reason: Literal["time", "memory", "crash"] = reason
+        self.ending: str = ending
+        self.printed: str = printed
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a call; None where there is none."""
+    """Limits of a call; None for no limit."""
 
-    seconds: float | None = None  # most time of the clock
-    memory_bytes: int | None = (
-        None  # most memory beside the process's code, where the system can limit it (Linux)
-    )
-    file_bytes: int | None = None  # most bytes of a file that it writes
-    answer_bytes: int = _LONGEST_ANSWER  # longest message that is taken from it
+    seconds: float | None = None  # elapsed time
+    # memory beside the process's code, where the system can limit it (Linux)
+    memory_bytes: int | None = None
+    file_bytes: int | None = None  # size of a file that the process writes
+    answer_bytes: int = _MAX_ANSWER_BYTES  # length of a message from the process
 
 
 NO_LIMITS = Limits()
 
 
 class Process:
-    """A process that calls importable functions, one at a time: started when needed, and again after it has ended.
+    """Process that calls importable functions, one at a time.
+
+    It is started when needed, and again after it has ended.
 
     Args:
-        prepare: called there before the first call, to load libraries.
-        folder: where it works; None for the folder of this process.
+        prepare: called in the process before the first call, to load libraries.
+        folder: working folder; None for that of this process.
         idle_s: seconds without a call after which it ends; None: with its owner.
-        wrapper: a command that confines it.
+        wrapper: command that confines it.
     """
 
     def __init__(
@@ -128,18 +132,18 @@ class Process:
         return self._child is not None and self._child.popen.poll() is None
 
     def start(self) -> None:
-        """Start it, unless it is alive.
+        """Start the process, unless it is alive.
 
         Raises:
             OSError: no process can be started.
-            Ended: :meth:`end` was called.
+            ProcessEnded: :meth:`end` was called.
         """
         if not self.alive:
             self.close()
             self._child = _Child(self._arguments, self._folder, self._wrapper)
         if self._ended:  # perhaps while it started
             self.close()
-            raise Ended
+            raise ProcessEnded
 
     def call(
         self,
@@ -148,7 +152,7 @@ class Process:
         limits: Limits = NO_LIMITS,
         progress: Callable[..., object] | None = None,
     ) -> _T:
-        """Call a function there and return what it returns.
+        """Call a function in the process and return its result.
 
         Args:
             function: defined at the top of a module, which the process imports.
@@ -157,9 +161,9 @@ class Process:
             progress: called with what the function passes to its argument of that name.
 
         Raises:
-            Died: the process needs more memory or time than it may have, or crashed.
-            Ended: :meth:`end` was called.
-            WorkerError: anything else that the function raised, or an answer that cannot be read.
+            ProcessDied: the process needs more memory or time than it may have, or crashed.
+            ProcessEnded: :meth:`end` was called.
+            WorkerError: the function raised another error, or its answer cannot be read.
             InputError, NotConverged: as the function raises them.
             OSError: no process can be started.
         """
@@ -173,25 +177,25 @@ class Process:
             try:
                 self.start()
                 assert self._child is not None
-                said = self._child.answer(call, limits, progress or (lambda *_: None))
-                if "memory" in said:
-                    raise Died("memory", "a process that asked for more")
+                answer = self._child.answer(call, limits, progress or (lambda *_: None))
+                if "memory" in answer:
+                    raise ProcessDied("memory", "a process that asked for more")
             except Exception as error:
                 self.close()
                 if self._ended:
-                    raise Ended from None
-                if isinstance(error, _UNREADABLE):
+                    raise ProcessEnded from None
+                if isinstance(error, _UNREADABLE_ERRORS):
                     raise WorkerError(f"the answer cannot be read: {error}") from error
                 raise
             finally:
                 if self._ended:
                     self.close()
-        if "done" in said:
-            return said["done"]
-        raise _error(said)
+        if "done" in answer:
+            return answer["done"]
+        raise _error_from_values(answer)
 
     def end(self) -> None:
-        """End it for good, from any thread; a call that is under way raises Ended."""
+        """End the process for good, from any thread; a call in progress raises ProcessEnded."""
         self._ended = True
         self.kill()
         if self._lock.acquire(blocking=False):  # else the call closes it
@@ -201,12 +205,12 @@ class Process:
                 self._lock.release()
 
     def kill(self) -> None:
-        """Kill it and what it started, without waiting or taking a lock."""
+        """Kill the process and what it started, without waiting or taking a lock."""
         if (child := self._child) is not None:
             child.kill()
 
     def close(self) -> None:
-        """End it and what it started; the next call starts another."""
+        """End the process and what it started; the next call starts another."""
         child = self._child
         self._child = None
         if child is not None:
@@ -214,7 +218,7 @@ class Process:
 
 
 class _Child:
-    """One life of a process."""
+    """Child process of a :class:`Process`, from its start to its end."""
 
     def __init__(
         self, arguments: Sequence[str], folder: Path | None, wrapper: Sequence[str]
@@ -229,15 +233,17 @@ class _Child:
             cwd=folder,
             env={
                 **os.environ,
-                **_SURROUNDINGS,
+                **_ENVIRONMENT,
                 "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
             },
             start_new_session=True,
         )
         assert self.popen.stdin is not None
         assert self.popen.stdout is not None
-        self._calls, self._answers = self.popen.stdin, self.popen.stdout
-        self._printed, self._wrapped = b"", bool(wrapper)
+        self._calls = self.popen.stdin
+        self._answers = self.popen.stdout
+        self._printed = b""
+        self._wrapped = bool(wrapper)
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -247,7 +253,7 @@ class _Child:
         """Send a call; return the last message about it.
 
         Raises:
-            Died: there is none.
+            ProcessDied: there is no such message.
         """
         overdue = threading.Event()
         alarm = threading.Timer(limits.seconds or 0.0, lambda: (overdue.set(), self.kill()))
@@ -256,9 +262,9 @@ class _Child:
             alarm.start()
         try:
             parcel.send(self._calls, call)
-            while "progress" in (said := parcel.receive(self._answers, limits.answer_bytes)):
-                progress(*said["progress"])
-            return said
+            while "progress" in (answer := parcel.receive(self._answers, limits.answer_bytes)):
+                progress(*answer["progress"])
+            return answer
         except parcel.TooLong:
             return {"memory": True}
         except (EOFError, OSError):
@@ -266,21 +272,21 @@ class _Child:
         finally:
             alarm.cancel()
 
-    def _death(self, overdue: threading.Event) -> Died:
+    def _death(self, overdue: threading.Event) -> ProcessDied:
         try:
-            code = self.popen.wait(_ENDING_S)
+            code = self.popen.wait(_ENDING_TIMEOUT_S)
         except subprocess.TimeoutExpired:  # it has closed its output, and goes on
             self.kill()
             code = self.popen.wait()
-        code = 128 - code if self._wrapped and code > 128 else code  # how a wrapper says a signal
-        if overdue.is_set() or code == _OUT_OF_TIME:
-            return Died("time", "a process that was still at work")
-        self._listener.join(_ENDING_S)
+        code = 128 - code if self._wrapped and code > 128 else code  # a wrapper's code of a signal
+        if overdue.is_set() or code == _OUT_OF_TIME_CODE:
+            return ProcessDied("time", "a process that was still at work")
+        self._listener.join(_ENDING_TIMEOUT_S)
         ending = f"a process that ended with {_signal(-code) if code < 0 else f'status {code}'}"
-        return Died("crash", ending, self._printed.decode(errors="replace").strip())
+        return ProcessDied("crash", ending, self._printed.decode(errors="replace").strip())
 
     def kill(self) -> None:
-        """Kill it and what it started."""
+        """Kill the process and what it started."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):
                 os.killpg(self.popen.pid, signal.SIGKILL)
@@ -288,24 +294,27 @@ class _Child:
                 self.popen.kill()
 
     def close(self) -> None:
-        """Kill it, and wait until it has ended."""
+        """Kill the process, and wait until it has ended."""
         self.kill()
         self.popen.wait()
-        self._listener.join(_ENDING_S)
+        self._listener.join(_ENDING_TIMEOUT_S)
         for stream in (self._calls, self._answers):
             with contextlib.suppress(OSError):  # it died in the middle of a message
                 stream.close()
 
     def _listen(self) -> None:
-        """Keep the end of what it prints."""
+        """Store the end of what the process prints."""
         assert self.popen.stderr is not None
         with self.popen.stderr as stream:
-            while piece := os.read(stream.fileno(), _LAST_BYTES):
-                self._printed = (self._printed + piece)[-_LAST_BYTES:]
+            while piece := os.read(stream.fileno(), _MAX_PRINTED_BYTES):
+                self._printed = (self._printed + piece)[-_MAX_PRINTED_BYTES:]
 
 
 def processors() -> int:
-    """Return how many processors this process may use: of the machine, by its affinity, and by the quota of its container."""
+    """Return how many processors this process may use.
+
+    By its affinity, and by the quota of its container.
+    """
     count = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -320,11 +329,11 @@ def _name(function: Callable[..., Any]) -> str:
 
 
 def work() -> None:
-    """Main of the process: call what the owner asks for, until its stdin ends."""
+    """Run the process: call what the owner asks for, until stdin ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     keep_freed()
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # keep what libraries print out of the answers
+    os.dup2(2, 1)  # what libraries print must not mix with the answers
     calls: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_take_calls, args=(calls,), daemon=True).start()
     prepare, idle_s = sys.argv[1:]
@@ -341,7 +350,7 @@ def work() -> None:
 def _take_calls(calls: queue.SimpleQueue[dict[str, Any]]) -> None:
     with contextlib.suppress(EOFError):
         while True:
-            calls.put(parcel.receive(sys.stdin.buffer, _ANY_LENGTH))
+            calls.put(parcel.receive(sys.stdin.buffer, _UNLIMITED_BYTES))
     os._exit(0)
 
 
@@ -356,14 +365,14 @@ def _answer(call: Mapping[str, Any], answers: IO[bytes]) -> None:
         parcel.send(answers, {"done": pkgutil.resolve_name(call["name"])(*call["args"], **more)})
         return
     except MemoryError:
-        said: dict[str, Any] = {"memory": True}
+        answer: dict[str, Any] = {"memory": True}
     except Exception as error:
-        said = _told(error)
-    parcel.send(answers, said)  # here, where the memory of the call is freed
+        answer = _error_as_values(error)
+    parcel.send(answers, answer)  # here, where the memory of the call is freed
 
 
 def set_limits(limits: Limits) -> None:
-    """Limit this process, if the system can: memory for data, file size, and from now on the processor's time.
+    """Limit memory for data, file size and further processor time of this process, if possible.
 
     The last one ends a process whose owner is gone while a library holds the interpreter.
     """
@@ -371,38 +380,40 @@ def set_limits(limits: Limits) -> None:
         import resource
     except ImportError:  # Windows
         return
-    most: dict[int, float | None] = {
+    limits_by_resource: dict[int, float | None] = {
         resource.RLIMIT_CORE: 0,
         resource.RLIMIT_DATA: limits.memory_bytes,
         resource.RLIMIT_FSIZE: limits.file_bytes,
     }
     if limits.seconds is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)
-        most[resource.RLIMIT_CPU] = used.ru_utime + used.ru_stime + limits.seconds * processors()
-    # a file of code cut short would be loaded later
+        limits_by_resource[resource.RLIMIT_CPU] = (
+            used.ru_utime + used.ru_stime + limits.seconds * processors()
+        )
+    # Bytecode that is cut short would be loaded later.
     sys.dont_write_bytecode |= limits.file_bytes is not None
-    for what, wanted in most.items():
-        _, hard = resource.getrlimit(what)
+    for resource_id, wanted in limits_by_resource.items():
+        _, hard = resource.getrlimit(resource_id)
         if wanted is not None:
             resource.setrlimit(
-                what,
+                resource_id,
                 (math.ceil(wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)), hard),
             )
 
 
-def _told(error: Exception) -> dict[str, Any]:
+def _error_as_values(error: Exception) -> dict[str, Any]:
     """Return an error as plain values."""
     if isinstance(error, InputError):
         return {"input": vars(error)}
     if isinstance(error, VibridentError):
         return {"error": str(error)}
-    return {"unexpected": "".join(traceback.format_exception(error))[-_LONGEST_TRACE:]}
+    return {"unexpected": "".join(traceback.format_exception(error))[-_MAX_TRACE_LENGTH:]}
 
 
-def _error(said: Mapping[str, Any]) -> Exception:
-    """Return the error that a process told."""
-    if "input" in said:
-        return InputError(**said["input"])
-    if "error" in said:
-        return NotConverged(said["error"])
-    return WorkerError(said.get("unexpected", "an answer without an outcome"))
+def _error_from_values(answer: Mapping[str, Any]) -> Exception:
+    """Return the error that a process answered with."""
+    if "input" in answer:
+        return InputError(**answer["input"])
+    if "error" in answer:
+        return NotConverged(answer["error"])
+    return WorkerError(answer.get("unexpected", "an answer without an outcome"))

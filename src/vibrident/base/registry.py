@@ -1,10 +1,10 @@
-"""What can be added: sensor models, estimators, readers and exports, built in, of a package, or given by Python.
+"""Registries of sensor models, estimators, readers and exports, built in or added.
 
 A built-in one is a module of its own in the folder of its kind, and holds one object: the module
 ``velocity_pickup`` holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is
 the same kind of object behind an entry point whose name is the object's. Names are known without
-loading anything; an object is loaded on first use. One that cannot be used is named once, in one
-line, and left out.
+loading anything; an object is loaded on first use. One that cannot be used is reported once and
+left out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PlugIn:
-    """An entry point of an installed package."""
+    """Entry point of an installed package."""
 
     group: str  # entry-point group, such as "vibrident.models"
     name: str  # of the object
@@ -40,21 +40,27 @@ class PlugIn:
 
     @property
     def line(self) -> str:
-        """Return one line that names it, and its problem."""
-        said = f"{self.name} ({self.group}) of {self.package}"
-        return f"The plug-in {said} cannot be used: {self.problem}" if self.problem else said
+        """Return one line with the plug-in's name and, if any, its problem."""
+        description = f"{self.name} ({self.group}) of {self.package}"
+        return (
+            f"The plug-in {description} cannot be used: {self.problem}"
+            if self.problem
+            else description
+        )
 
 
 class Registry(Generic[T]):
-    """All objects of one kind, by name: the built-in ones first, then those of other packages, each in order of name.
+    """Objects of one kind by name: the built-in ones first, then those of other packages.
+
+    Both are in order of name.
 
     Args:
-        kind: what they are, for messages.
-        group: entry-point group of those of other packages.
-        folders: folders below the package's own that hold the built-in ones.
-        classes: their classes, as "module:Class"; loaded with the first object.
-        where: where a user names one, for messages.
-        error: raised where a name is not known.
+        kind: what the objects are, for messages.
+        group: entry-point group of objects of other packages.
+        folders: folders of this package that hold the built-in objects.
+        classes: classes of the objects, as "module:Class"; loaded with the first object.
+        where: where a user names an object, for messages.
+        error: raised for an unknown name.
     """
 
     def __init__(
@@ -66,35 +72,35 @@ class Registry(Generic[T]):
         where: str,
         error: type[InputError] = InputError,
     ) -> None:
-        self.kind = kind
-        self.group = group
-        self.where = where
+        self.kind: str = kind
+        self.group: str = group
+        self.where: str = where
         self._folders = folders
         self._classes = classes
         self._error = error
         self._loaded: dict[str, T] = {}
         self._problems: dict[str, str] = {}
-        self._given: list[str] = []  # names of objects given by Python
+        self._given: list[str] = []  # names of objects registered by Python
 
     @functools.cached_property
     def _built_in(self) -> dict[str, str]:
-        """Name to dotted module."""
-        found = {}
+        """Return name → dotted module of the built-in objects."""
+        modules = {}
         for folder in self._folders:
             for file in (_ROOT / folder).glob("[!_]*.py"):
-                found[file.stem.replace("_", "-")] = (
+                modules[file.stem.replace("_", "-")] = (
                     f"vibrident.{folder.replace('/', '.')}.{file.stem}"
                 )
-        return dict(sorted(found.items()))
+        return dict(sorted(modules.items()))
 
     @functools.cached_property
     def _added(self) -> dict[str, EntryPoint]:
-        """Name to entry point; of two of one name, the first package's."""
-        found: dict[str, EntryPoint] = {}
+        """Return name → entry point of added objects; of two of one name, the first package's."""
+        points: dict[str, EntryPoint] = {}
         for point in self._points:
             if point.name not in self._built_in:
-                found.setdefault(point.name, point)
-        return found
+                points.setdefault(point.name, point)
+        return points
 
     @functools.cached_property
     def _points(self) -> list[EntryPoint]:
@@ -103,7 +109,10 @@ class Registry(Generic[T]):
         )
 
     def names(self) -> tuple[str, ...]:
-        """Return every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
+        """Return every name; nothing is loaded.
+
+        A plug-in that turns out not to be usable is left out from then on.
+        """
         installed_names = (*self._built_in, *self._added)
         return tuple(
             name for name in (*installed_names, *self._given) if name not in self._problems
@@ -113,7 +122,7 @@ class Registry(Generic[T]):
         return name in self.names()
 
     def give(self, item: T) -> None:
-        """Make an object known by its name in this process; it takes the place of one given before.
+        """Register an object by its name in this process; it replaces one registered before.
 
         Raises:
             InputError: the object is of another class, or the name is that of an installed one.
@@ -149,16 +158,16 @@ class Registry(Generic[T]):
         return len(self.all())
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names of what can be used; everything is loaded."""
+        """Yield the names of the usable objects; all objects are loaded."""
         return iter(self.all())
 
     def all(self) -> dict[str, T]:
-        """Name to object of everything that can be used."""
-        return {name: found for name in self.names() if (found := self._object(name)) is not None}
+        """Return name → object of all usable objects."""
+        return {name: item for name in self.names() if (item := self._object(name)) is not None}
 
     def one_by_one(self) -> Iterator[T]:
         """Yield every usable object; a plug-in is loaded when the iteration reaches it."""
-        return (found for name in self.names() if (found := self._object(name)) is not None)
+        return (item for name in self.names() if (item := self._object(name)) is not None)
 
     def __getitem__(self, name: str) -> T:
         """Return the object of this name.
@@ -166,12 +175,12 @@ class Registry(Generic[T]):
         Raises:
             InputError: the name is unknown, or its package cannot be loaded.
         """
-        found = self._object(name)
-        if found is None:
+        item = self._object(name)
+        if item is None:
             problem = self._problems.get(name)
             if problem is None:
-                said = f"The {self.kind} {name!r} is not known."
-                raise unknown(said, name, self.names(), self.where, kind=self._error)
+                problem_text = f"The {self.kind} {name!r} is not known."
+                raise unknown(problem_text, name, self.names(), self.where, kind=self._error)
             raise self._error(
                 f"The {self.kind} {name!r} cannot be used.",
                 expected=" | ".join(self.names()),
@@ -179,10 +188,10 @@ class Registry(Generic[T]):
                 where=self.where,
                 remedy="correct, update or uninstall that package",
             )
-        return found
+        return item
 
     def package_of(self, name: str) -> str:
-        """Return the other package that adds this name, with its version; empty for a built-in one."""
+        """Return the package, with version, that adds this name; empty for a built-in one."""
         return _package(self._added[name]) if name in self._added else ""
 
     def built_in(self) -> tuple[str, ...]:
@@ -221,32 +230,34 @@ class Registry(Generic[T]):
                 PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line
             )
 
-    def _checked(self, name: str, found: Any) -> T:
+    def _checked(self, name: str, item: Any) -> T:
         classes = tuple(map(pkgutil.resolve_name, self._classes))
-        if not isinstance(found, classes):
+        if not isinstance(item, classes):
             wanted = " or ".join(path.replace(":", ".") for path in self._classes)
             raise _Unusable(
-                f"expected an object of {wanted}, found one of {type(found).__qualname__}"
+                f"expected an object of {wanted}, found one of {type(item).__qualname__}"
             )
-        if found.name != name:
-            raise _Unusable(f"its entry point is called {name!r}, the object {found.name!r}")
-        return found
+        if item.name != name:
+            raise _Unusable(f"its entry point is called {name!r}, the object {item.name!r}")
+        return item
 
     def plug_ins(self) -> list[PlugIn]:
-        """Return every plug-in of this kind, loaded, with the problem of each that cannot be used."""
+        """Return every plug-in of this kind, loaded, with the problem of each unusable one."""
         self.all()
-        found = []
+        plug_ins = []
         for point in self._points:
-            taken = self._added.get(point.name) is not point
+            is_taken = self._added.get(point.name) is not point
             problem = (
-                f"the name {point.name!r} is taken" if taken else self._problems.get(point.name, "")
+                f"the name {point.name!r} is taken"
+                if is_taken
+                else self._problems.get(point.name, "")
             )
-            found.append(PlugIn(self.group, point.name, _package(point), problem))
-        return found
+            plug_ins.append(PlugIn(self.group, point.name, _package(point), problem))
+        return plug_ins
 
 
 class _Unusable(Exception):
-    """What an entry point gives is not what its group is for; the message says why."""
+    """Error of an entry point whose object is not of its group; the message says why."""
 
 
 @functools.cache

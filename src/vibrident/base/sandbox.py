@@ -1,4 +1,4 @@
-"""A function run in its own process, with limits on memory and time: for untrusted files.
+"""Run a function in its own process, with limits on memory and time, for untrusted files.
 
 The process protects its caller from a file's cost (memory, time) and from a crash of a native
 library. It does not confine code: it runs as the same user and may read that user's files. Its
@@ -12,30 +12,30 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from vibrident.base.errors import InputError
-from vibrident.base.process import Died, Limits, Process
+from vibrident.base.process import Limits, Process, ProcessDied
 
 _T = TypeVar("_T")
 
 
 def run(function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
-    """Run an importable function in a fresh process and return what it returns. It can be called from a thread.
+    """Run an importable function in a fresh process and return its result, from any thread.
 
     Raises:
         InputError, NotConverged: as the function does; or it needs more memory or time, or crashed
             (InputError).
-        WorkerError: anything else that the function raised.
+        WorkerError: the function raised another error.
     """
     return _run(Process(), function, args, limits)
 
 
-class Ready:
-    """Runs functions as ``run`` does, in a process that was started ahead with its libraries loaded.
+class WarmProcess:
+    """Process that was started ahead with its libraries loaded, to run functions as ``run`` does.
 
     Each process runs one function. It can be used from several threads.
 
     Args:
         prepare: what the process does while it waits.
-        wrapper: a command that starts it, such as one that confines it.
+        wrapper: command that starts it, such as one that confines it.
     """
 
     def __init__(self, prepare: Callable[[], None], wrapper: Sequence[str] = ()) -> None:
@@ -53,7 +53,7 @@ class Ready:
                 self._waiting.start()
 
     def run(self, function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
-        """As the function ``run``."""
+        """Run a function as :func:`run` does, in the waiting process."""
         with self._lock:
             process = self._waiting
             self._waiting = None
@@ -80,11 +80,11 @@ def _run(
     try:
         with process:
             return process.call(function, *args, limits=limits)
-    except Died as death:
+    except ProcessDied as death:
         raise _refusal(death, limits) from None
 
 
-def _refusal(death: Died, limits: Limits) -> InputError:
+def _refusal(death: ProcessDied, limits: Limits) -> InputError:
     if death.reason == "crash":
         return InputError(
             "The reader of this file crashed.",
@@ -92,7 +92,7 @@ def _refusal(death: Died, limits: Limits) -> InputError:
             found=death.ending,
             remedy="export the data again, or in another format such as CSV",
         )
-    expected, found = {
+    expected, reason = {
         "memory": (
             f"{(limits.memory_bytes or 0) / 1e6:.0f} MB of memory",
             "a file that needs more",
@@ -102,6 +102,6 @@ def _refusal(death: Died, limits: Limits) -> InputError:
     return InputError(
         "Reading this file costs too much.",
         expected=f"at most {expected}",
-        found=found,
+        found=reason,
         remedy="give a shorter record, or use the command line of your own machine",
     )

@@ -1,4 +1,4 @@
-"""Settings in messages: a room writes a setting's name, and each surface prints its word for it.
+"""Name settings in messages by markers, which each surface prints in its own words.
 
 A text holds ``⟦export.rate_hz⟧``, or ``⟦export.rate_hz = HZ⟧`` with a value as Python writes it (a
 placeholder in capitals). The first part is the command, the last the keyword of its function. Four
@@ -30,14 +30,14 @@ def rendered(text: str, word: Word) -> str:
     """Return a text with the words of a surface in place of its markers."""
 
     def replacement(marker: re.Match[str]) -> str:
-        said = word(marker[1], marker[2] or "")
-        return marker[0] if said is None else said
+        rendered_word = word(marker[1], marker[2] or "")
+        return marker[0] if rendered_word is None else rendered_word
 
     return MARKER.sub(replacement, text) if "⟦" in text else text
 
 
 def python_word(name: str, value: str) -> str | None:
-    """Return Python's word: the keyword, as ``rate_hz`` or ``rate_hz=HZ``."""
+    """Return Python's word for a setting: the keyword, as ``rate_hz`` or ``rate_hz=HZ``."""
     special = {
         "here": "arguments",
         "command": f"`vibrident {value}`",

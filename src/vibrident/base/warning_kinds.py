@@ -1,4 +1,4 @@
-"""The warnings of a result: the meaning of each, and the remedy. A new one needs a code and an entry here.
+"""Warnings of a result, with meaning and remedy; a new one needs a code and an entry here.
 
 docsite/pages/warnings states the causes of each, with an example.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, get_args
 
-#: The contracted codes.
+#: Codes that ``result.json`` may hold.
 WarningCode = Literal[
     "lack_of_fit",
     "weakly_determined",
@@ -37,7 +37,7 @@ WARNING_CODES: tuple[str, ...] = get_args(WarningCode)
 
 @dataclass(frozen=True)
 class WarningKind:
-    """A warning for a person."""
+    """Kind of warning, explained for a person."""
 
     code: str  # in result.json; text, because files of later versions may hold others
     title: str  # in a few words
@@ -215,6 +215,6 @@ WARNINGS: Mapping[str, WarningKind] = MappingProxyType({kind.code: kind for kind
 
 
 def explain(code: str) -> WarningKind:
-    """Return the warning of this code; for one of a later version, one that says so."""
+    """Return the warning of this code; one without explanation for a code of a later version."""
     unknown = "This version of vibrident has no explanation for this warning."
     return WARNINGS.get(code) or WarningKind(code, code, unknown, "Read its message.")

@@ -1,1 +1,1 @@
-"""What was measured: records, tables, calibrations; readers, one a format; raw optical signals to displacement."""
+"""Measured data: records, tables and calibrations, their readers, and demodulation of raw light."""

@@ -18,7 +18,15 @@ _UNITS: dict[EffectKind, str] = {
 
 @dataclass(frozen=True)
 class SystematicEffect:
-    """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B)."""
+    """Systematic contribution to the uncertainty, common to all points (GUM 4.3, type B).
+
+    Examples:
+        >>> import vibrident
+        >>> laser = vibrident.SystematicEffect("laser vibrometer", "gain", 1e-3)
+        >>> skew = vibrident.SystematicEffect("skew of the two channels", "timing", 2e-7)
+        >>> laser.unit, skew.unit
+        ('1', 's')
+    """
 
     source: str  # what it comes from, in words
     # how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad),
@@ -29,10 +37,10 @@ class SystematicEffect:
     kind: EffectKind
     standard_uncertainty: float  # in ``unit``
     frequency_hz: float | None = None  # of a mounting effect; None otherwise
-    # behind the standard uncertainty; infinite where it is taken as known
+    # of the standard uncertainty; infinite if it is taken as known
     degrees_of_freedom: float = math.inf
-    # frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where
-    # that has no formula
+    # frequency in Hz and change of log H for one unit of the effect, real and imaginary part, for
+    # effects without a formula
     pattern: tuple[tuple[float, float, float], ...] = field(default=(), repr=False)
 
     @property
@@ -43,7 +51,10 @@ class SystematicEffect:
 
 @dataclass(frozen=True)
 class Capability:
-    """The least expanded uncertainty (k = 2) that a laboratory may state over a band (CMC; ILAC-P14)."""
+    """Smallest expanded uncertainty (k = 2) that a laboratory may state over a band.
+
+    The calibration and measurement capability (CMC) of ILAC-P14.
+    """
 
     # of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad)
     quantity: Literal["magnitude", "phase"]
@@ -55,10 +66,10 @@ class Capability:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Under which a record was made, as far as they are stated."""
+    """Circumstances of a record, as far as they are stated."""
 
-    run: str = ""  # which of several runs it belongs to; empty where there is one
-    mounting: str = ""  # during which mounting of the sensor; empty where it was mounted once
+    run: str = ""  # one of several runs; empty if there is one only
+    mounting: str = ""  # one of several mountings of the sensor; empty if it was mounted once
     # axis of the sensor along which it was moved: ``x``, ``y`` or ``z``; empty for a sensor of one
     # axis
     axis: str = ""

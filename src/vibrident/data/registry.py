@@ -1,4 +1,4 @@
-"""Which data formats can be read, and which sources of samples there are."""
+"""Registries of the readers of data formats and of the sources of samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Band-limited values at other instants: between samples, at a lower rate, and back from uneven stamps.
+"""Resample band-limited signals: between samples, at a lower rate, and from uneven time stamps.
 
 All use one kernel, a sinc under Kaiser's window of 130 dB (Kaiser 1974), which passes to 0.45 of
 the slower rate to 1e-6. What lies above 0.45 of that rate is not reproduced.
@@ -15,9 +15,9 @@ from vibrident.data.records import FloatArray
 #: their transition.
 HALF_LENGTH = 2 * HALF
 PASS_BAND = 0.45  # of the slower rate
-DOUBTFUL = 2 * HALF_LENGTH  # samples at either end of evened ones, as nothing is known beyond
-_BLOCK = 1 << 14  # stamps that are evened at once
-# beside a block; what lies beyond moves its inner values by less than 1e-9
+DOUBTFUL_SAMPLES = 2 * HALF_LENGTH  # inaccurate at either end, as nothing is known beyond
+_BLOCK = 1 << 14  # time stamps of a block
+# samples on either side of a block; those beyond change its inner values by less than 1e-9
 _OVERLAP = 4 * HALF_LENGTH
 _MAX_ITERATIONS = 500  # of conjugate gradients; some 40 are usual
 _TOLERANCE = 1e-10  # of conjugate gradients, relative
@@ -35,12 +35,12 @@ def resampled(values: FloatArray, positions: FloatArray, spacing: float) -> Floa
     return at_positions(values, positions, spacing, HALF_LENGTH)
 
 
-def lost(spacing: float) -> int:
-    """Return how many samples on either side :func:`resampled` needs."""
+def margin_samples(spacing: float) -> int:
+    """Return the number of samples on either side that :func:`resampled` needs."""
     return reach(spacing, HALF_LENGTH)
 
 
-def evened(values: FloatArray, positions: FloatArray) -> FloatArray:
+def evenly_resampled(values: FloatArray, positions: FloatArray) -> FloatArray:
     """Return the even samples whose band-limited interpolation passes through uneven ones.
 
     Least squares on the kernel's matrix, by conjugate gradients, block by block. Jitter of up to
@@ -52,7 +52,7 @@ def evened(values: FloatArray, positions: FloatArray) -> FloatArray:
         positions: shape (n,), rising, within half an interval of 0, 1, …, n − 1.
 
     Returns:
-        Values at 0, 1, …, n − 1, shape (n,). The first and last ``DOUBTFUL`` are inaccurate.
+        Values at 0, 1, …, n − 1, shape (n,); inaccurate for ``DOUBTFUL_SAMPLES`` at either end.
     """
     result = np.empty(values.shape[0])
     for begin in range(0, values.shape[0], _BLOCK):

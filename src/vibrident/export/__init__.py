@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibrident.result.given import GivenResult
+    from vibrident.result.loading import GivenResult
     from vibrident.show.issue import GivenCertificate
 
 __all__ = ["export"]
@@ -57,6 +57,15 @@ def export(
 
     Raises:
         InputError: the format is unknown, cannot hold this sensor, or lacks a library or an option.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> header, source = vibrident.export(result, "c", "firmware", rate_hz=12800.0)
+        >>> header.name, source.name
+        ('sensor.h', 'sensor.c')
     """
     from vibrident.export.form import Options
     from vibrident.export.registry import EXPORTS

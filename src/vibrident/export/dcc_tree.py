@@ -17,7 +17,7 @@ class Tree:
     """Elements of both namespaces."""
 
     def __init__(self) -> None:
-        self.etree = library("lxml.etree", "dcc")
+        self.etree: Any = library("lxml.etree", "dcc")
 
     def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
         """An element; a tag with ``si:`` is in that namespace, others are DCC's."""

@@ -15,11 +15,15 @@ from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import DepartureReport, Fitted
 from vibrident.fit.judge.clocks import at_one_clock
-from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.judge.document import Uncertainty, budget_of, document
+from vibrident.fit.judge.held_drive import fit_held_drive
 from vibrident.fit.judge.reference import with_reference_named
-from vibrident.fit.judge.refits import beside_departures, with_phase_scatter, without_dead_records
+from vibrident.fit.judge.refits import (
+    refit_with_departures,
+    with_phase_scatter,
+    without_dead_records,
+)
 from vibrident.fit.judge.remedy import with_remedy
-from vibrident.fit.judge.stairs import fit_stairs
 from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
@@ -54,7 +58,7 @@ def identify_run(
 
         sampler()  # before the fit that it would come after
     fitted = fit(calibration, model, estimator, uncertainty=uncertainty, progress=progress)
-    rows = own_rows(fitted, uncertainty)
+    rows = budget_of(fitted, uncertainty)
     result = document(fitted, rows)
     settings = {**result.settings, "time_s": time.perf_counter() - begin}
     if posterior is not None:
@@ -113,7 +117,7 @@ def _fit_model(
     else:
         fitted = Fitted.from_evidence(evidence, chosen, progress)
     fitted = replace(fitted, reason=reason)
-    for step in (at_one_clock, without_dead_records, with_phase_scatter, beside_departures):
+    for step in (at_one_clock, without_dead_records, with_phase_scatter, refit_with_departures):
         fitted = step(fitted)
     return fitted
 
@@ -128,10 +132,10 @@ def _held_network(estimator: str | Estimator) -> Ipnn | None:
 
 
 def _fit_drive(
-    evidence: Evidence, chosen: Estimator, stairs: Ipnn | None, progress: Progress
+    evidence: Evidence, chosen: Estimator, held_network: Ipnn | None, progress: Progress
 ) -> Fitted:
     """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
-    if stairs is None:
+    if held_network is None:
         return Fitted.from_evidence(evidence, chosen, progress)
     if not is_held_drive(evidence.calibration):
         plain = Fitted.from_evidence(evidence, chosen, progress)
@@ -139,11 +143,11 @@ def _fit_drive(
             return plain
         # The hold turns the phase by half a sample: what explains most of the motion is near.
         near = plain.values if plain.judgement.explained > 0.5 else None
-        held = Fitted.from_evidence(replace(evidence, start=near), stairs, progress)
-        held = fit_stairs(replace(held, evidence=evidence))
+        held = Fitted.from_evidence(replace(evidence, start=near), held_network, progress)
+        held = fit_held_drive(replace(held, evidence=evidence))
         return held if held.adequate else plain
-    held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
-    if held.adequate or chosen is stairs:
+    held = fit_held_drive(Fitted.from_evidence(evidence, held_network, progress))
+    if held.adequate or chosen is held_network:
         return held
     plain = Fitted.from_evidence(evidence, chosen, progress)
     return held if held.chi2 < plain.chi2 else plain

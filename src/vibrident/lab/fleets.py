@@ -1,4 +1,4 @@
-"""Many calibrations, one table: from a pattern of files to a row each, resumed where it was stopped."""
+"""Many calibrations, one table: a row a calibration, resumed where it was stopped."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Fleet:
 
     Args:
         calibrations: calibration files; folders, for all .toml files in and below them; or globs.
-        folder: of ``fleet.parquet``, a row a calibration, ``fleet.html``, and the parts needed to resume.
+        folder: of ``fleet.parquet`` (a row a calibration), ``fleet.html`` and what resuming needs.
         model: name of the sensor model for all; None: each file's own.
         estimator: how to fit: a name, or ``auto``.
         limits: a limits file (TOML): nominal values and tolerances by type of sensor.
@@ -34,6 +34,16 @@ class Fleet:
     Raises:
         InputError: the limits file cannot be used.
         ModelError: the model is unknown.
+
+    Examples:
+        >>> import vibrident
+        >>> for serial in ("001", "002"):
+        ...     sensor = vibrident.simulate(frequencies_hz=[100, 300, 650, 1000], samples=1000)
+        ...     path = vibrident.with_noise(sensor, response_noise=1e-3).save(f"lot/{serial}")
+        >>> fleet = vibrident.Fleet("lot", "fleet")
+        >>> outcome = fleet.identify(workers=1)
+        >>> list(fleet.to_dataframe().status)
+        ['identified', 'identified']
     """
 
     def __init__(
@@ -54,10 +64,13 @@ class Fleet:
 
         if model is not None:
             parse(model)  # a wrong name is refused once, not in every row
-        one = isinstance(calibrations, str | os.PathLike)
-        self._patterns = [os.fspath(each) for each in ([calibrations] if one else calibrations)]  # type: ignore[list-item]
-        self.folder = Path(folder)
-        self._orders = Orders(os.fspath(folder), model, estimator, time_limit_s, memory_limit_bytes, keep_results)
+        if isinstance(calibrations, str | os.PathLike):
+            calibrations = [calibrations]
+        self._patterns = [os.fspath(pattern) for pattern in calibrations]
+        self.folder: Path = Path(folder)
+        self._orders = Orders(
+            os.fspath(folder), model, estimator, time_limit_s, memory_limit_bytes, keep_results
+        )
         self._limits = Specification() if limits is None else read_limits(Path(limits))
 
     def __repr__(self) -> str:
@@ -85,7 +98,7 @@ class Fleet:
 
         Raises:
             InputError: a pattern names nothing, the folder cannot be written, the connection to the
-                scheduler is lost, both workers and scheduler are given, or pyarrow is not installed.
+                scheduler is lost, workers and scheduler are both given, or pyarrow is missing.
         """
         from vibrident.lab.fleet import Asked, run
         from vibrident.lab.fleet.parts import arrow
@@ -123,7 +136,8 @@ def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
     if workers is not None:
         raise InputError(
             "Workers are requested in two ways.",
-            expected="⟦fleet.workers⟧, for this machine, or ⟦fleet.scheduler⟧, with its own workers",
+            expected="⟦fleet.workers⟧, for this machine, "
+            "or ⟦fleet.scheduler⟧, with its own workers",
             found="both",
             where="⟦here⟧",
             remedy="leave one of the two out",

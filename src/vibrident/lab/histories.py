@@ -1,4 +1,4 @@
-"""The calibrations of sensors over the years: a store that results are added to, and what it says of a sensor."""
+"""Sensors over the years: a store that results are added to, and what it says of each sensor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from vibrident.result import Result
-from vibrident.result.given import GivenResult
+from vibrident.result.loading import GivenResult
 from vibrident.show.issue import GivenCertificate, issued
 
 if TYPE_CHECKING:
@@ -20,12 +20,22 @@ class History:
     """A store of the calibrations of sensors (extra ``history``); closes with the ``with`` block.
 
     Args:
-        store: path of a SQLite file (``.db``), or a SQLAlchemy URL of SQLite or PostgreSQL; None: the
-            environment's ``VIBRIDENT_STORE``, else a SQLite file in the user's data folder. A new
-            store is created when the first result is added.
+        store: path of a SQLite file (``.db``), or a SQLAlchemy URL of SQLite or PostgreSQL; None:
+            the environment's ``VIBRIDENT_STORE``, else a SQLite file in the user's data folder. A
+            new store is created when the first result is added.
 
     Raises:
         InputError: the store cannot be used, or SQLAlchemy is not installed.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> with vibrident.History("laboratory.db") as history:
+        ...     new = history.add(result, serial_number="4711")
+        ...     [sensor["serial_number"] for sensor in history.sensors()]
+        ['4711']
     """
 
     def __init__(self, store: str | os.PathLike[str] | None = None) -> None:
@@ -38,7 +48,10 @@ class History:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -75,9 +88,12 @@ class History:
         """
         from vibrident.lab.history.entry import add_all
 
-        given = [results] if isinstance(results, Result | str | os.PathLike) else results
-        known = (issued(result, certificate)[0] for result in given)
-        return sum(added.new for added in add_all(self._store, known, serial_number=serial_number, date=date))
+        listed = [results] if isinstance(results, Result | str | os.PathLike) else results
+        known = (issued(result, certificate)[0] for result in listed)
+        return sum(
+            added.new
+            for added in add_all(self._store, known, serial_number=serial_number, date=date)
+        )
 
     def sensors(self, *, sensor_type: str | None = None) -> list[dict[str, Any]]:
         """Return a row a sensor: how often it was calibrated, and when first and last.
@@ -107,13 +123,13 @@ class History:
         nominal: float | None = None,
         interval_years: float | None = None,
     ) -> dict[str, Any]:
-        """Return all that is known of a sensor: calibrations, agreement, drift, prediction, control charts, due date.
+        """Return what the store says of a sensor: calibrations, drift, prediction, due date.
 
         Args:
             serial_number: of the sensor.
-            sensor_type: where several sensors have the number; likewise ``axis`` and ``manufacturer``.
-            axis: of a sensor of several axes.
-            manufacturer: of the sensor.
+            sensor_type: where several sensors have the number.
+            axis: likewise, of a sensor of several axes.
+            manufacturer: likewise.
             quantity: name of a parameter; None: the sensitivity at the reference frequency.
             frequency_hz: nominal frequency, for the sensitivity there.
             until: date to predict for; None: the end of the interval in force.

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from vibrident.base.errors import ModelError, VibridentError
+from vibrident.base.errors import InputError, ModelError, VibridentError
 from vibrident.base.memory import ONE_THREAD
 from vibrident.data.records import Calibration
 from vibrident.result import Result
@@ -72,13 +72,26 @@ def identify_many(
             ``return`` it in place of the result.
 
     Raises:
+        InputError: ``workers`` is below one, or ``refused`` is something else.
         ModelError: a model made in Python, and several processes.
-        ValueError: ``workers`` is below one, or ``refused`` is something else.
+
+    Examples:
+        >>> import vibrident
+        >>> tones = [100, 300, 650, 1000]
+        >>> draws = (
+        ...     vibrident.simulate(frequencies_hz=tones, samples=1000, response_noise=1e-3, seed=seed)
+        ...     for seed in (1, 2)
+        ... )
+        >>> [result.model for result in vibrident.identify_many(draws)]
+        ['accelerometer', 'accelerometer']
     """
     if workers < 1 or refused not in ("raise", "return"):
-        raise ValueError(
-            f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, "
-            f"{refused!r}"
+        raise InputError(
+            "A setting of identify_many cannot be used.",
+            expected="workers of 1 or more, and refused 'raise' or 'return'",
+            found=f"workers={workers!r}, refused={refused!r}",
+            where="identify_many",
+            remedy="correct it",
         )
     if workers > 1 and not (model is None or isinstance(model, str)):
         raise ModelError(

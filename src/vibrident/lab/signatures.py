@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from vibrident.lab.issue.verification import Signed
 
 
-def verify(file: str | os.PathLike[str], *, trusted: str | os.PathLike[str] | None = None) -> Signed:
+def verify(
+    file: str | os.PathLike[str], *, trusted: str | os.PathLike[str] | None = None
+) -> Signed:
     """Verify the signature of a certificate (extra ``sign``).
 
     Args:
@@ -25,6 +27,16 @@ def verify(file: str | os.PathLike[str], *, trusted: str | os.PathLike[str] | No
     Raises:
         InputError: the file is unsigned, was changed after signing, is signed by somebody else, or
             cannot be read.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> import vibrident
+        >>> characters = Path("certificate.txt").write_text("sensitivity 0.104")
+        >>> try:
+        ...     vibrident.verify("certificate.txt")
+        ... except vibrident.InputError as error:
+        ...     print(error.problem)
+        The file is not signed.
     """
     from vibrident.lab.issue.verification import verify as verified
 

@@ -1,4 +1,4 @@
-"""GRU and LSTM, the networks without physics, on the windows of the one with physics (the paper's Tables 3 to 5).
+"""GRU and LSTM: networks without physics, on the same windows (the paper's Tables 3 to 5).
 
     GRU   Cho et al. 2014, doi:10.3115/v1/D14-1179
     LSTM  Hochreiter & Schmidhuber 1997, doi:10.1162/neco.1997.9.8.1735
@@ -23,23 +23,32 @@ from vibrident.paper.unrolled import weighted_mse
 
 Kind = Literal["gru", "lstm"]
 #: Unrolled steps in a body of the scan: more takes longer to compile and runs no faster.
-_UNROLL = {"gru": 4, "lstm": 1}
-HIDDEN = 16
+_UNROLLED_STEPS = {"gru": 4, "lstm": 1}
+#: Neurons of the hidden layer.
+HIDDEN_NEURONS = 16
 
 
 class Recurrent(eqx.Module):
-    """One recurrent layer and a linear read-out, neither with a bias."""
+    """Recurrent layer and a linear read-out, neither with a bias.
 
-    cell: Any  # equinox's cell for one step
-    readout: Any  # hidden state → output, shape (hidden,)
-    kind: Kind = eqx.field(static=True)  # ``gru`` or ``lstm``
+    Attributes:
+        cell: equinox's cell for one step.
+        readout: hidden state → output, shape (hidden,).
+        kind: ``gru`` or ``lstm``.
+    """
+
+    cell: Any
+    readout: Any
+    kind: Kind = eqx.field(static=True)
 
     def __init__(self, kind: Kind, *, seed: int) -> None:
         for_cell, for_readout = jax.random.split(jax.random.key(seed))
         make = {"gru": eqx.nn.GRUCell, "lstm": eqx.nn.LSTMCell}[kind]
-        self.cell = make(1, HIDDEN, use_bias=False, dtype=jnp.float32, key=for_cell)
-        bound = HIDDEN**-0.5
-        self.readout = jax.random.uniform(for_readout, (HIDDEN,), jnp.float32, -bound, bound)
+        self.cell = make(1, HIDDEN_NEURONS, use_bias=False, dtype=jnp.float32, key=for_cell)
+        bound = HIDDEN_NEURONS**-0.5
+        self.readout = jax.random.uniform(
+            for_readout, (HIDDEN_NEURONS,), jnp.float32, -bound, bound
+        )
         self.kind = kind
 
     @property
@@ -48,15 +57,20 @@ class Recurrent(eqx.Module):
         return sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(self, eqx.is_inexact_array)))
 
     def __call__(self, inputs: Any) -> Any:
-        """Return the outputs, shape (steps, batch), for inputs of the same shape; the hidden state is zero at the first step."""
-        rest = jnp.zeros((inputs.shape[1], self.readout.shape[0]), jnp.float32)
-        start = (rest, rest) if self.kind == "lstm" else rest
+        """Return the outputs, shape (steps, batch), for inputs of the same shape.
+
+        The hidden state is zero at the first step.
+        """
+        zero = jnp.zeros((inputs.shape[1], self.readout.shape[0]), jnp.float32)
+        start = (zero, zero) if self.kind == "lstm" else zero
 
         def step(state: Any, value: Any) -> tuple[Any, Any]:
             state = jax.vmap(self.cell)(value[:, None], state)
             return state, (state[0] if self.kind == "lstm" else state) @ self.readout
 
-        _, outputs = lax.scan(step, start, inputs.astype(jnp.float32), unroll=_UNROLL[self.kind])
+        _, outputs = lax.scan(
+            step, start, inputs.astype(jnp.float32), unroll=_UNROLLED_STEPS[self.kind]
+        )
         return outputs
 
 
@@ -75,7 +89,7 @@ def fit_recurrent(dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int
 def predict_recurrent(
     network: Recurrent, dataset: Dataset, indices: tuple[int, ...]
 ) -> list[FloatArray]:
-    """Normalised response of whole records from a zero state, the samples that are scored."""
+    """Return the normalised response of records from a zero state, at the scored samples."""
     inputs = whole_records(dataset, indices)
     outputs = np.asarray(_outputs(network, jnp.asarray(inputs[:, 0, :])), dtype=float)
     records = [dataset.calibration.records[i] for i in indices]

@@ -1,4 +1,4 @@
-"""The paper's claims, and our own, each held against this run's numbers."""
+"""Claims of the paper and targets of this package, each held against the run's numbers."""
 
 from __future__ import annotations
 
@@ -8,29 +8,32 @@ from vibrident.paper import methods, published
 from vibrident.paper.reproduction import Reproduction
 from vibrident.paper.sections import PaperSection
 
-MEAN_PERCENT = 0.005  # own target without channel noise: mean deviation of the curve, %
-PEAK_PERCENT = 0.02  # deviation of the curve at the peak, %
-OVER_BOUND = 2.0  # RMS error over the Cramér–Rao bound
-NOISE_LEVEL = 0.01  # response noise of that ratio, relative to the rms
+#: This package's targets without channel noise: deviation of the curve, mean and at the peak, %.
+MAX_MEAN_PERCENT = 0.005
+MAX_PEAK_PERCENT = 0.02
+#: Its target with noise: RMS error over the Cramér–Rao bound.
+MAX_OVER_BOUND = 2.0
+#: Response noise of that target, relative to the rms.
+NOISE_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim, the figure of this run, whether it holds, and why."""
+    """Claim, the figures of this run, whether they meet it, and why."""
 
     claim: str
-    found: str
-    holds: bool
+    figures: str
+    is_met: bool
     reason: str
 
     @property
     def verdict(self) -> str:
-        """In words."""
-        return "yes" if self.holds else "no"
+        """Return whether the claim is met, in words."""
+        return "yes" if self.is_met else "no"
 
 
 def of_the_paper(run: Reproduction) -> list[Claim]:
-    """Return every claim of the paper that a number can decide, under its own conditions (Euler, Adam)."""
+    """Return every claim of the paper that a number can decide, under Euler and Adam as there."""
     claims = [
         *_of_section(run.simulation, "simulation"),
         _rpd(run.simulation),
@@ -57,16 +60,16 @@ def _of_section(section: PaperSection, where: str) -> list[Claim]:
     ):
         rmse = _rmse(section, name)
         cuts = 100.0 * (1.0 - rmse / gru), 100.0 * (1.0 - rmse / lstm)
-        holds = min(cuts) >= 100.0 * published.RMSE_REDUCTION
-        if holds and name == methods.PUBLISHED:
+        is_met = min(cuts) >= 100.0 * published.RMSE_REDUCTION
+        if is_met and name == methods.PUBLISHED:
             why = "three numbers that are physics need less data than 832 or 1104 that are not"
-        if not holds and name == methods.EXACT:
+        if not is_met and name == methods.EXACT:
             why = "noise or nonlinearity remains"
         claims.append(
             Claim(
                 f"RMSE at least 60 % below GRU and LSTM ({where}), {name}",
                 f"{cuts[0]:.1f} % below GRU, {cuts[1]:.1f} % below LSTM",
-                holds,
+                is_met,
                 why,
             )
         )
@@ -80,13 +83,13 @@ def _rmse(section: PaperSection, name: str) -> float:
 
 def _rpd(section: PaperSection) -> Claim:
     names = ("GRU", "LSTM", methods.PUBLISHED)
-    found = {
+    ratios = {
         name: metrics.rpd for name in names if (metrics := section.row(name).metrics) is not None
     }
     return Claim(
         "all three predict reliably, RPD > 3 (simulation)",
-        ", ".join(f"{name.split(' (')[0]} {value:.3g}" for name, value in found.items()),
-        min(found.values()) > published.RELIABLE_RPD,
+        ", ".join(f"{name.split(' (')[0]} {value:.3g}" for name, value in ratios.items()),
+        min(ratios.values()) > published.RELIABLE_RPD,
         "decided by how long the networks without physics are trained",
     )
 
@@ -106,28 +109,32 @@ def _curve_claims(run: Reproduction) -> list[Claim]:
     rate = run.settings.rate_hz
     euler = section.deviations[methods.PUBLISHED]
     plain = section.deviations[methods.PLAIN]
-    said = published.SIMULATION["IPNN"]
-    said_lsm = published.SIMULATION["LSM"]
+    printed = published.SIMULATION["IPNN"]
+    printed_lsm = published.SIMULATION["LSM"]
     why = f"forward Euler at {rate / 1e3:g} kHz; see the study of sampling rates"
     crude = section.deviations[methods.EXTREMES]
     return [
         Claim(
-            f"IPNN's curve within {said.mean} % of the true one on average",
+            f"IPNN's curve within {printed.mean} % of the true one on average",
             f"{euler.mean:.3g} %",
-            euler.mean <= 1.1 * said.mean,
+            euler.mean <= 1.1 * printed.mean,
             why,
         ),
         Claim(
-            f"IPNN's curve within {said.largest} % at the resonance",
+            f"IPNN's curve within {printed.largest} % at the resonance",
             f"{euler.at_peak or 0.0:.3g} %",
-            abs(euler.at_peak or 0.0) <= 1.1 * said.largest,
+            abs(euler.at_peak or 0.0) <= 1.1 * printed.largest,
             why,
         ),
         Claim(
-            f"LSM is {said_lsm.largest} % off at the resonance, with a mean four times the IPNN's",
-            f"{plain.at_peak or 0.0:.3g} %, mean {plain.mean:.3g} % ({plain.mean / euler.mean:.3g} times)",
-            abs(plain.at_peak or 0.0) >= 0.9 * said_lsm.largest and plain.mean >= 3.0 * euler.mean,
-            "least squares on sine fits is far better than that; with sensitivities read from largest excursions it is "
+            f"LSM is {printed_lsm.largest} % off at the resonance, "
+            "with a mean four times the IPNN's",
+            f"{plain.at_peak or 0.0:.3g} %, mean {plain.mean:.3g} % "
+            f"({plain.mean / euler.mean:.3g} times)",
+            abs(plain.at_peak or 0.0) >= 0.9 * printed_lsm.largest
+            and plain.mean >= 3.0 * euler.mean,
+            "least squares on sine fits is far better than that; "
+            "with sensitivities read from largest excursions it is "
             f"{crude.mean:.3g} % off on average: the paper does not state how they are read",
         ),
     ]
@@ -135,43 +142,47 @@ def _curve_claims(run: Reproduction) -> list[Claim]:
 
 def _experiment_claims(section: PaperSection) -> list[Claim]:
     where = "simulated" if section.simulated else "measured"
-    said = published.EXPERIMENT["IPNN"]
+    printed = published.EXPERIMENT["IPNN"]
     euler = section.deviations[methods.PUBLISHED]
     exact = section.deviations[methods.EXACT]
     plain = section.deviations.get(methods.PLAIN)
     physics = "exact weights and a delay"
     if not section.simulated:
-        physics = "the data are not a linear sensor's; this network gives most weight to the records that it fits best"
+        physics = (
+            "the data are not a linear sensor's; "
+            "this network gives most weight to the records that it fits best"
+        )
     claims = [
         Claim(
-            f"{name} within {said.mean} % (mean) and {said.largest} % (largest) of the interferometer ({where})",
-            f"{found.mean:.3g} %, {found.largest:.3g} %",
-            found.mean <= said.mean and found.largest <= said.largest,
+            f"{name} within {printed.mean} % (mean) and {printed.largest} % (largest) "
+            f"of the interferometer ({where})",
+            f"{deviation.mean:.3g} %, {deviation.largest:.3g} %",
+            deviation.mean <= printed.mean and deviation.largest <= printed.largest,
             why,
         )
-        for name, found, why in (
+        for name, deviation, why in (
             (methods.PUBLISHED, euler, "forward Euler, and no delay in the model"),
             (methods.EXACT, exact, physics),
         )
     ]
     if plain is None:
-        found = "plain LSM gives no stable sensor"
-        holds = True
+        figures = "plain LSM gives no stable sensor"
+        is_met = True
         why = "points of small sensitivity dominate, and are noise"
     else:
         cut = 100.0 * (1.0 - euler.mean / plain.mean)
-        holds = False
-        found = f"{euler.mean / plain.mean:.3g} times LSM's"
+        is_met = False
+        figures = f"{euler.mean / plain.mean:.3g} times LSM's"
         why = "Euler's error"
         if cut > 0:
-            found = f"{cut:.3g} % below"
-            holds = cut >= 100.0 * published.DEVIATION_REDUCTION
+            figures = f"{cut:.3g} % below"
+            is_met = cut >= 100.0 * published.DEVIATION_REDUCTION
             why = "plain LSM weighs 1/H equally, so the points of small sensitivity dominate"
     claim = f"IPNN's mean deviation about 65 % below plain LSM's ({where}), {methods.PUBLISHED}"
-    return [*claims, Claim(claim, found, holds, why)]
+    return [*claims, Claim(claim, figures, is_met, why)]
 
 
-def of_our_own(run: Reproduction) -> list[Claim]:
+def of_this_package(run: Reproduction) -> list[Claim]:
     """Return this package's own targets in the paper's simulation."""
     exact = run.simulation.deviations[methods.EXACT]
     point = next(
@@ -183,21 +194,22 @@ def of_our_own(run: Reproduction) -> list[Claim]:
     rate = f"{run.settings.rate_hz / 1e3:g} kHz"
     return [
         Claim(
-            f"curve within {MEAN_PERCENT} % on average at {rate}",
+            f"curve within {MAX_MEAN_PERCENT} % on average at {rate}",
             f"{exact.mean:.2g} %",
-            exact.mean <= MEAN_PERCENT,
+            exact.mean <= MAX_MEAN_PERCENT,
             "100 times closer than published",
         ),
         Claim(
-            f"curve within {PEAK_PERCENT} % at the resonance at {rate}",
+            f"curve within {MAX_PEAK_PERCENT} % at the resonance at {rate}",
             f"{abs(exact.at_peak or 0.0):.2g} %",
-            abs(exact.at_peak or 0.0) <= PEAK_PERCENT,
+            abs(exact.at_peak or 0.0) <= MAX_PEAK_PERCENT,
             "RK4's error in the data remains",
         ),
         Claim(
-            f"RMS error within {OVER_BOUND:g} × the Cramér–Rao bound at 1 % response noise",
+            f"RMS error within {MAX_OVER_BOUND:g} × the Cramér–Rao bound at 1 % response noise",
             f"{words}; mean of the curve {mean_ratio:.2f}",
-            max(*ratios.values(), mean_ratio) <= OVER_BOUND,
-            f"{run.noise.draws} draws: a ratio of 1 scatters by about {100 / (2 * run.noise.draws) ** 0.5:.0f} %",
+            max(*ratios.values(), mean_ratio) <= MAX_OVER_BOUND,
+            f"{run.noise.draws} draws: a ratio of 1 scatters by about "
+            f"{100 / (2 * run.noise.draws) ** 0.5:.0f} %",
         ),
     ]

@@ -1,4 +1,4 @@
-"""The data of the paper's section 4: how records become a training and a test set.
+"""Data of the paper's section 4: how records become a training and a test set.
 
 Sines of 1 g at one-third-octave frequencies, with Gaussian white noise motion 20 dB below; response
 by RK4 from rest; outliers removed; one scale for each channel; 8:2 split by record.
@@ -40,31 +40,38 @@ from vibrident.physics.simulation import (
 SENSOR = SENSORS["paper"]
 RATE_HZ = 51200.0
 SAMPLES = 16000
-SNR_DB = 20.0  # excitation over its noise, as the paper states it
+#: Excitation over its noise, as the paper states it.
+SNR_DB = 20.0
 #: Below this frequency a record is sampled more slowly, so that it holds as many periods as this
 #: one does.
 SLOWER_BELOW_HZ = 10.0
-TRAINING_SHARE = 0.8  # share of the records that are trained on
+#: Share of the records that are trained on.
+TRAINING_SHARE = 0.8
 #: Robust standard deviations from its neighbours beyond which a sample is an outlier.
-OUTLYING = 10.0
-LARGEST_STEP = 0.3  # longest step of RK4 in radians of the natural frequency
+MAX_ROBUST_DEVIATIONS = 10.0
+#: Longest step of RK4 in radians of the natural frequency.
+MAX_STEP_RAD = 0.3
 
 
 @dataclass(frozen=True)
 class Scale:
-    """One scale for all records of a channel: physical value = normalised value · unit.
+    """Scale for all records of a channel: physical value = normalised value · unit.
 
     The smallest and the largest normalised value over the training records lie in [−1, 1] and one
     of them equals ±1. Zero stays zero, unlike the paper's min–max: a network without bias cannot
     correct a shift.
+
+    Attributes:
+        unit: physical value of a normalised 1.
+        shift: the normalised value that plain min–max would give to zero.
     """
 
-    unit: float  # physical value of a normalised 1
-    shift: float  # the normalised value that plain min–max would give to zero
+    unit: float
+    shift: float
 
     @classmethod
-    def of(cls, signals: Sequence[FloatArray]) -> Scale:
-        """Return the scale of these signals together."""
+    def from_signals(cls, signals: Sequence[FloatArray]) -> Scale:
+        """Return the common scale of signals."""
         low = min(float(s.min()) for s in signals)
         high = max(float(s.max()) for s in signals)
         return cls(max(abs(low), abs(high)), -(high + low) / (high - low))
@@ -72,16 +79,25 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Records split and scaled."""
+    """Records split and scaled.
 
-    # Physical units; outliers are replaced in the signals and marked invalid.
+    Attributes:
+        calibration: physical units; outliers are replaced in the signals and marked invalid.
+        training: indices of the records to train on.
+        test: indices of the others.
+        reference: scale of the reference channel.
+        response: scale of the response channel.
+        outliers: samples detected as outliers.
+        motions: the true motion of every simulated record.
+    """
+
     calibration: Calibration
-    training: tuple[int, ...]  # indices of the records to train on
-    test: tuple[int, ...]  # indices of the others
-    reference: Scale  # scale of the reference channel
-    response: Scale  # scale of the response channel
-    outliers: int  # samples detected as outliers
-    motions: tuple[Motion, ...] = ()  # the true motion of every simulated record
+    training: tuple[int, ...]
+    test: tuple[int, ...]
+    reference: Scale
+    response: Scale
+    outliers: int
+    motions: tuple[Motion, ...] = ()
 
     @property
     def training_calibration(self) -> Calibration:
@@ -92,7 +108,7 @@ class Dataset:
 
     @property
     def sha256(self) -> str:
-        """Of the samples of all records in order."""
+        """Return the SHA-256 of the samples of all records in order."""
         digest = hashlib.sha256()
         for record in self.calibration.records:
             digest.update(reference_of(record).tobytes() + record.response.tobytes())
@@ -102,8 +118,9 @@ class Dataset:
 def section_4(
     *, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False
 ) -> Dataset:
-    """Return the paper's simulated data, at a rate that it does not state; ``seed``: of the noise and of the split.
+    """Return the paper's simulated data.
 
+    ``seed``: of the noise and of the split; ``rate_hz``: which the paper does not state;
     ``full_range``: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
     """
     calibration, motions = sines(
@@ -115,7 +132,7 @@ def section_4(
 def sines(
     *, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0
 ) -> tuple[Calibration, tuple[Motion, ...]]:
-    """Return the paper's sines to 1000 Hz with noise motion, the response by RK4; and the motions."""
+    """Return the paper's sines to 1000 Hz with noise motion, responses by RK4, and the motions."""
     frequencies = one_third_octave(low_hz, 1000.0)
     rates = rate_hz * np.minimum(1.0, frequencies / SLOWER_BELOW_HZ)
     streams = np.random.SeedSequence(seed).spawn(len(frequencies))
@@ -124,7 +141,7 @@ def sines(
         for frequency, rate, stream in zip(frequencies, rates, streams, strict=True)
     )
     responses = _runge_kutta(motions, rates, samples)
-    made = f"simulated: {SENSOR.title}; rk4 response, start rest, seed {seed}"
+    history = f"simulated: {SENSOR.title}; rk4 response, start rest, seed {seed}"
     records = [
         Record(
             f"{nominal_frequency_name(float(frequency))} Hz",
@@ -133,19 +150,19 @@ def sines(
             float(rate),
             "sine",
             frequency_hz=float(frequency),
-            provenance=Provenance(history=(made, f"motion: {motion.words}")),
+            provenance=Provenance(history=(history, f"motion: {motion.words}")),
         )
         for frequency, rate, motion, response in zip(
             frequencies, rates, motions, responses, strict=True
         )
     ]
-    whole = Calibration(
+    calibration = Calibration(
         tuple(records),
         model=SENSOR.model,
         response_unit=SENSOR.response_unit,
         sensor={"manufacturer": "simulated", "type": SENSOR.title},
     )
-    return whole, motions
+    return calibration, motions
 
 
 def _motion(
@@ -157,9 +174,9 @@ def _motion(
 
 
 def _runge_kutta(motions: tuple[Motion, ...], rates: FloatArray, samples: int) -> list[FloatArray]:
-    """One step a sample, as in the paper; more if a record's sampling rate is too low for RK4."""
+    """Return the responses by RK4, with one step a sample as in the paper, or more if needed."""
     fastest = 2.0 * np.pi * SENSOR.parameters["natural_frequency"]
-    steps = np.maximum(1, np.ceil(fastest / LARGEST_STEP / rates)).astype(int)
+    steps = np.maximum(1, np.ceil(fastest / MAX_STEP_RAD / rates)).astype(int)
     responses: list[FloatArray] = [np.empty(0)] * len(motions)
     for group in (np.flatnonzero(steps == 1), np.flatnonzero(steps > 1)):
         if group.size:
@@ -177,7 +194,7 @@ def _runge_kutta(motions: tuple[Motion, ...], rates: FloatArray, samples: int) -
 
 
 def prepared(calibration: Calibration, *, seed: int) -> Dataset:
-    """Outliers removed, split 8:2 by record at random, scaled.
+    """Remove outliers, split 8:2 by record at random, and scale.
 
     Raises:
         InputError: there are fewer than two records, or one has no reference.
@@ -191,7 +208,7 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
             where=calibration.source or "calibration in memory",
             remedy="give more records",
         )
-    pairs = [_mended(record) for record in calibration.records]
+    pairs = [_without_outliers(record) for record in calibration.records]
     records = tuple(record for record, _ in pairs)
     order = np.random.default_rng([seed, count]).permutation(count)
     first = min(count - 1, round(TRAINING_SHARE * count))
@@ -200,9 +217,9 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
         replace(calibration, records=records),
         training,
         test,
-        Scale.of([reference_of(records[i]) for i in training]),
-        Scale.of([records[i].response for i in training]),
-        sum(found for _, found in pairs),
+        Scale.from_signals([reference_of(records[i]) for i in training]),
+        Scale.from_signals([records[i].response for i in training]),
+        sum(count for _, count in pairs),
     )
 
 
@@ -219,19 +236,24 @@ def outliers(signal: FloatArray) -> BoolArray:
         signal[k] - (4.0 * (signal[k - 1] + signal[k + 1]) - signal[k - 2] - signal[k + 2]) / 6.0
     )
     # A clean signal's distances are rounding and curvature, and define no usual distance.
-    limit = max(OUTLYING * 1.4826 * float(np.median(distance)), 0.02 * float(np.std(signal)))
+    limit = max(
+        MAX_ROBUST_DEVIATIONS * 1.4826 * float(np.median(distance)), 0.02 * float(np.std(signal))
+    )
     return (distance > limit) & (distance == ndimage.maximum_filter1d(distance, 5))
 
 
-def _mended(record: Record) -> tuple[Record, int]:
-    """Return the record with its outliers replaced by their neighbours' mean and marked; and how many there were."""
+def _without_outliers(record: Record) -> tuple[Record, int]:
+    """Return the record without outliers, and how many there were.
+
+    They are replaced by their neighbours' mean, and marked as invalid.
+    """
     channels = {"reference": reference_of(record), "response": record.response}
-    found = {name: outliers(signal) for name, signal in channels.items()}
-    bad = found["reference"] | found["response"]
+    outlying = {name: outliers(signal) for name, signal in channels.items()}
+    bad = outlying["reference"] | outlying["response"]
     if not bad.any():
         return record, 0
     smooth = {
-        name: np.where(found[name], 0.5 * (np.roll(signal, 1) + np.roll(signal, -1)), signal)
+        name: np.where(outlying[name], 0.5 * (np.roll(signal, 1) + np.roll(signal, -1)), signal)
         for name, signal in channels.items()
     }
     marked = record.without(bad, "outliers")
@@ -241,20 +263,29 @@ def _mended(record: Record) -> tuple[Record, int]:
 
 
 def reference_of(record: Record) -> FloatArray:
-    """Its reference, which every record here has: ``prepared`` checks it."""
+    """Return the reference of a record, which each has here: ``prepared`` checks it."""
     assert record.reference is not None
     return record.reference
 
 
-RUN_IN = 512  # steps of a window that are run and not scored, also at the beginning of a record
-SCORED = 512  # steps of a window that are scored
-RUN_OUT = 40  # steps at the end of a record that are not scored
-#: One of so many windows of the training records is held back for early stopping: 8:2 again.
-HOLD_BACK = 5
+#: Steps of a window that are run and not scored, also at the beginning of a record.
+RUN_IN = 512
+#: Steps of a window that are scored.
+SCORED = 512
+#: Steps at the end of a record that are not scored.
+RUN_OUT = 40
+#: Windows of the training records of which one is held back for early stopping: 8:2 again.
+WINDOWS_PER_HELD_BACK = 5
 
 
 class Windows(NamedTuple):
-    """Normalised windows: inputs (W, L, q), targets (W, L), score (W, L), one where a sample counts."""
+    """Normalised windows.
+
+    Attributes:
+        inputs: shape (W, L, q).
+        targets: shape (W, L).
+        score: one where a sample counts, shape (W, L).
+    """
 
     inputs: Any
     targets: Any
@@ -262,38 +293,47 @@ class Windows(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Inputs of a network: the samples, or the coefficients of the band-limited signal."""
+class NetworkInputs:
+    """Inputs of a network: the samples, or the coefficients of the band-limited signal.
 
-    method: Method  # the discretisation
-    terms: int = 1  # inputs a step
-    delay_s: float = 0.0  # delay at which the inputs are taken
+    Attributes:
+        method: the discretisation.
+        terms: inputs a step.
+        delay_s: delay at which the inputs are taken.
+    """
+
+    method: Method
+    terms: int = 1
+    delay_s: float = 0.0
 
     def of(self, record: Record, unit: float) -> FloatArray:
-        """Normalised inputs of a record, shape (samples, terms)."""
+        """Return the normalised inputs of a record, shape (samples, terms)."""
         late = self.delay_s * record.sampling_rate_hz
         every = np.ones(record.samples, dtype=bool)
         return self.method.inputs(reference_of(record), every, self.terms, late).coefficients / unit
 
 
-AS_SAMPLED = Seen(method("euler"))
+AS_SAMPLED = NetworkInputs(method("euler"))
 
 
-def cut(dataset: Dataset, seen: Seen = AS_SAMPLED) -> tuple[Windows, Windows]:
-    """Windows of the training records to train on, and those held back."""
-    parts = [_of_record(dataset, dataset.calibration.records[i], seen) for i in dataset.training]
-    whole = Windows(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-    held = np.arange(len(whole.targets)) % HOLD_BACK == HOLD_BACK - 1
-    return Windows(*(a[~held] for a in whole)), Windows(*(a[held] for a in whole))
+def cut(dataset: Dataset, network_inputs: NetworkInputs = AS_SAMPLED) -> tuple[Windows, Windows]:
+    """Cut the training records into windows to train on, and those held back."""
+    parts = [
+        _windows_of(dataset, dataset.calibration.records[i], network_inputs)
+        for i in dataset.training
+    ]
+    windows = Windows(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    held = np.arange(len(windows.targets)) % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
+    return Windows(*(a[~held] for a in windows)), Windows(*(a[held] for a in windows))
 
 
-def _of_record(dataset: Dataset, record: Record, seen: Seen) -> Windows:
+def _windows_of(dataset: Dataset, record: Record, network_inputs: NetworkInputs) -> Windows:
     starts = np.arange(0, record.samples - RUN_OUT - RUN_IN - SCORED + 1, SCORED)
     take = starts[:, None] + np.arange(RUN_IN + SCORED)
     score = record.mask.astype(float)[take]
     score[:, :RUN_IN] = 0.0
     return Windows(
-        seen.of(record, dataset.reference.unit)[take],
+        network_inputs.of(record, dataset.reference.unit)[take],
         (record.response / dataset.response.unit)[take],
         score,
     )
@@ -304,10 +344,12 @@ def scored(record: Record) -> slice:
     return slice(RUN_IN, record.samples - RUN_OUT)
 
 
-def whole_records(dataset: Dataset, indices: Sequence[int], seen: Seen = AS_SAMPLED) -> FloatArray:
-    """Normalised inputs, shape (longest, q, records), padded with zeros."""
+def whole_records(
+    dataset: Dataset, indices: Sequence[int], network_inputs: NetworkInputs = AS_SAMPLED
+) -> FloatArray:
+    """Return the normalised inputs of records, padded with zeros, shape (longest, q, records)."""
     records = [dataset.calibration.records[i] for i in indices]
-    inputs = np.zeros((max(r.samples for r in records), seen.terms, len(records)))
+    inputs = np.zeros((max(r.samples for r in records), network_inputs.terms, len(records)))
     for column, record in enumerate(records):
-        inputs[: record.samples, :, column] = seen.of(record, dataset.reference.unit)
+        inputs[: record.samples, :, column] = network_inputs.of(record, dataset.reference.unit)
     return inputs

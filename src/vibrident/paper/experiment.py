@@ -1,4 +1,4 @@
-"""The data for the paper's section 5, whose own are private: the same protocol on two other sets.
+"""Data for the paper's section 5, whose own are private: the same protocol on two other sets.
 
 ``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion measured by a
 laser vibrometer of 50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10
@@ -24,15 +24,19 @@ from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 
 #: Scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it.
 VIBROMETER = 0.050
-FULL_SCALE_V = 10.0  # full scale of the converter, V
-BITS = 24  # bits of the converter
+#: Full scale and resolution of the converter.
+FULL_SCALE_V = 10.0
+BITS = 24
 #: Noise of the velocity, (m/s)/√Hz. This and the next four are assumed, because the paper does not
 #: state them.
 VELOCITY_NOISE = 1e-7
-RESPONSE_NOISE_V = 1e-4  # noise of the sensor's channel, V rms
-VIBROMETER_DELAY_S = 5e-6  # delay of the vibrometer behind the sensor's channel, s
-SHAKER_DB = 40.0  # shaker's own vibration below the sine, dB
-SHAKER_BAND_HZ = (5.0, 4000.0)  # band of that vibration, Hz
+#: Noise of the sensor's channel, V rms.
+RESPONSE_NOISE_V = 1e-4
+#: Delay of the vibrometer behind the sensor's channel, s.
+VIBROMETER_DELAY_S = 5e-6
+#: Sine over the vibration of the shaker itself, dB, and the band of that vibration, Hz.
+SHAKER_DB = 40.0
+SHAKER_BAND_HZ = (5.0, 4000.0)
 #: The vibrometer is later than the response, so the response's delay relative to it is negative.
 MSV_3000 = Sensor(
     "msv3000",
@@ -40,20 +44,29 @@ MSV_3000 = Sensor(
     "accelerometer+delay",
     {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S},
 )
-_HALF = 80  # half length of the filter from velocity to acceleration, samples
-_EDGE_HZ = 5000.0  # its upper edge, Hz
-_KAISER = 9.0  # its Kaiser parameter β
+#: Filter from velocity to acceleration: half its length in samples, upper edge in Hz, Kaiser's β.
+_HALF_LENGTH = 80
+_EDGE_HZ = 5000.0
+_KAISER_BETA = 9.0
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One set of data for section 5, twice prepared."""
+    """Set of data for section 5, prepared in two ways.
 
-    title: str  # name of the data, stating whether measured or simulated
-    simulated: bool  # True for simulated data
-    own: Dataset  # reference as recorded, for the methods that model its quantity
-    published: Dataset  # reference as acceleration (or drive), for the methods that need it so
-    truth: dict[str, float] | None  # true parameters, if known
+    Attributes:
+        title: name of the data, stating whether measured or simulated.
+        simulated: True for simulated data.
+        recorded: reference as recorded, for the methods that model its quantity.
+        published: reference as acceleration (or drive), for the methods that need it so.
+        truth: true parameters, if known.
+    """
+
+    title: str
+    simulated: bool
+    recorded: Dataset
+    published: Dataset
+    truth: dict[str, float] | None
 
 
 def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000) -> Experiment:
@@ -64,7 +77,7 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
         MSV_3000,
         "sine",
         sampling_rate_hz=rate_hz,
-        samples=samples + 2 * _HALF,
+        samples=samples + 2 * _HALF_LENGTH,
         quantity="velocity",
         start="steady",
         excitation_snr_db=SHAKER_DB,
@@ -75,7 +88,9 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
         ),
         seed=seed,
     )
-    own = replace(calibration, records=tuple(_cropped(record) for record in calibration.records))
+    recorded = replace(
+        calibration, records=tuple(_cropped(record) for record in calibration.records)
+    )
     differentiated = tuple(_differentiated(record) for record in calibration.records)
     published = replace(
         calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2"
@@ -83,14 +98,14 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
     return Experiment(
         "simulated interferometer calibration of an MSV 3000 type sensor",
         True,
-        prepared(own, seed=seed),
+        prepared(recorded, seed=seed),
         prepared(published, seed=seed),
         dict(MSV_3000.parameters),
     )
 
 
 def _cropped(record: Record) -> Record:
-    part = slice(_HALF, record.samples - _HALF)
+    part = slice(_HALF_LENGTH, record.samples - _HALF_LENGTH)
     return replace(
         record,
         reference=reference_of(record)[part],
@@ -100,7 +115,7 @@ def _cropped(record: Record) -> Record:
 
 
 def _differentiated(record: Record) -> Record:
-    """Velocity to acceleration by a windowed band-limited differentiator, zero above ``_EDGE_HZ``."""
+    """Convert velocity to acceleration by a band-limited differentiator up to ``_EDGE_HZ``."""
     acceleration = np.convolve(
         reference_of(record), _differentiator(record.sampling_rate_hz), mode="valid"
     )
@@ -108,12 +123,12 @@ def _differentiated(record: Record) -> Record:
 
 
 def _differentiator(rate_hz: float) -> FloatArray:
-    """Impulse response of jω below the edge, in 1/s; shape (2 · half + 1,)."""
-    n = np.arange(-_HALF, _HALF + 1)
+    """Return the impulse response of jω below the edge, in 1/s; shape (2 · half + 1,)."""
+    n = np.arange(-_HALF_LENGTH, _HALF_LENGTH + 1)
     x = 2.0 * _EDGE_HZ / rate_hz * n
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(n == 0, 0.0, (np.cos(np.pi * x) - np.sinc(x)) / np.where(n == 0, 1.0, x))
-    return (2.0 * _EDGE_HZ) ** 2 / rate_hz * slope * np.kaiser(2 * _HALF + 1, _KAISER)
+    return (2.0 * _EDGE_HZ) ** 2 / rate_hz * slope * np.kaiser(2 * _HALF_LENGTH + 1, _KAISER_BETA)
 
 
 #: Meaning of the columns of the SM-3's files, which their header states wrongly.
@@ -142,7 +157,10 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """Return the sine steps of an SM-3 seismometer: drive to laser; None if the folder ``data`` holds no ``sm3``."""
+    """Return the sine steps of an SM-3 seismometer, drive to laser.
+
+    None if the folder ``data`` holds no ``sm3``.
+    """
     folder = data / "sm3"
     if not any(folder.glob("*Hz.csv")):
         return None

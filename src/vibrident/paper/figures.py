@@ -1,4 +1,4 @@
-"""The paper's figures 5, 6, 7 and 9, and two that it lacks, in the style of the package's other pictures."""
+"""Figures 5, 6, 7 and 9 of the paper, and two that it lacks, in the style of the package."""
 
 from __future__ import annotations
 
@@ -25,15 +25,18 @@ from vibrident.show.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, 
 
 Stacks = tuple[Stack, ...]
 
-TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)  # of figure 5
-SHOWN = (methods.PUBLISHED, methods.EXACT, methods.PLAIN)
+#: Frequencies of figure 5.
+TYPICAL_HZ = (10.0, 125.0, 630.0, 1000.0)
+#: Methods whose curves are drawn.
+DRAWN_METHODS = (methods.PUBLISHED, methods.EXACT, methods.PLAIN)
 _SYMBOLS = {"sensitivity": "S0", "natural_frequency": "fn", "damping_ratio": "δ"}
-_LEAST = 1e-9  # least error drawn; below it is rounding
+#: Least relative error drawn; below it is rounding.
+MIN_DRAWN_ERROR = 1e-9
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of the page: file name without suffix, caption, and what draws it."""
+    """Picture of the page: file name without suffix, caption, and what draws it."""
 
     name: str
     caption: str
@@ -54,7 +57,7 @@ def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
 
 
 def signals(run: Reproduction) -> Stacks:
-    """Figure 5: excitation and response at typical frequencies, from the start."""
+    """Draw figure 5: excitation and response at typical frequencies, from the start."""
     section = run.simulation
     records = section.published.calibration.records
     stacks = []
@@ -77,7 +80,7 @@ def signals(run: Reproduction) -> Stacks:
 
 
 def discrete_sensitivity(run: Reproduction) -> Stacks:
-    """Figure 6: the sensitivity of the discrete models with Table 2's parameters against the sensor's own."""
+    """Draw figure 6: sensitivity of the discrete models of Table 2 against the sensor's own."""
     model = parse(SENSOR.model)
     truth = dict(SENSOR.parameters)
     frequency = np.geomspace(*BAND_HZ, 301)
@@ -89,15 +92,17 @@ def discrete_sensitivity(run: Reproduction) -> Stacks:
         plain = replace(look, marker="")
         upper.append(Series(frequency, curve, name, plain))
         lower.append(Series(frequency, 100.0 * (curve / reference - 1.0), "", plain))
-    return _two(frequency, axes.size("|S| in V/(m/s²)", reference), upper, "Deviation in %", lower)
+    return _two_panels(
+        frequency, axes.size("|S| in V/(m/s²)", reference), upper, "Deviation in %", lower
+    )
 
 
-def _two(
+def _two_panels(
     frequency: FloatArray, y: Axis, upper: list[Series], label: str, lower: list[Series]
 ) -> Stacks:
-    """Curves, and below them their deviation."""
+    """Draw curves, and below them their deviation."""
     x = axes.frequency(frequency)
-    deviations = np.concatenate([np.zeros(1), *(one.y for one in lower)])
+    deviations = np.concatenate([np.zeros(1), *(series.y for series in lower)])
     below = Panel(x, axes.linear(label, deviations), tuple(lower), 1.7)
     return (Stack((Panel(x, y, tuple(upper), 2.2), below)),)
 
@@ -105,7 +110,10 @@ def _two(
 def discrete_response(
     name: str, parameters: dict[str, float], frequency_hz: FloatArray, rate_hz: float
 ) -> Any:
-    """Return the complex sensitivity of the network whose weights are the physics under a discretisation, shape (points,)."""
+    """Return the complex sensitivity of a network tied to the physics, shape (points,).
+
+    ``name``: of the discretisation.
+    """
     step = method(name)
     interval = 1.0 / rate_hz
     system = realise(parse(SENSOR.model).rational(parameters))
@@ -115,7 +123,7 @@ def discrete_response(
 
 
 def curves(section: PaperSection) -> Stacks:
-    """Figures 7 and 9: (a) sensitivity curves, (b) their relative deviation from the reference."""
+    """Draw figures 7 and 9: sensitivity curves, and their relative deviation from the reference."""
     model = plain_model(section.published.calibration.model)
     frequency = np.geomspace(*section.band_hz, 401)
     upper = []
@@ -130,20 +138,20 @@ def curves(section: PaperSection) -> Stacks:
     else:
         reference = np.abs(model.frequency_response(section.truth or {}, frequency))
         upper.append(Series(frequency, reference, "theory", Look(BLACK, width=2.4)))
-    for name, look in zip(SHOWN, LINES, strict=False):
-        found = section.row(name).parameters
+    for name, look in zip(DRAWN_METHODS, LINES, strict=False):
+        parameters = section.row(name).parameters
         deviation = section.deviations.get(name)
-        if found is None or deviation is None:
+        if parameters is None or deviation is None:
             continue
         plain = replace(look, marker="")
         upper.append(
-            Series(frequency, np.abs(model.frequency_response(found, frequency)), name, plain)
+            Series(frequency, np.abs(model.frequency_response(parameters, frequency)), name, plain)
         )
         order = np.argsort(deviation.frequency_hz)
         where = np.array(deviation.frequency_hz)[order]
         percent = np.array(deviation.percent)[order]
         lower.append(Series(where, percent, "", look if len(where) < 100 else plain))
-    return _two(
+    return _two_panels(
         frequency,
         axes.size(f"(a) |S| in {_unit(section)}", reference),
         upper,
@@ -163,7 +171,7 @@ def _unit(section: PaperSection) -> str:
 
 
 def by_rate(run: Reproduction) -> Stacks:
-    """Parameter error against sampling rate for every discretisation."""
+    """Draw the parameter error against sampling rate for every discretisation."""
     lines = []
     for discretisation in run.settings.discretisations:
         points = [
@@ -172,11 +180,11 @@ def by_rate(run: Reproduction) -> Stacks:
         errors = {name: [abs((p.errors or {})[name]) for p in points] for name in PARAMETERS}
         errors["curve"] = [0.01 * (p.mean_percent or 0.0) for p in points]
         lines.append((discretisation, [p.rate_hz for p in points], errors))
-    return _four(lines, "Sampling rate in Hz")
+    return _four_panels(lines, "Sampling rate in Hz")
 
 
 def by_noise(run: Reproduction) -> Stacks:
-    """RMS error against response noise for every method that gives parameters, and the Cramér–Rao bound."""
+    """Draw the RMS error against response noise for every method, and the Cramér–Rao bound."""
     study = run.noise
     lines = []
     for label in NOISE_METHODS:
@@ -188,7 +196,7 @@ def by_noise(run: Reproduction) -> Stacks:
     least = {name: [study.bound.deviations(level)[name] for level in levels] for name in PARAMETERS}
     least["curve"] = [0.01 * study.bound_mean_percent * level for level in levels]
     bound = "Cramér–Rao bound", [100.0 * level for level in levels], least
-    return _four(lines, "Response noise, % of the rms", bound)
+    return _four_panels(lines, "Response noise, % of the rms", bound)
 
 
 #: Panels of the two studies, and their titles.
@@ -202,8 +210,8 @@ _PANELS = {
 _Line = tuple[str, list[float], dict[str, list[float]]]
 
 
-def _four(lines: Sequence[_Line], label: str, bound: _Line | None = None) -> Stacks:
-    """One panel for each parameter and one for the curve, relative errors on logarithmic axes."""
+def _four_panels(lines: Sequence[_Line], label: str, bound: _Line | None = None) -> Stacks:
+    """Draw relative errors on logarithmic axes: a panel for each parameter and for the curve."""
     stacks = []
     for panel, title in _PANELS.items():
         series = []
@@ -211,9 +219,9 @@ def _four(lines: Sequence[_Line], label: str, bound: _Line | None = None) -> Sta
             name, x, y = bound
             series.append(Series(np.array(x), np.array(y[panel]), name, Look("#a6a6a6", width=3.0)))
         for (name, x, y), look in zip(lines, LINES, strict=False):
-            series.append(Series(np.array(x), np.maximum(y[panel], _LEAST), name, look))
-        across = axes.frequency(np.concatenate([one.x for one in series]), label)
-        errors = axes.size("Relative error", np.concatenate([one.y for one in series]))
+            series.append(Series(np.array(x), np.maximum(y[panel], MIN_DRAWN_ERROR), name, look))
+        across = axes.frequency(np.concatenate([line.x for line in series]), label)
+        errors = axes.size("Relative error", np.concatenate([line.y for line in series]))
         stacks.append(Stack((Panel(across, errors, tuple(series), 2.0),), f"{title}, relative"))
     return tuple(stacks)
 
@@ -226,8 +234,9 @@ PICTURES = (
     ),
     Picture(
         "figure6",
-        "Figure 6. Sensitivity of the discrete model with Table 2's parameters against the reference: Euler's, a "
-        "zero-order hold's, and the band-limited step's (on the reference to rounding).",
+        "Figure 6. Sensitivity of the discrete model with Table 2's parameters against the "
+        "reference: Euler's, a zero-order hold's, and the band-limited step's (on the reference to "
+        "rounding).",
         discrete_sensitivity,
     ),
     Picture(
@@ -237,25 +246,26 @@ PICTURES = (
     ),
     Picture(
         "figure9-simulated",
-        "Figure 9, simulated interferometer: (a) sensitivity curves, (b) relative deviation from the interferometer's "
-        "points.",
+        "Figure 9, simulated interferometer: (a) sensitivity curves, (b) relative deviation from "
+        "the interferometer's points.",
         lambda run: curves(run.interferometer),
     ),
     Picture(
         "figure9-measured",
-        "Figure 9, measured (SM-3 seismometer, laser): (a) sensitivity curves, (b) relative deviation from the laser's "
-        "points.",
+        "Figure 9, measured (SM-3 seismometer, laser): (a) sensitivity curves, (b) relative "
+        "deviation from the laser's points.",
         lambda run: curves(run.seismometer or run.interferometer),
     ),
     Picture(
         "rates",
-        "Beyond the paper: error of each discretisation against sampling rate, at the optimum of the mean squared "
-        "error, on noise-free exact responses.",
+        "Beyond the paper: error of each discretisation against sampling rate, at the optimum of "
+        "the mean squared error, on noise-free exact responses.",
         by_rate,
     ),
     Picture(
         "noise",
-        "Beyond the paper: root-mean-square error against white response noise, with the Cramér–Rao bound.",
+        "Beyond the paper: root-mean-square error against white response noise, with the "
+        "Cramér–Rao bound.",
         by_noise,
     ),
 )

@@ -43,7 +43,11 @@ class FreeIpnn(Ipnn):
     reading: Reading = "eigenvalues"
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
-        """Train the tied network, then all its weights; raise as ``Ipnn`` and :func:`train_free`."""
+        """Train the tied network, then all its weights.
+
+        Raises:
+            ModelError: as ``Ipnn`` and :func:`train_free`.
+        """
         require_rational(evidence.model)
         tied = super().fit(evidence, progress)
         coordinates = tied.coordinates
@@ -59,14 +63,14 @@ class FreeIpnn(Ipnn):
         z, covariance, trace = train_free(
             problem, coordinates, tied.z, network.noise, self.reading, progress
         )
-        found = Findings(replace(network, weights="", reading=self.reading))
+        findings = Findings(replace(network, weights="", reading=self.reading))
         return replace(
             tied,
             z=z,
             covariance=covariance,
             trace=trace,
             begin=None,
-            findings=found,
+            findings=findings,
             predicted=None,
             in_noise=None,
         )
@@ -122,11 +126,13 @@ def train_free(
     def read(vector: FloatArray) -> FloatArray:
         weights = unpack(vector, layout.order, layout.terms)
         physical = Weights(
-            weights.transition * scale[:, None] / scale, weights.drive * scale[:, None], weights.output / scale,
+            weights.transition * scale[:, None] / scale,
+            weights.drive * scale[:, None],
+            weights.output / scale,
             weights.feedthrough,
-        )  # fmt: skip
-        found = physics_from_weights(physical, interval, model, layout.method.name, reading)
-        return coordinates.place(found)
+        )
+        parameters = physics_from_weights(physical, interval, model, layout.method.name, reading)
+        return coordinates.place(parameters)
 
     best = trace.last
     normal = _objective(jnp.asarray(best), args)

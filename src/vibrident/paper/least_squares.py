@@ -1,4 +1,4 @@
-"""The least squares that the paper compares with: constants of the sensor from sensitivities at single frequencies.
+"""Least squares that the paper compares with: constants from sensitivities at frequencies.
 
     1/H = (ωn² − ω² + 2 j δ ωn ω)/K        three constants, linear: 1/S0, 2 δ/(S0 ωn), 1/(S0 ωn²)
 
@@ -6,8 +6,9 @@
 paper does not state how its H were read. ``from_extremes`` reads them in the simplest way: largest
 response over largest excitation, with noise, without phase:
 
-    1/|H|² = (1 + (4 δ² − 2) (ω/ωn)² + (ω/ωn)⁴)/S0²        linear in 1/S0², (4 δ² − 2)/(S0 ωn)²,
-    1/(S0² ωn⁴)
+    1/|H|² = (1 + (4 δ² − 2) (ω/ωn)² + (ω/ωn)⁴)/S0²,
+
+linear in 1/S0², (4 δ² − 2)/(S0 ωn)² and 1/(S0² ωn⁴).
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from vibrident.fit.response import find_tones
 
 
 def from_sine_fits(calibration: Calibration) -> dict[str, float]:
-    """Unweighted linear least squares on 1/H, for sine records with acceleration (or drive) as reference.
+    """Fit 1/H by unweighted linear least squares.
+
+    The records are sines with acceleration (or drive) as reference.
 
     Raises:
         NotConverged: the constants are not those of a stable oscillator.
@@ -37,18 +40,19 @@ def from_sine_fits(calibration: Calibration) -> dict[str, float]:
     static, viscous, inertial = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
     if not (static / inertial > 0.0 and viscous / static > 0.0):
         raise NotConverged(
-            "Plain least squares on 1/H gives no stable oscillator: the points of small sensitivity dominate and are "
-            "too noisy or not those of a second-order sensor."
+            "Plain least squares on 1/H gives no stable oscillator: "
+            "the points of small sensitivity dominate and are too noisy "
+            "or not those of a second-order sensor."
         )
     natural = np.sqrt(static / inertial)
     return _named(1.0 / static, natural * unit, 0.5 * viscous / static * natural)
 
 
 def from_extremes(calibration: Calibration) -> dict[str, float]:
-    """Least squares on the ratio of the largest excursions of response and excitation, after the start transient."""
+    """Fit 1/|H|² from the largest excursions of both channels, after the start transient."""
     frequency = np.array([record.frequency_hz for record in calibration.records], dtype=float)
     ratio = np.array(
-        [_reach(r.response) / _reach(np.asarray(r.reference)) for r in calibration.records]
+        [_amplitude(r.response) / _amplitude(np.asarray(r.reference)) for r in calibration.records]
     )
     omega = 2.0 * np.pi * frequency
     unit = float(np.exp(np.mean(np.log(omega))))
@@ -65,7 +69,8 @@ def from_extremes(calibration: Calibration) -> dict[str, float]:
     return _named(static**-0.5, np.sqrt(natural_square) * unit, np.sqrt(max(damping, 0.0)))
 
 
-def _reach(signal: FloatArray) -> float:
+def _amplitude(signal: FloatArray) -> float:
+    """Return half the range of a signal after its first quarter."""
     steady = signal[signal.size // 4 :]
     return 0.5 * float(np.ptp(steady))
 

@@ -1,4 +1,4 @@
-"""Every method on the same training records, evaluated on the same test records."""
+"""Methods on the same training records, evaluated on the same test records."""
 
 from __future__ import annotations
 
@@ -37,30 +37,45 @@ NAMES: Mapping[Kind, str] = {"gru": "GRU", "lstm": "LSTM"}
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The outcome of one method on one set of data."""
+    """Outcome of a method on a set of data.
 
-    name: str  # for tables
-    weights: int  # numbers that were fitted
-    metrics: Metrics | None  # prediction of the test records, normalised; None if the method failed
-    # The sensor's, SI units; None for a method without parameters, or that failed.
+    Attributes:
+        name: for tables.
+        weights: numbers that were fitted.
+        metrics: prediction of the test records, normalised; None if the method failed.
+        parameters: the sensor's, SI units; None for a method without parameters, or that failed.
+        epochs: of training; None if there was none.
+        converged: whether the stopping rule ended training, and not the limit.
+        seconds: of fitting, compilation included; differs from run to run.
+    """
+
+    name: str
+    weights: int
+    metrics: Metrics | None
     parameters: dict[str, float] | None
-    epochs: int | None = None  # of training; None if there was none
-    converged: bool = True  # whether the stopping rule ended training, and not the limit
-    # Of fitting, compilation included; differs from run to run.
+    epochs: int | None = None
+    converged: bool = True
     seconds: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Data for all methods, and the evaluation of parameters."""
+    """Data for all methods, and the evaluation of parameters.
 
-    own: Dataset  # reference as recorded, for the package's estimators
-    # Reference as acceleration (or drive), for all others. The same records and samples.
+    Attributes:
+        recorded: reference as recorded, for the package's estimators.
+        published: reference as acceleration (or drive), for all others. The same records and
+            samples.
+        schedule: of everything that is trained by Adam.
+        seed: of everything random.
+    """
+
+    recorded: Dataset
     published: Dataset
-    schedule: Schedule  # of everything that is trained by Adam
-    seed: int  # of everything random
+    schedule: Schedule
+    seed: int
 
-    def of(
+    def row_of_predictions(
         self,
         name: str,
         weights: int,
@@ -72,14 +87,14 @@ class Judge:
         """Return a row from predictions of the test records."""
         data = self.published
         records = [data.calibration.records[i] for i in data.test]
-        kept = [record.mask[scored(record)] for record in records]
+        masks = [record.mask[scored(record)] for record in records]
         measured = [
             r.response[scored(r)][m] / data.response.unit
-            for r, m in zip(records, kept, strict=True)
+            for r, m in zip(records, masks, strict=True)
         ]
-        metrics = Metrics.of(
+        metrics = Metrics.from_samples(
             np.concatenate(measured),
-            np.concatenate([p[m] for p, m in zip(predicted, kept, strict=True)]),
+            np.concatenate([p[m] for p, m in zip(predicted, masks, strict=True)]),
         )
         values = (
             None if parameters is None else {key: float(value) for key, value in parameters.items()}
@@ -87,25 +102,27 @@ class Judge:
         course = (None, True) if trained is None else (len(trained.training), trained.converged)
         return MethodResult(name, weights, metrics, values, *course, seconds)
 
-    def sensor(
-        self, name: str, weights: int, found: Mapping[str, float], seconds: float, **more
+    def row_of_parameters(
+        self, name: str, weights: int, parameters: Mapping[str, float], seconds: float, **more
     ) -> MethodResult:
-        """Return a row from parameters: the test records predicted by the exact network that has them."""
-        core = plain_model(self.own.calibration.model)
-        network = network_for(self.own, core, found, "bandlimited", delay_s=found.get("delay", 0.0))
-        values = {key: found[key] for key in core.parameter_names}
-        return self.of(
-            name, weights, network.predict(values, self.own.test), found, seconds, **more
-        )
+        """Return a row from parameters, whose exact network predicts the test records."""
+        core = plain_model(self.recorded.calibration.model)
+        delay_s = parameters.get("delay", 0.0)
+        network = network_for(self.recorded, core, parameters, "bandlimited", delay_s=delay_s)
+        values = {key: parameters[key] for key in core.parameter_names}
+        predicted = network.predict(values, self.recorded.test)
+        return self.row_of_predictions(name, weights, predicted, parameters, seconds, **more)
 
 
 def recurrent(judge: Judge, kind: Kind) -> MethodResult:
-    """GRU or LSTM."""
+    """Train a GRU or an LSTM."""
     begin = time.perf_counter()
     trained = fit_recurrent(judge.published, kind, judge.schedule, seed=judge.seed)
     seconds = time.perf_counter() - begin
     predicted = predict_recurrent(trained.model, judge.published, judge.published.test)
-    return judge.of(NAMES[kind], trained.model.weights, predicted, None, seconds, trained)
+    return judge.row_of_predictions(
+        NAMES[kind], trained.model.weights, predicted, None, seconds, trained
+    )
 
 
 def unrolled_network(
@@ -116,45 +133,58 @@ def unrolled_network(
     activation: Activation = "linear",
     progress: Progress = silent,
 ) -> MethodResult:
-    """Return the unrolled network under Adam; ``near`` is the first estimate of the sensor."""
+    """Train the unrolled network by Adam; ``near``: first estimate of the sensor."""
     core = plain_model(judge.published.calibration.model)
     network: Network = network_for(judge.published, core, near, discretisation, activation)
     begin = time.perf_counter()
     fitted = fit(network, near, judge.schedule, seed=judge.seed, progress=progress)
     seconds = time.perf_counter() - begin
     predicted = network.predict(fitted.parameters, judge.published.test)
-    return judge.of(name, fitted.weights, predicted, fitted.parameters, seconds, fitted.trained)
+    return judge.row_of_predictions(
+        name, fitted.weights, predicted, fitted.parameters, seconds, fitted.trained
+    )
 
 
 def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:
-    """One of the package's estimators on the training records."""
+    """Run an estimator of the package on the training records."""
     begin = time.perf_counter()
-    result = identify(judge.own.training_calibration, None, chosen)
-    found = {key: float(p.value) for key, p in result.parameters.items() if not p.derived}
-    return judge.sensor(name, len(found), found, time.perf_counter() - begin)
+    result = identify(judge.recorded.training_calibration, None, chosen)
+    parameters = {key: float(p.value) for key, p in result.parameters.items() if not p.derived}
+    seconds = time.perf_counter() - begin
+    return judge.row_of_parameters(name, len(parameters), parameters, seconds)
 
 
 def least_squares(judge: Judge, name: str, method: Callable[..., dict[str, float]]) -> MethodResult:
-    """Return the paper's comparison, without delay; without metrics if it gives no stable oscillator."""
+    """Run least squares as the paper does, without delay.
+
+    The row has no metrics if it gives no stable oscillator.
+    """
     begin = time.perf_counter()
     try:
-        found = method(judge.published.training_calibration)
+        parameters = method(judge.published.training_calibration)
     except NotConverged:
         return MethodResult(name, 3, None, None, seconds=time.perf_counter() - begin)
-    return judge.sensor(name, len(found), found, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    return judge.row_of_parameters(name, len(parameters), parameters, seconds)
 
 
 def pinn(judge: Judge, near: Mapping[str, float], progress: Progress = silent) -> MethodResult:
-    """Return the network of time; its sensor predicts the test records, which the network itself cannot."""
+    """Train the network of time.
+
+    Its sensor predicts the test records, which the network itself cannot.
+    """
     core = plain_model(judge.published.calibration.model)
     begin = time.perf_counter()
-    own = replace(judge.schedule, most_epochs=PINN_EPOCHS * judge.schedule.most_epochs)
-    fitted = fit_pinn(judge.published, core, near, own, seed=judge.seed, progress=progress)
+    schedule = replace(judge.schedule, most_epochs=PINN_EPOCHS_RATIO * judge.schedule.most_epochs)
+    fitted = fit_pinn(judge.published, core, near, schedule, seed=judge.seed, progress=progress)
     seconds = time.perf_counter() - begin
-    return judge.sensor(PINN, fitted.weights, fitted.parameters, seconds, trained=fitted.trained)
+    return judge.row_of_parameters(
+        PINN, fitted.weights, fitted.parameters, seconds, trained=fitted.trained
+    )
 
 
-PINN_EPOCHS = 10  # epochs of the network of time for one of the others, which takes about as long
+#: Epochs of the network of time over those of the others, which take about as long.
+PINN_EPOCHS_RATIO = 10
 
 #: The methods that need no training by Adam, in the order of the tables.
 CLOSED: Mapping[str, Callable[[Judge], MethodResult]] = {

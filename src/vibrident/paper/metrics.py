@@ -1,4 +1,4 @@
-"""The paper's five metrics (section 4.2), and how far a sensitivity curve lies from another.
+"""Metrics of the paper (section 4.2), and the deviation of a sensitivity curve from another.
 
     RMSE = √(mean (y − ŷ)²)      MAE = mean |y − ŷ|      MSE = RMSE²
     R² = 1 − Σ (y − ŷ)²/Σ (y − ȳ)²      RPD = SD(y)/RMSE,  SD with the divisor N
@@ -16,12 +16,13 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.physics.models import SensorModel
 
-CURVE_POINTS = 401  # points of a curve over a band, equally spaced in log f
+#: Points of a curve over a band, equally spaced in log f.
+CURVE_POINTS = 401
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """How well a response is predicted; in the unit of the response, here the normalised one."""
+    """Quality of a prediction, in the unit of the response, here the normalised one."""
 
     rmse: float
     mae: float
@@ -30,8 +31,11 @@ class Metrics:
     rpd: float
 
     @classmethod
-    def of(cls, measured: FloatArray, predicted: FloatArray) -> Metrics:
-        """Metrics over all samples, shape (samples,) each; R² and RPD are infinite or NaN if undefined."""
+    def from_samples(cls, measured: FloatArray, predicted: FloatArray) -> Metrics:
+        """Compute the metrics over all samples, shape (samples,) each.
+
+        R² and RPD are infinite or NaN where they are undefined.
+        """
         error = measured - predicted
         mse = float(np.mean(np.square(error)))
         variance = float(np.var(measured))
@@ -43,34 +47,40 @@ class Metrics:
 
 @dataclass(frozen=True)
 class CurveDeviation:
-    """Magnitude of one sensitivity curve relative to another, less one, in percent."""
+    """Magnitude of one sensitivity curve relative to another, less one, in percent.
 
-    frequency_hz: tuple[float, ...]  # where
-    percent: tuple[float, ...]  # signed deviation there
-    at_peak: float | None  # signed deviation at the resonance; None if absent
+    Attributes:
+        frequency_hz: where.
+        percent: signed deviation there.
+        at_peak: signed deviation at the resonance; None if absent.
+    """
+
+    frequency_hz: tuple[float, ...]
+    percent: tuple[float, ...]
+    at_peak: float | None
 
     @property
     def mean(self) -> float:
-        """Mean of the absolute deviations, %."""
+        """Return the mean of the absolute deviations, %."""
         return float(np.mean(np.abs(self.percent)))
 
     @property
     def largest(self) -> float:
-        """Largest absolute deviation, %."""
+        """Return the largest absolute deviation, %."""
         return float(np.max(np.abs(self.percent)))
 
 
 def curve_deviation(
     model: SensorModel,
-    found: Mapping[str, float],
+    estimate: Mapping[str, float],
     truth: Mapping[str, float],
     band_hz: tuple[float, float],
 ) -> CurveDeviation:
-    """Deviation of the curve of the estimated parameters from the true one, over a band in log f."""
+    """Return the deviation of an estimated curve from the true one, over a band in log f."""
     frequency = np.geomspace(*band_hz, CURVE_POINTS)
 
     def percent(points: FloatArray) -> FloatArray:
-        size = np.abs(model.frequency_response(found, points))
+        size = np.abs(model.frequency_response(estimate, points))
         return 100.0 * (size / np.abs(model.frequency_response(truth, points)) - 1.0)
 
     peak = resonance_hz(model, truth)
@@ -87,9 +97,14 @@ def resonance_hz(model: SensorModel, values: Mapping[str, float]) -> float | Non
 
 
 def deviation_at_points(
-    model: SensorModel, found: Mapping[str, float], frequency_hz: FloatArray, magnitude: FloatArray
+    model: SensorModel,
+    estimate: Mapping[str, float],
+    frequency_hz: FloatArray,
+    magnitude: FloatArray,
 ) -> CurveDeviation:
-    """Deviation of the curve of the estimated parameters from measured magnitudes per unit of acceleration (or
-    drive)."""
-    percent = 100.0 * (np.abs(model.frequency_response(found, frequency_hz)) / magnitude - 1.0)
+    """Return the deviation of an estimated curve from measured magnitudes.
+
+    ``magnitude``: per unit of acceleration (or drive), shape (points,).
+    """
+    percent = 100.0 * (np.abs(model.frequency_response(estimate, frequency_hz)) / magnitude - 1.0)
     return CurveDeviation(tuple(frequency_hz.tolist()), tuple(percent.tolist()), None)

@@ -1,4 +1,4 @@
-"""The paper's optimiser as one of the network's: ``Ipnn(optimiser="adam")``."""
+"""Adam, the paper's optimiser, as one of the network's: ``Ipnn(optimiser="adam")``."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Adam(Optimiser):
         tolerance: float,
         progress: Progress,
     ) -> Trace:
-        """Take all steps; arguments as of :meth:`Optimiser.train`, of which ``tolerance`` is not used."""
+        """Take all steps; arguments as of :meth:`Optimiser.train`, ``tolerance`` without use."""
         from vibrident.paper.adam import adam  # loads JAX
 
         rate = self.learning_rate

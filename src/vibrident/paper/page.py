@@ -1,4 +1,4 @@
-"""The page: Markdown, and HTML that needs no other file; and tables put between the marks of a document."""
+"""The page in Markdown and in HTML that needs no other file; tables between a document's marks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,16 @@ from vibrident.paper.tables import all_tables
 from vibrident.show.media import html, markdown
 from vibrident.show.views import Document, Figure, Sentence, Table, document, section
 
-TITLE = "An IPNN-Based Parameter Identification Method for a Vibration Sensor Sensitivity Model, reproduced"
+TITLE = (
+    "An IPNN-Based Parameter Identification Method for a Vibration Sensor Sensitivity Model, "
+    "reproduced"
+)
 _SOURCE = (
-    "Li, Liu, Cai, Yao, Pan, Yang. Mathematics 2025, 13(22), 3609. Every table and figure of the paper from this "
-    "package, the paper's numbers in italics beside ours; studies/paper.md explains them. The paper's data are private: "
-    "section 5 is rerun on a simulated interferometer, and on measured records of another sensor where they are at "
-    "hand; each table says which."
+    "Li, Liu, Cai, Yao, Pan, Yang. Mathematics 2025, 13(22), 3609. Every table and figure of the "
+    "paper from this package, the paper's numbers in italics beside ours; studies/paper.md "
+    "explains them. The paper's data are private: section 5 is rerun on a simulated "
+    "interferometer, and on measured records of another sensor where they are at hand; each table "
+    "says which."
 )
 
 
@@ -46,9 +50,10 @@ def content(tables: Sequence[Table], pictures: Sequence[Figure]) -> Document:
 
 
 def filled(text: str, tables: Sequence[Table], where: str) -> str:
-    """Return a document with this run's tables between its marks ``<!-- reproduce:begin NAME -->`` and ``end``.
+    """Return a document with this run's tables between its marks.
 
-    Marks of tables that this run has not made stay unchanged.
+    These are ``<!-- reproduce:begin NAME -->`` and ``<!-- reproduce:end NAME -->``. Marks of tables
+    that this run has not made stay unchanged.
 
     Raises:
         InputError: the document has no marks.
@@ -59,12 +64,13 @@ def filled(text: str, tables: Sequence[Table], where: str) -> str:
         end = f"<!-- reproduce:end {table.name} -->"
         pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
         block = f"{begin}\n{markdown.markdown_table(replace(table, title=''))}\n{end}"
-        text, found = pattern.subn(lambda _, block=block: block, text)
-        count += found
+        text, replaced = pattern.subn(lambda _, block=block: block, text)
+        count += replaced
     if not count:
         raise InputError(
             "The document has no place for the tables.",
-            expected="marks such as <!-- reproduce:begin table4 --> … <!-- reproduce:end table4 -->",
+            expected="marks such as "
+            "<!-- reproduce:begin table4 --> … <!-- reproduce:end table4 -->",
             found="none of them",
             where=where,
             remedy="give a document with marks, studies/paper.md say",

@@ -1,8 +1,8 @@
-"""A physics-informed network of time (Raissi et al. 2019), against which the paper's introduction sets its own.
+"""Physics-informed network of time (Raissi et al. 2019).
 
-One network maps time to the responses of all training records over a short span; its derivatives in
-time are exact. The equation of motion, divided by K, is a second loss, and S0, ωn and δ are trained
-along:
+The paper's introduction sets its own network against it. One network maps time to the responses of
+all training records over a short span; its derivatives in time are exact. The equation of motion,
+divided by K, is a second loss, and S0, ωn and δ are trained along:
 
     V̂_r(t) = network(t)_r          e_r = (V̂̈_r + 2 δ ωn V̂̇_r + ωn² V̂_r)/K − a_r
     loss = mean (V̂_r − V_r)² + mean e_r²        both normalised
@@ -27,15 +27,23 @@ from vibrident.paper.unrolled import start_of_training
 from vibrident.physics.models import SensorModel
 
 #: Steps of a record for training, from the middle: the longest that it learns in a minute or two.
-SPAN = 1024
+SPAN_STEPS = 1024
 #: The network sees sine and cosine of so many multiples of half the span's fundamental.
 HARMONICS = 64
-HIDDEN = 64  # neurons of each of the two tanh layers that follow
-BATCH = 128  # points a batch
+#: Neurons of each of the two tanh layers that follow.
+HIDDEN_NEURONS = 64
+#: Points a batch.
+BATCH_POINTS = 128
 
 
 class CollocationPoints(NamedTuple):
-    """Instants in units of the span, shape (points,); normalised excitation and response, shape (points, records)."""
+    """Collocation points.
+
+    Attributes:
+        time: in units of the span, shape (points,).
+        excitation: normalised, shape (points, records).
+        response: normalised, shape (points, records).
+    """
 
     time: Any
     excitation: Any
@@ -51,14 +59,14 @@ def fit_pinn(
     seed: int,
     progress: Progress = silent,
 ) -> Fitted:
-    """Train on the middle of the training records, float64, from the same start values as the unrolled network.
+    """Train on the middle of the training records, in float64.
 
-    ``dataset``: records of one sampling rate, acceleration or drive as reference; ``model``: an
-    accelerometer without add-ons; ``near``: first estimate of its parameters; ``schedule``: its
-    batch is ``BATCH`` points instead.
+    Start values are those of the unrolled network. ``dataset``: records of one sampling rate,
+    acceleration or drive as reference; ``model``: an accelerometer without add-ons; ``near``: first
+    estimate of its parameters; ``schedule``: its batch is ``BATCH_POINTS`` points instead.
     """
     records = [dataset.calibration.records[i] for i in dataset.training]
-    span = min(SPAN, *(record.samples for record in records))
+    span = min(SPAN_STEPS, *(record.samples for record in records))
     first = (records[0].samples - span) // 2
     part = slice(first, first + span)
     excitation = np.stack([reference_of(r)[part] for r in records], axis=1) / dataset.reference.unit
@@ -69,29 +77,30 @@ def fit_pinn(
     coordinates = start_of_training(model, near)
     gain = dataset.reference.unit / dataset.response.unit
 
-    def loss(whole: dict[str, Any], batch: CollocationPoints) -> Any:
-        value, speed, acceleration = _with_derivatives(whole["layers"], batch.time)
-        physical = coordinates.physical(whole["sensor"])
-        rate = 2.0 * jnp.pi * physical["natural_frequency"] * duration  # ωn in units of the span
+    def loss(variables: dict[str, Any], batch: CollocationPoints) -> Any:
+        value, speed, acceleration = _with_derivatives(variables["layers"], batch.time)
+        physical = coordinates.physical(variables["sensor"])
+        # ωn in units of the span.
+        rate = 2.0 * jnp.pi * physical["natural_frequency"] * duration
         motion = acceleration / rate**2 + 2.0 * physical["damping_ratio"] * speed / rate + value
         residual = motion / (physical["sensitivity"] * gain) - batch.excitation
         return jnp.mean(jnp.square(value - batch.response)) + jnp.mean(jnp.square(residual))
 
     begin = {"layers": _layers(len(records), seed), "sensor": jnp.asarray(coordinates.first)}
-    own = replace(schedule, batch=BATCH)
+    schedule = replace(schedule, batch=BATCH_POINTS)
     training, held_back = (
         CollocationPoints(*(a[chosen] for a in points)) for chosen in (~held, held)
     )
     rng = np.random.default_rng([seed, 2])
-    trained = train(begin, loss, training, held_back, own, rng=rng, progress=progress)
+    trained = train(begin, loss, training, held_back, schedule, rng=rng, progress=progress)
     weights = sum(leaf.size for leaf in jax.tree.leaves(begin))
     return Fitted(coordinates.values(np.asarray(trained.model["sensor"])), weights, trained)
 
 
 def _layers(outputs: int, seed: int) -> list[tuple[Any, Any]]:
-    """Return the weights and biases (Glorot & Bengio 2010) of two hidden layers and a linear one."""
+    """Return weights and biases (Glorot & Bengio 2010) of two hidden layers and a linear one."""
     rng = np.random.default_rng([seed, 3])
-    sizes = (2 * HARMONICS, HIDDEN, HIDDEN, outputs)
+    sizes = (2 * HARMONICS, HIDDEN_NEURONS, HIDDEN_NEURONS, outputs)
     return [
         (jnp.asarray(rng.standard_normal((a, b)) * np.sqrt(2.0 / (a + b))), jnp.zeros(b))
         for a, b in itertools.pairwise(sizes)
@@ -107,11 +116,11 @@ def _network(layers: list[tuple[Any, Any]], time: Any) -> Any:
 
 
 def _with_derivatives(layers: list[tuple[Any, Any]], time: Any) -> tuple[Any, Any, Any]:
-    """Value, first and second derivative in time, shape (points, records) each."""
-    one = jnp.ones_like(time)
+    """Return value, first and second derivative in time, shape (points, records) each."""
+    unit = jnp.ones_like(time)
 
     def slope(at: Any) -> Any:
-        return jax.jvp(lambda t: _network(layers, t), (at,), (one,))
+        return jax.jvp(lambda t: _network(layers, t), (at,), (unit,))
 
-    (value, speed), (_, acceleration) = jax.jvp(slope, (time,), (one,))
+    (value, speed), (_, acceleration) = jax.jvp(slope, (time,), (unit,))
     return value, speed, acceleration

@@ -1,4 +1,4 @@
-"""The paper's Tables 2 to 5 and the figures in its text, as printed."""
+"""Tables 2 to 5 of the paper and the figures in its text, as printed."""
 
 from __future__ import annotations
 

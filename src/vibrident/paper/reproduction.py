@@ -1,4 +1,4 @@
-"""Everything the paper shows, run from end to end."""
+"""Reproduction of everything that the paper shows, run from end to end."""
 
 from __future__ import annotations
 
@@ -30,18 +30,29 @@ KINDS: tuple[Kind, ...] = ("gru", "lstm")
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """All numbers of a run."""
+    """Numbers of a run.
 
-    settings: Settings  # what was run
-    simulation: PaperSection  # section 4
-    interferometer: PaperSection  # section 5 on simulated data
-    seismometer: PaperSection | None  # section 5 on measured data; None if unavailable
-    full_range: PaperSection | None  # section 4 from 0.1 Hz; None unless asked for
-    rates: tuple[RatePoint, ...]  # the study of sampling rates
-    noise: NoiseStudy  # the study of noise
-    # The learned residual on sensors of known truth; empty if left out.
+    Attributes:
+        settings: what was run.
+        simulation: section 4.
+        interferometer: section 5 on simulated data.
+        seismometer: section 5 on measured data; None if unavailable.
+        full_range: section 4 from 0.1 Hz; None unless asked for.
+        rates: the study of sampling rates.
+        noise: the study of noise.
+        residuals: the learned residual on sensors of known truth; empty if left out.
+        seconds: of the whole.
+    """
+
+    settings: Settings
+    simulation: PaperSection
+    interferometer: PaperSection
+    seismometer: PaperSection | None
+    full_range: PaperSection | None
+    rates: tuple[RatePoint, ...]
+    noise: NoiseStudy
     residuals: tuple[Residual, ...]
-    seconds: float = field(compare=False)  # of the whole
+    seconds: float = field(compare=False)
 
     @property
     def sections(self) -> tuple[PaperSection, ...]:
@@ -95,7 +106,7 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     experiments = [laser] if measured is None else [laser, measured]
     judges = [
         first,
-        *(Judge(e.own, e.published, settings.schedule, settings.seed) for e in experiments),
+        *(Judge(e.recorded, e.published, settings.schedule, settings.seed) for e in experiments),
     ]
     rows = _recurrent(judges, settings, stages)
     section_4 = simulation(first, rows[0], stages)
@@ -103,14 +114,14 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
         experiment(e, j, r, stages)
         for e, j, r in zip(experiments, judges[1:], rows[1:], strict=True)
     ]
-    whole = full_range(settings, stages) if settings.full_range else None
+    full = full_range(settings, stages) if settings.full_range else None
     with stages("Error against sampling rate") as progress:
-        found = error_by_rate(
+        rate_points = error_by_rate(
             settings.rates_hz, settings.discretisations, seed=settings.seed, progress=progress
         )
     with stages("Error against noise") as progress:
         noise = error_by_noise(
-            first.own, settings.levels, settings.draws, seed=settings.seed, progress=progress
+            first.recorded, settings.levels, settings.draws, seed=settings.seed, progress=progress
         )
     residuals: list[Residual] = []
     if settings.residual:
@@ -121,8 +132,8 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
         section_4,
         sections_5[0],
         sections_5[1] if len(sections_5) > 1 else None,
-        whole,
-        tuple(found),
+        full,
+        tuple(rate_points),
         noise,
         tuple(residuals),
         time.perf_counter() - begin,
@@ -132,9 +143,9 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
 def _recurrent(
     judges: Sequence[Judge], settings: Settings, stages: Stages
 ) -> list[list[MethodResult]]:
-    """GRU and LSTM for every set of data, in parallel if there are processes."""
+    """Train GRU and LSTM for every set of data, in parallel if there are processes."""
     tasks = [(judge, kind) for judge in judges for kind in KINDS]
-    train = recurrent if settings.jobs == 1 else _apart
+    train = recurrent if settings.jobs == 1 else _recurrent_in_process
     done: list[MethodResult] = []
     title = f"Training {len(tasks)} networks without physics (GRU, LSTM)"
     with stages(title) as progress, ThreadPoolExecutor(settings.jobs) as threads:
@@ -146,8 +157,8 @@ def _recurrent(
     return [done[i : i + len(KINDS)] for i in range(0, len(done), len(KINDS))]
 
 
-def _apart(judge: Judge, kind: Kind) -> MethodResult:
-    """Return a network without physics, trained in another process."""
+def _recurrent_in_process(judge: Judge, kind: Kind) -> MethodResult:
+    """Train a network without physics in another process."""
     with Process() as process:
         return process.call(recurrent, judge, kind)
 

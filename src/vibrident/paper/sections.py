@@ -1,4 +1,4 @@
-"""Sections 4 and 5: all methods on the simulated data, on the simulated interferometer, and on the measured records."""
+"""Sections 4 and 5 of the paper: all methods on simulated and on measured data."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from vibrident.paper.unrolled import Activation, plain_model
 from vibrident.physics.models import parse
 from vibrident.use.identification import identify
 
-BAND_HZ = (10.0, 1000.0)  # band of the paper's 21 sines
-FULL_BAND_HZ = (0.1, 1000.0)  # band of its 41 sines
+#: Band of the paper's 21 sines, and of its 41.
+BAND_HZ = (10.0, 1000.0)
+FULL_BAND_HZ = (0.1, 1000.0)
 #: Networks with physics in section 4: name, discretisation, hidden layer.
 TRAINED: tuple[tuple[str, str, Activation], ...] = (
     (methods.PUBLISHED, "euler", "linear"),
@@ -34,19 +35,28 @@ IN_EXPERIMENT = (methods.EXACT, methods.PLAIN, methods.WEIGHTED, methods.LIKELIH
 
 @dataclass(frozen=True, eq=False)
 class PaperSection:
-    """All methods on one set of data."""
+    """Results of all methods on a set of data.
 
-    title: str  # what the data are
-    simulated: bool  # True for simulated data
-    published: Dataset  # the data as the paper prepares them
-    rows: tuple[MethodResult, ...]  # one a method
-    # Of each method's curve, by its name: from the true curve in section 4, from the
-    # interferometer's points in section 5.
+    Attributes:
+        title: what the data are.
+        simulated: True for simulated data.
+        published: the data as the paper prepares them.
+        rows: one a method.
+        deviations: of each method's curve, by its name: from the true curve in section 4, from the
+            interferometer's points in section 5.
+        points: frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4.
+        truth: true parameters, if known.
+        band_hz: lowest and highest frequency.
+    """
+
+    title: str
+    simulated: bool
+    published: Dataset
+    rows: tuple[MethodResult, ...]
     deviations: dict[str, CurveDeviation]
-    # frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4
     points: tuple[FloatArray, FloatArray]
-    truth: dict[str, float] | None  # true parameters, if known
-    band_hz: tuple[float, float]  # lowest and highest frequency
+    truth: dict[str, float] | None
+    band_hz: tuple[float, float]
 
     def row(self, name: str) -> MethodResult:
         """Return the row of that name."""
@@ -65,7 +75,7 @@ def simulated(settings: Settings, *, full_range: bool = False) -> Judge:
 
 
 def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> PaperSection:
-    """Section 4: every method on the paper's simulated records."""
+    """Run section 4: every method on the paper's simulated records."""
     near = _first_look(judge)
     rows = list(recurrent)
     for name, discretisation, activation in TRAINED:
@@ -82,7 +92,7 @@ def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) 
 
 
 def full_range(settings: Settings, stages: Stages) -> PaperSection:
-    """Return the 41 records from 0.1 Hz on, by the methods that accept records of different sampling rates."""
+    """Run section 4 from 0.1 Hz on, by the methods that accept records of different rates."""
     with stages("Simulating 0.1 to 1000 Hz"):
         judge = simulated(settings, full_range=True)
     with stages("Identifying from 0.1 to 1000 Hz"):
@@ -93,7 +103,7 @@ def full_range(settings: Settings, stages: Stages) -> PaperSection:
 def experiment(
     data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages
 ) -> PaperSection:
-    """Section 5: the same protocol, the interferometer's points as reference."""
+    """Run section 5: the same protocol, the interferometer's points as reference."""
     near = _first_look(judge)
     kind = "simulated" if data.simulated else "measured"
     rows = list(recurrent)
@@ -104,7 +114,7 @@ def experiment(
     with stages(f"Identifying ({kind})"):
         rows += [CLOSED[name](judge) for name in IN_EXPERIMENT]
         points = _interferometer(data)
-    core = plain_model(data.own.calibration.model)
+    core = plain_model(data.recorded.calibration.model)
     deviations = {
         row.name: deviation_at_points(core, row.parameters, *points)
         for row in rows
@@ -124,9 +134,12 @@ def experiment(
 
 
 def _first_look(judge: Judge) -> dict[str, float]:
-    """Return the parameters near the sensor's, the same for every network; training starts at a distance from them."""
-    result = identify(judge.own.training_calibration, None, LeastSquares())
-    core = parse(judge.own.calibration.model).core
+    """Return a first estimate of the parameters, the same for every network.
+
+    Training starts at a distance from it.
+    """
+    result = identify(judge.recorded.training_calibration, None, LeastSquares())
+    core = parse(judge.recorded.calibration.model).core
     return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
 
 
@@ -145,11 +158,13 @@ def _against_truth(
 
 
 def _interferometer(data: Experiment) -> tuple[FloatArray, FloatArray]:
-    """Sensitivity at each frequency from reference and response, without any model: V per m/s² (or per unit of
-    drive)."""
-    measured = identify(data.own.calibration, None, "ml").measured
+    """Return frequencies and sensitivities from reference and response, without any model.
+
+    V per m/s², or per unit of drive; shape (points,) each.
+    """
+    measured = identify(data.recorded.calibration, None, "ml").measured
     frequency = np.array(measured.frequency_hz)
     magnitude = np.array(measured.magnitude, dtype=float)
-    if data.own.calibration.quantity == "velocity":
+    if data.recorded.calibration.quantity == "velocity":
         magnitude = magnitude / (2.0 * np.pi * frequency)
     return frequency, magnitude

@@ -1,4 +1,4 @@
-"""The extent of a reproduction, and its progress."""
+"""Settings of a reproduction, and its progress."""
 
 from __future__ import annotations
 
@@ -13,15 +13,32 @@ from vibrident.paper.training import Schedule
 
 @dataclass(frozen=True)
 class Settings:
-    """What is run. The defaults run everything; ``quick()`` is a trial whose networks are not trained to the end."""
+    """Settings of a run. The defaults run everything.
 
-    seed: int = 20251111  # of everything random
-    rate_hz: float = 51200.0  # sampling rate of sections 4 and 5; the paper does not state its own
-    samples: int = 16000  # of every record
-    schedule: Schedule = field(default_factory=Schedule)  # of everything trained by Adam
-    # of the study of sampling rates, Euler's among them
+    ``quick()`` is a trial whose networks are not trained to the end.
+
+    Attributes:
+        seed: of everything random.
+        rate_hz: sampling rate of sections 4 and 5; the paper does not state its own.
+        samples: of every record.
+        schedule: of everything trained by Adam.
+        discretisations: of the study of sampling rates, Euler's among them.
+        rates_hz: of the study of sampling rates.
+        levels: of response noise in the study of noise, as fractions of each record's rms; 0.01
+            must be among them.
+        draws: realisations at each level.
+        full_range: also 41 records from 0.1 to 1000 Hz.
+        data: folder of real calibrations; None leaves the measured experiment out.
+        residual: whether the learned residual is shown.
+        jobs: processes for the networks without physics.
+        trial: True for a trial, whose figures are not final.
+    """
+
+    seed: int = 20251111
+    rate_hz: float = 51200.0
+    samples: int = 16000
+    schedule: Schedule = field(default_factory=Schedule)
     discretisations: tuple[str, ...] = ("euler", "zoh", "foh", "tustin", "bandlimited")
-    # of the study of sampling rates
     rates_hz: tuple[float, ...] = (
         12800.0,
         25600.0,
@@ -31,15 +48,13 @@ class Settings:
         409600.0,
         1024000.0,
     )
-    # Of response noise in the study of noise, as fractions of each record's rms; 0.01 must be among
-    # them.
     levels: tuple[float, ...] = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-    draws: int = 12  # realisations at each level
-    full_range: bool = False  # also 41 records from 0.1 to 1000 Hz
-    data: Path | None = None  # folder of real calibrations; None leaves the measured experiment out
-    residual: bool = True  # whether the learned residual is shown
-    jobs: int = 1  # processes for the networks without physics
-    trial: bool = False  # True for a trial, whose figures are not final
+    draws: int = 12
+    full_range: bool = False
+    data: Path | None = None
+    residual: bool = True
+    jobs: int = 1
+    trial: bool = False
 
 
 def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> Settings:
@@ -63,6 +78,6 @@ Stages = Callable[[str], contextlib.AbstractContextManager[Progress]]
 
 
 @contextlib.contextmanager
-def silently(what: str) -> Iterator[Progress]:
-    """Stages that show nothing."""
+def silently(stage: str) -> Iterator[Progress]:
+    """Show nothing of a stage."""
     yield silent

@@ -1,6 +1,8 @@
-"""Three studies that the paper lacks: error against sampling rate, error against noise with its lower bound, and a
-learned part beside the physics (its discussion, II), trained on sensors of known truth: with a
-second mode, with a hardening spring, and without any further effect.
+"""Three studies that the paper lacks: errors against sampling rate and noise, learned residuals.
+
+The study of noise has the errors' lower bound. The learned part beside the physics (the paper's
+discussion, II) is trained on sensors of known truth: with a second mode, with a hardening spring,
+and without any further effect.
 
 The bound is the Cramér–Rao bound of a simulated calibration: no unbiased estimator has a smaller
 variance. Fisher information Σ JᵀJ/σ², J from central differences of the exact response to the true
@@ -45,7 +47,8 @@ BAND_HZ = (10.0, 1000.0)
 #: the lowest rate.
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
 RATE_DURATION_S = 0.16
-RATE_NOISE_HZ = 4000.0  # highest frequency of the excitation's noise
+#: Highest frequency of the excitation's noise.
+RATE_NOISE_HZ = 4000.0
 PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
 #: Start of the search for the optimum.
 NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
@@ -53,14 +56,21 @@ NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
 
 @dataclass(frozen=True)
 class RatePoint:
-    """One discretisation at one sampling rate; the values are None if the network is unstable."""
+    """Errors of a discretisation at a sampling rate; None where the network is unstable.
 
-    discretisation: str  # its name
-    rate_hz: float  # sampling rate
-    # Relative error by parameter, the resonance frequency among them.
+    Attributes:
+        discretisation: its name.
+        rate_hz: sampling rate.
+        errors: relative error by parameter, the resonance frequency among them.
+        mean_percent: mean deviation of the curve.
+        peak_percent: its signed deviation at the true resonance.
+    """
+
+    discretisation: str
+    rate_hz: float
     errors: Mapping[str, float] | None
-    mean_percent: float | None  # mean deviation of the curve
-    peak_percent: float | None  # its signed deviation at the true resonance
+    mean_percent: float | None
+    peak_percent: float | None
 
 
 def error_by_rate(
@@ -70,7 +80,10 @@ def error_by_rate(
     seed: int,
     progress: Progress = silent,
 ) -> list[RatePoint]:
-    """Optimum of the plain mean squared error for each discretisation, on the same exact motion at every rate."""
+    """Return the errors at the optimum of the mean squared error, for each discretisation and rate.
+
+    The exact motion is the same at every rate.
+    """
     points = []
     for rate in rates_hz:
         calibration = simulate(
@@ -93,17 +106,17 @@ def error_by_rate(
 
 def _at_rate(calibration: Calibration, name: str, rate: float) -> RatePoint:
     try:
-        found = optimum(calibration, name, NEAR)
+        parameters = optimum(calibration, name, NEAR)
     except NotConverged:
         return RatePoint(name, rate, None, None, None)
-    deviation = curve_deviation(parse(SENSOR.model), found, SENSOR.parameters, BAND_HZ)
-    return RatePoint(name, rate, relative_errors(found), deviation.mean, deviation.at_peak)
+    deviation = curve_deviation(parse(SENSOR.model), parameters, SENSOR.parameters, BAND_HZ)
+    return RatePoint(name, rate, relative_errors(parameters), deviation.mean, deviation.at_peak)
 
 
 def optimum(
     calibration: Calibration, discretisation: str, near: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the parameters of least plain mean squared error for any discretisation, sought from ``near``.
+    """Return the parameters of least mean squared error under a discretisation, from ``near``.
 
     Adam comes near this optimum; Levenberg–Marquardt reaches it, so that the remaining error is the
     discretisation's, not the optimiser's. Initial state and offset of each record are eliminated;
@@ -127,58 +140,75 @@ def optimum(
     return coordinates.values(trace.last)
 
 
-def relative_errors(found: Mapping[str, float]) -> dict[str, float]:
-    """Relative error of the estimated parameters and of the resonance frequency, if there is one."""
-    errors = {name: float(found[name] / SENSOR.parameters[name] - 1.0) for name in PARAMETERS}
+def relative_errors(estimate: Mapping[str, float]) -> dict[str, float]:
+    """Return the relative errors of the parameters and of the resonance frequency, if any."""
+    errors = {name: float(estimate[name] / SENSOR.parameters[name] - 1.0) for name in PARAMETERS}
     peak, true_peak = (
-        resonance_hz(parse(SENSOR.model), values) for values in (found, SENSOR.parameters)
+        resonance_hz(parse(SENSOR.model), values) for values in (estimate, SENSOR.parameters)
     )
     if peak is not None and true_peak is not None:
         errors["resonance_frequency"] = peak / true_peak - 1.0
     return errors
 
 
-def _by(estimator: Estimator) -> Callable[[Calibration], dict[str, float]]:
-    def found(calibration: Calibration) -> dict[str, float]:
+def _parameters_by(estimator: Estimator) -> Callable[[Calibration], dict[str, float]]:
+    """Return a function from a calibration to the parameters that an estimator gives."""
+
+    def parameters(calibration: Calibration) -> dict[str, float]:
         result = identify(calibration, SENSOR.model, estimator, uncertainty="noise")
         return {name: float(result.parameters[name].value) for name in PARAMETERS}
 
-    return found
+    return parameters
 
 
 #: The methods that give parameters, the paper's and the package's.
 NOISE_METHODS: Mapping[str, Callable[[Calibration], dict[str, float]]] = {
     "IPNN, Euler (as published)": lambda calibration: optimum(calibration, "euler", NEAR),
-    "IPNN, exact weights": _by(Ipnn()),
+    "IPNN, exact weights": _parameters_by(Ipnn()),
     "LSM, plain": from_sine_fits,
-    "LSM, weighted": _by(LeastSquares()),
-    "ML in frequency": _by(MaximumLikelihood()),
+    "LSM, weighted": _parameters_by(LeastSquares()),
+    "ML in frequency": _parameters_by(MaximumLikelihood()),
 }
 
 
 @dataclass(frozen=True)
 class NoisePoint:
-    """One method at one level of white response noise: errors over the draws."""
+    """Errors of a method at a level of white response noise, over the draws.
 
-    method: str  # its name
-    level: float  # noise as a fraction of each record's rms
-    rms_error: Mapping[str, float]  # root mean square of the relative error by parameter
-    mean_percent: float  # mean over band and draws of the curve's absolute deviation
-    largest_percent: float  # mean over the draws of its largest absolute deviation
+    Attributes:
+        method: its name.
+        level: noise as a fraction of each record's rms.
+        rms_error: root mean square of the relative error by parameter.
+        mean_percent: mean over band and draws of the curve's absolute deviation.
+        largest_percent: mean over the draws of its largest absolute deviation.
+    """
+
+    method: str
+    level: float
+    rms_error: Mapping[str, float]
+    mean_percent: float
+    largest_percent: float
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseStudy:
-    """All methods at all levels, and the bound."""
+    """Errors of all methods at all levels, and the bound.
 
-    points: tuple[NoisePoint, ...]  # errors
-    bound: Bound  # of the training records
-    # Mean over the band of the least standard deviation of the curve at level 1, %.
+    Attributes:
+        points: errors.
+        bound: of the training records.
+        bound_mean_percent: mean over the band of the least standard deviation of the curve at level
+            1, %.
+        draws: realisations at each level.
+    """
+
+    points: tuple[NoisePoint, ...]
+    bound: Bound
     bound_mean_percent: float
-    draws: int  # realisations at each level
+    draws: int
 
     def over_bound(self, method: str, level: float) -> dict[str, float]:
-        """RMS error over the bound's standard deviation, by parameter."""
+        """Return the RMS error over the bound's standard deviation, by parameter."""
         point = next(p for p in self.points if p.method == method and p.level == level)
         least = self.bound.deviations(level)
         return {name: point.rms_error[name] / least[name] for name in PARAMETERS}
@@ -187,7 +217,10 @@ class NoiseStudy:
 def error_by_noise(
     dataset: Dataset, levels: Sequence[float], draws: int, *, seed: int, progress: Progress = silent
 ) -> NoiseStudy:
-    """Return every method on the training records with white noise on the response, ``draws`` times at every level."""
+    """Return the errors of every method on the training records with white response noise.
+
+    ``draws``: realisations at every level.
+    """
     truth = dataset.training_calibration
     motions = [dataset.motions[i] for i in dataset.training]
     bound = cramer_rao(SENSOR, truth.records, motions)
@@ -200,11 +233,11 @@ def error_by_noise(
             )
             for draw in range(draws)
         ]
-        for name, found_by in NOISE_METHODS.items():
-            found = [found_by(calibration) for calibration in noisy]
-            errors = [relative_errors(values) for values in found]
+        for name, parameters_of in NOISE_METHODS.items():
+            estimates = [parameters_of(calibration) for calibration in noisy]
+            errors = [relative_errors(values) for values in estimates]
             curves = [
-                curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in found
+                curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in estimates
             ]
             rms = {
                 p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS
@@ -228,7 +261,8 @@ def error_by_noise(
 
 RESIDUAL_RATE_HZ = 12800.0
 RESIDUAL_SAMPLES = 800
-RESIDUAL_NOISE = 1e-3  # of the responses that are trained on, over their rms
+#: Noise of the responses that are trained on, over their rms.
+RESIDUAL_NOISE = 1e-3
 #: Frequencies trained on, and others that are predicted.
 TRAINED_HZ = (60.0, 125.0, 250.0, 315.0, 400.0, 500.0, 630.0, 800.0, 1000.0)
 OTHER_HZ = (80.0, 200.0, 280.0, 450.0, 560.0, 700.0, 900.0, 100.0, 160.0)
@@ -237,63 +271,83 @@ RESIDUAL_SENSORS = ("two-mode", "cubic", "paper")
 
 @dataclass(frozen=True)
 class Residual:
-    """One sensor, without and with the learned part."""
+    """Errors on a sensor, without and with the learned part.
 
-    sensor: str  # its name among the simulated sensors
-    alone: float  # RMSE on records not trained on, noise-free, by the physics alone, response unit
-    together: float  # the same with the learned part
-    share: float  # of the learned part in the output, in the training records
-    errors_alone: dict[str, float]  # relative error by parameter, physics alone
-    errors: dict[str, float]  # relative error by parameter, with the learned part
-    moved: float  # largest relative difference of a parameter between the two
+    Attributes:
+        sensor: its name among the simulated sensors.
+        alone: RMSE on records not trained on, noise-free, by the physics alone, response unit.
+        together: the same with the learned part.
+        share: of the learned part in the output, in the training records.
+        errors_alone: relative error by parameter, physics alone.
+        errors: relative error by parameter, with the learned part.
+        moved: largest relative difference of a parameter between the two.
+    """
+
+    sensor: str
+    alone: float
+    together: float
+    share: float
+    errors_alone: dict[str, float]
+    errors: dict[str, float]
+    moved: float
 
 
 def learned_residuals(*, seed: int, progress: Progress = silent) -> list[Residual]:
-    """Return every sensor of ``RESIDUAL_SENSORS``, 0.1 % noise on the responses trained on."""
-    found = []
+    """Return the errors on every sensor of ``RESIDUAL_SENSORS``, trained with 0.1 % noise."""
+    residuals = []
     for number, name in enumerate(RESIDUAL_SENSORS, start=1):
-        found.append(_of(name, seed))
-        progress(number, len(RESIDUAL_SENSORS), found[-1].together)
-    return found
+        residuals.append(_learned_residual(name, seed))
+        progress(number, len(RESIDUAL_SENSORS), residuals[-1].together)
+    return residuals
 
 
-def _of(name: str, seed: int) -> Residual:
+def _learned_residual(name: str, seed: int) -> Residual:
+    """Train with and without the learned part on a sensor, and predict other records of it."""
     common = {"sampling_rate_hz": RESIDUAL_RATE_HZ, "samples": RESIDUAL_SAMPLES, "seed": seed}
     trained = simulate(name, frequencies_hz=TRAINED_HZ, response_noise=RESIDUAL_NOISE, **common)
-    others = simulate(name, frequencies_hz=OTHER_HZ, **common)
-    plain, whole = (
+    untrained = simulate(name, frequencies_hz=OTHER_HZ, **common)
+    plain, learned = (
         identify(trained, "accelerometer", estimator, uncertainty="noise")
         for estimator in (Ipnn(), ResidualIpnn())
     )
     truth = SENSORS[name].parameters
     values = [
-        {p: float(result.parameters[p].value) for p in PARAMETERS} for result in (plain, whole)
+        {p: float(result.parameters[p].value) for p in PARAMETERS} for result in (plain, learned)
     ]
-    errors = [{p: found[p] / truth[p] - 1.0 for p in PARAMETERS} for found in values]
+    errors = [{p: estimate[p] / truth[p] - 1.0 for p in PARAMETERS} for estimate in values]
     return Residual(
         name,
-        float(predict(plain, others).rmse or 0.0),
-        float(predict(whole, others).rmse or 0.0),
-        float(whole.settings["residual_network"]["share"]),
+        float(predict(plain, untrained).rmse or 0.0),
+        float(predict(learned, untrained).rmse or 0.0),
+        float(learned.settings["residual_network"]["share"]),
         errors[0],
         errors[1],
         max(abs(values[1][p] / values[0][p] - 1.0) for p in PARAMETERS),
     )
 
 
-_STEP = 1e-5  # relative step of the differences
+#: Relative step of the differences.
+_RELATIVE_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """Least covariance of the parameters, relative to their values, at white response noise of a relative level."""
+    """Least covariance of the parameters, relative to their values, by white response noise.
 
-    names: tuple[str, ...]  # of the parameters
-    # Shape (parameters, parameters), relative, at noise of the response's own rms (level 1).
+    Attributes:
+        names: of the parameters.
+        covariance: shape (parameters, parameters), relative, at noise of the response's own rms
+            (level 1).
+    """
+
+    names: tuple[str, ...]
     covariance: FloatArray
 
     def deviations(self, level: float) -> dict[str, float]:
-        """Least relative standard deviation of each parameter at noise of ``level`` times each record's rms."""
+        """Return the least relative standard deviation of each parameter.
+
+        ``level``: noise over each record's rms.
+        """
         return dict(
             zip(self.names, (level * np.sqrt(np.diag(self.covariance))).tolist(), strict=True)
         )
@@ -301,7 +355,7 @@ class Bound:
     def curve_percent(
         self, model: SensorModel, truth: dict[str, float], band_hz: tuple[float, float]
     ) -> FloatArray:
-        """Least standard deviation of the curve's magnitude at level 1, %, at the points of a curve over the band."""
+        """Return the least standard deviation of the curve's magnitude at level 1, %, (points,)."""
         frequency = np.geomspace(*band_hz, CURVE_POINTS)
 
         def size(name: str, factor: float) -> FloatArray:
@@ -310,7 +364,8 @@ class Bound:
             )
 
         slopes = [
-            (size(name, 1.0 + _STEP) - size(name, 1.0 - _STEP)) / (2.0 * _STEP)
+            (size(name, 1.0 + _RELATIVE_STEP) - size(name, 1.0 - _RELATIVE_STEP))
+            / (2.0 * _RELATIVE_STEP)
             for name in self.names
         ]
         slope = np.stack(slopes, axis=1)
@@ -323,7 +378,7 @@ def cramer_rao(sensor: Sensor, records: Sequence[Record], motions: Sequence[Moti
     information = np.zeros((len(names), len(names)))
     for record, motion in zip(records, motions, strict=True):
         columns = np.stack([_slope(sensor, name, record, motion) for name in names], axis=1)
-        free = _imitable(sensor, record)
+        free = _nuisance_columns(sensor, record)
         columns -= free @ (free.T @ columns)
         information += columns.T @ columns / np.mean(np.square(record.response))
     scale = np.sqrt(np.diag(information))
@@ -332,7 +387,7 @@ def cramer_rao(sensor: Sensor, records: Sequence[Record], motions: Sequence[Moti
 
 
 def _slope(sensor: Sensor, name: str, record: Record, motion: Motion) -> FloatArray:
-    """Change of the response per relative change of a parameter, shape (samples,)."""
+    """Return the change of the response per relative change of a parameter, shape (samples,)."""
     up, down = (
         exact_response(
             parse(sensor.model),
@@ -341,13 +396,13 @@ def _slope(sensor: Sensor, name: str, record: Record, motion: Motion) -> FloatAr
             sampling_rate_hz=record.sampling_rate_hz,
             samples=record.samples,
         )
-        for factor in (1.0 + _STEP, 1.0 - _STEP)
+        for factor in (1.0 + _RELATIVE_STEP, 1.0 - _RELATIVE_STEP)
     )
-    return (up - down) / (2.0 * _STEP)
+    return (up - down) / (2.0 * _RELATIVE_STEP)
 
 
-def _imitable(sensor: Sensor, record: Record) -> FloatArray:
-    """Orthonormal columns of the responses to initial state and offset, shape (samples, 3)."""
+def _nuisance_columns(sensor: Sensor, record: Record) -> FloatArray:
+    """Return orthonormal columns of the responses to initial state and offset, (samples, 3)."""
     natural = 2.0 * np.pi * sensor.parameters["natural_frequency"]
     damping = sensor.parameters["damping_ratio"]
     pole = natural * (-damping + 1j * np.sqrt(1.0 - damping**2))

@@ -1,4 +1,7 @@
-"""The paper's tables 1 to 5 with our figures beside its own, and further tables; numbers become text here."""
+"""Tables 1 to 5 of the paper with this package's figures beside its own, and further tables.
+
+Numbers become text here.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 
 from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.paper import claims, methods, published
-from vibrident.paper.black_box import HIDDEN
+from vibrident.paper.black_box import HIDDEN_NEURONS
 from vibrident.paper.dataset import SENSOR
 from vibrident.paper.metrics import Metrics
 from vibrident.paper.reproduction import Reproduction
@@ -22,7 +25,7 @@ from vibrident.physics.models import parse
 from vibrident.physics.models.state_space import realise, state_scaling
 from vibrident.show.views import Column, Table
 
-#: What a number looks like, alone or in percent, in a cell of its own.
+#: Form of a number, alone or in percent, in a cell of its own.
 _NUMBER = re.compile(r"[-+−]?[\d.]+(?:e[+-]?\d+)?(?: %| \(limit\))?|–|no stable sensor")
 
 
@@ -34,14 +37,17 @@ def _table(
     note: str = "",
     quoted: int = 0,
 ) -> Table:
-    """Return a table of the page; columns of numbers are found by their cells, the first ``quoted`` rows are the paper's."""
+    """Return a table of the page.
+
+    Columns of numbers are found by their cells; the first ``quoted`` rows are the paper's.
+    """
     numeric = [all(_NUMBER.fullmatch(row[j]) for row in rows if row[j]) for j in range(len(heads))]
-    made = tuple(
+    columns = tuple(
         Column(head, "number" if j and numeric[j] else "text") for j, head in enumerate(heads)
     )
     body = tuple(tuple(row) for row in rows)
     return Table(
-        made,
+        columns,
         body,
         notes=(note,) if note else (),
         title=title,
@@ -123,7 +129,8 @@ def the_run(run: Reproduction) -> Table:
         ),
         (
             "shift that min–max would add",
-            f"excitation {data.reference.shift:.2g}, response {data.response.shift:.2g} (normalised)",
+            f"excitation {data.reference.shift:.2g}, "
+            f"response {data.response.shift:.2g} (normalised)",
         ),
         ("trained", s.schedule.rule),
         ("time of the whole run", f"{run.seconds / 60:.1f} min, {s.jobs} processes"),
@@ -137,7 +144,7 @@ def the_run(run: Reproduction) -> Table:
 
 
 def weights(run: Reproduction) -> Table:
-    """Table 1 with numbers: the weights of Table 2's sensor, in the paper's states V and V̇."""
+    """Return Table 1 with numbers: weights of Table 2's sensor, in the paper's states V and V̇."""
     interval = 1.0 / run.settings.rate_hz
     system = realise(parse(SENSOR.model).rational(SENSOR.parameters))
     layers = {"W1": "B_d", "W2": "C_d", "W3": "A_d", "W4": "D_d"}
@@ -157,9 +164,10 @@ def weights(run: Reproduction) -> Table:
         for (name, letter), entry in zip(layers.items(), by_name["euler"].values(), strict=True)
     ]
     note = (
-        "In the paper's equation (8) and Table 1 the expressions of W2 and W3 stand in each other's place: C_d is the "
-        "hidden → output weight and A_d the feedback. The exact column is for a held input; the band-limited step has "
-        "the same W3 and W2 and one column of W1 and W4 for each input neuron."
+        "In the paper's equation (8) and Table 1 the expressions of W2 and W3 stand in each "
+        "other's place: C_d is the hidden → output weight and A_d the feedback. The exact column "
+        "is for a held input; the band-limited step has the same W3 and W2 and one column of W1 "
+        "and W4 for each input neuron."
     )
     head = (
         "weight",
@@ -180,7 +188,7 @@ def _matrix(value: object) -> str:
 
 
 def sensor() -> Table:
-    """Table 2, checked against equation (3)."""
+    """Return Table 2, checked against equation (3)."""
     natural = 2.0 * np.pi * SENSOR.parameters["natural_frequency"]
     resonance = 2.0 * np.pi * published.RESONANCE_HZ
     # mV/g over m/s² per g is mV/(m/s²); per mm of displacement in place of m: 1e-3.
@@ -202,26 +210,27 @@ def sensor() -> Table:
 
 
 def hyper_parameters(run: Reproduction) -> Table:
-    """Table 3 beside what is used here."""
+    """Return Table 3 beside the values used here."""
     rule = run.settings.schedule
     ours = {
         "learning rate": (f"{rule.learning_rate:g}",) * 3,
         "batch size": (f"{rule.batch}",) * 3,
         "activation": ("linear (tanh as an option)", "tanh", "tanh"),
         "bias": ("none",) * 3,
-        "hidden": ("2 (V, V̇)", str(HIDDEN), str(HIDDEN)),
+        "hidden": ("2 (V, V̇)", str(HIDDEN_NEURONS), str(HIDDEN_NEURONS)),
     }
     rows = [(name, *paper, *ours[name]) for name, *paper in published.HYPER_PARAMETERS]
     head = ("", "IPNN, paper", "LSTM, paper", "GRU, paper", "IPNN, here", "LSTM, here", "GRU, here")
     note = (
-        "The paper's text gives the IPNN two hidden neurons, its Table 3 one hidden layer. A batch of 36 is of "
-        "windows: 512 samples run in, 512 scored. GRU and LSTM compute in float32, all else in float64."
+        "The paper's text gives the IPNN two hidden neurons, its Table 3 one hidden layer. A batch "
+        "of 36 is of windows: 512 samples run in, 512 scored. GRU and LSTM compute in float32, all "
+        "else in float64."
     )
     return _table("table3", "Table 3. Hyper-parameters", head, rows, note)
 
 
 def prediction(name: str, title: str, section: PaperSection, printed: dict[str, Metrics]) -> Table:
-    """Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
+    """Return Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
     rows = []
     for label, row in printed.items():
         rows.append((f"{label}, paper", *(f"{value:g}" for value in astuple(row)), "", "", ""))
@@ -239,16 +248,16 @@ def prediction(name: str, title: str, section: PaperSection, printed: dict[str, 
             )
         rows.append((row.name, *cells, str(row.weights), epochs, f"{row.seconds / least:.2g}"))
     note = (
-        "Normalised units: 1 is the largest excursion in the training records. Time: of fitting, compilation included, "
-        f"over that of {methods.EXACT}. Methods that give a sensor predict by the exact network of that sensor, "
-        "the networks under Adam by themselves."
+        "Normalised units: 1 is the largest excursion in the training records. Time: of fitting, "
+        f"compilation included, over that of {methods.EXACT}. Methods that give a sensor predict "
+        "by the exact network of that sensor, the networks under Adam by themselves."
     )
     head = ("method", "RMSE", "MAE", "MSE", "R²", "RPD", "weights", "epochs", "time")
     return _table(name, title, head, rows, note, len(printed))
 
 
 def identified(name: str, title: str, section: PaperSection) -> Table:
-    """Return the parameters of every method that has them, and the deviation of its curve from the reference."""
+    """Return the parameters of every method that has them, and the deviation of its curve."""
     rows = []
     for row in section.rows:
         if row.parameters is None:
@@ -271,10 +280,10 @@ def identified(name: str, title: str, section: PaperSection) -> Table:
         rows.append((row.name, *cells))
     unit = "" if section.truth is None else " error in %"
     reference = "the true curve"
-    said = published.SIMULATION
+    printed_deviations = published.SIMULATION
     if section.points[0].size:
         reference = "the interferometer's points"
-        said = published.EXPERIMENT
+        printed_deviations = published.EXPERIMENT
     head = (
         "method",
         f"S0{unit}",
@@ -287,9 +296,13 @@ def identified(name: str, title: str, section: PaperSection) -> Table:
     )
     band = f"{section.band_hz[0]:.4g} to {section.band_hz[1]:.4g} Hz"
     printed = "; ".join(
-        f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items()
+        f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest"
+        for name, d in printed_deviations.items()
     )
-    note = f"Last three columns: relative deviation of the curve from {reference}, {band}. Paper: {printed}."
+    note = (
+        f"Last three columns: relative deviation of the curve from {reference}, {band}. "
+        f"Paper: {printed}."
+    )
     return _table(name, title, head, rows, note)
 
 
@@ -298,7 +311,7 @@ def _percent(value: float) -> str:
 
 
 def rates(run: Reproduction) -> Table:
-    """Curve deviation, and Euler's parameter errors, against sampling rate."""
+    """Return the curve deviation, and Euler's parameter errors, against sampling rate."""
     rows = []
     for rate in sorted({p.rate_hz for p in run.rates}):
         at = {p.discretisation: p for p in run.rates if p.rate_hz == rate}
@@ -320,14 +333,14 @@ def rates(run: Reproduction) -> Table:
         *(f"{n}: mean in %" for n in run.settings.discretisations),
     )
     note = (
-        "Optimum of the plain mean squared error, noise-free exact responses, the same motion at every rate. Euler is "
-        "unstable below 2 δ/ωn, here 11.3 kHz."
+        "Optimum of the plain mean squared error, noise-free exact responses, the same motion at "
+        "every rate. Euler is unstable below 2 δ/ωn, here 11.3 kHz."
     )
     return _table("rates", "Error against sampling rate", head, rows, note)
 
 
 def noise(run: Reproduction) -> Table:
-    """RMS errors over the bound."""
+    """Return the RMS errors over the bound."""
     study = run.noise
     rows = []
     for level in sorted({p.level for p in study.points}):
@@ -346,16 +359,17 @@ def noise(run: Reproduction) -> Table:
             rows.append(("", point.method, *cells, f"{point.mean_percent:.2g}"))
     head = ("noise", "method", "S0", "fn", "δ", "curve, mean in %")
     note = (
-        f"Root-mean-square relative error over {study.draws} draws of white response noise, relative to each record's "
-        "rms; in brackets over the bound's standard deviation. GRU and LSTM have no parameters to compare."
+        f"Root-mean-square relative error over {study.draws} draws of white response noise, "
+        "relative to each record's rms; in brackets over the bound's standard deviation. GRU and "
+        "LSTM have no parameters to compare."
     )
     return _table("noise", "Error against noise", head, rows, note)
 
 
-def residual(found: Sequence[Residual]) -> Table:
+def residual(residuals: Sequence[Residual]) -> Table:
     """Return the learned residual beside the physics."""
     rows = []
-    for r in found:
+    for r in residuals:
         errors = [
             ", ".join(_percent(100.0 * e[p]) for p in PARAMETERS)
             for e in (r.errors_alone, r.errors)
@@ -377,19 +391,22 @@ def residual(found: Sequence[Residual]) -> Table:
         "with residual, error in %",
         "moved by",
     )
-    note = "RMSE in V on noise-free records of frequencies that were not trained on; 0.1 % noise on those that were."
+    note = (
+        "RMSE in V on noise-free records of frequencies that were not trained on; "
+        "0.1 % noise on those that were."
+    )
     return _table("residual", "A learned residual beside the physics", head, rows, note)
 
 
 def verdicts(run: Reproduction) -> list[Table]:
-    """Return the paper's claims and our own."""
+    """Return the paper's claims and this package's own."""
     tables = []
-    for name, title, made in (
+    for name, title, claims_of_kind in (
         ("claims", "The paper's claims", claims.of_the_paper(run)),
-        ("own", "Our own", claims.of_our_own(run)),
+        ("own", "Our own", claims.of_this_package(run)),
     ):
-        rows = tuple((c.claim, c.found, c.verdict, c.reason) for c in made)
+        rows = tuple((c.claim, c.figures, c.verdict, c.reason) for c in claims_of_kind)
         heads = ("claim", "here", "reproduced" if name == "claims" else "met", "why")
-        doubtful = tuple(i for i, c in enumerate(made) if not c.holds)
+        doubtful = tuple(i for i, c in enumerate(claims_of_kind) if not c.is_met)
         tables.append(replace(_table(name, title, heads, rows), doubtful=doubtful))
     return tables

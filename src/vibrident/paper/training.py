@@ -22,41 +22,61 @@ Loss = Callable[[Any, Any], Any]
 
 @dataclass(frozen=True)
 class Schedule:
-    """Duration and rates of training."""
+    """Duration and rates of training.
 
-    learning_rate: float = 0.001  # of Adam
-    # Windows a step; the last, smaller batch of an epoch is left to the next shuffle.
+    Attributes:
+        learning_rate: of Adam.
+        batch: windows a step; the last, smaller batch of an epoch is left to the next shuffle.
+        patience: epochs without a gain after which training ends.
+        least_gain: relative fall of the held-back loss that counts as a gain.
+        most_epochs: limit.
+    """
+
+    learning_rate: float = 0.001
     batch: int = 36
-    patience: int = 30  # epochs without a gain after which training ends
-    least_gain: float = 0.01  # relative fall of the held-back loss that counts as a gain
-    most_epochs: int = 400  # limit
+    patience: int = 30
+    least_gain: float = 0.01
+    most_epochs: int = 400
 
     @property
     def rule(self) -> str:
         """Return the early-stopping rule in words."""
         return (
-            f"until the loss on the held-back windows has not fallen by {100 * self.least_gain:g} % for "
-            f"{self.patience} epochs, at most {self.most_epochs} epochs; the best epoch's weights are kept"
+            "until the loss on the held-back windows has not fallen by "
+            f"{100 * self.least_gain:g} % for {self.patience} epochs, "
+            f"at most {self.most_epochs} epochs; the best epoch's weights are kept"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The outcome of training."""
+    """Outcome of training.
 
-    model: Any  # with the best epoch's weights
-    training: tuple[float, ...]  # mean loss of each epoch
-    held_back: tuple[float, ...]  # loss on the held-back windows after each epoch
-    best_epoch: int  # counted from 1; 0 if no epoch was better than the start
-    converged: bool  # False if the limit of epochs ended it
+    Attributes:
+        model: with the best epoch's weights.
+        training: mean loss of each epoch.
+        held_back: loss on the held-back windows after each epoch.
+        best_epoch: counted from 1; 0 if no epoch was better than the start.
+        converged: False if the limit of epochs ended it.
+    """
+
+    model: Any
+    training: tuple[float, ...]
+    held_back: tuple[float, ...]
+    best_epoch: int
+    converged: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A sensor's trained parameters, and the training."""
+    """Trained parameters of a sensor, and the training.
+
+    Attributes:
+        weights: all trained numbers, including the sensor's parameters.
+    """
 
     parameters: dict[str, float]
-    weights: int  # all trained numbers, including the sensor's parameters
+    weights: int
     trained: Trained
 
 
@@ -71,12 +91,13 @@ def train(
     few: bool = False,
     progress: Progress = silent,
 ) -> Trained:
-    """Train the inexact arrays of ``model``, any pytree, on ``windows``, a pytree of arrays with that leading axis.
+    """Train the inexact arrays of ``model``, any pytree, on windows.
 
-    ``loss``: (model, batch) → mean squared error, a batch being ``windows`` with the leading axis
-    cut down; ``held_back``: windows that are never trained on; ``rng``: of the shuffling; ``few``:
-    the model is one array of few numbers, for which forward derivatives are cheaper than reverse
-    ones; ``progress``: called after each epoch.
+    ``windows``: a pytree of arrays with a common leading axis; ``loss``: (model, batch) → mean
+    squared error, a batch being ``windows`` with the leading axis cut down; ``held_back``: windows
+    that are never trained on; ``rng``: of the shuffling; ``few``: the model is one array of few
+    numbers, for which forward derivatives are cheaper than reverse ones; ``progress``: called after
+    each epoch.
     """
     moving, fixed = eqx.partition(model, eqx.is_inexact_array)
     optimiser = optax.adam(schedule.learning_rate)

@@ -1,7 +1,7 @@
-"""The network as the paper trains it: batches of windows, mean squared error, Adam; weights tied to the physics.
+"""The network as the paper trains it: windows, mean squared error, Adam, weights of the physics.
 
-    hidden   x_{k+1} = φ(W3 x_k + W1 c_k)          y_k = W2 x_{k+1} + W4 c_k          (eq. 6, Table
-    1)
+    hidden   x_{k+1} = φ(W3 x_k + W1 c_k)
+    output   y_k     = W2 x_{k+1} + W4 c_k          (eq. 6, Table 1)
 
 φ is the identity, which makes this the sensor's recursion, or tanh as in the paper's Table 3. W1…W4
 follow from S0, ωn and δ through a discretisation: Euler's as published, or the exact band-limited
@@ -21,7 +21,7 @@ from vibrident.base.backend import jax, jnp, lax
 from vibrident.data.records import FloatArray
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Coordinates
-from vibrident.paper.dataset import Dataset, Seen, Windows, cut, scored, whole_records
+from vibrident.paper.dataset import Dataset, NetworkInputs, Windows, cut, scored, whole_records
 from vibrident.paper.training import Fitted, Schedule, train
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel, parse
@@ -35,30 +35,39 @@ START = {"sensitivity": 0.9, "natural_frequency": 1.1, "damping_ratio": 1.5}
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """A network tied to the physics, in normalised units."""
+    """Network whose weights are tied to the physics, in normalised units.
 
-    model: SensorModel  # the sensor model, without delay
-    dataset: Dataset  # its scales and quantity
-    seen: Seen  # its inputs
-    activation: Activation = "linear"  # of the hidden layer
+    Attributes:
+        model: the sensor model, without delay.
+        dataset: its scales and quantity.
+        network_inputs: its inputs.
+        activation: of the hidden layer.
+    """
+
+    model: SensorModel
+    dataset: Dataset
+    network_inputs: NetworkInputs
+    activation: Activation = "linear"
 
     def table(self, parameters: Mapping[str, Any], interval_s: float) -> dict[str, Any]:
-        """W1…W4 for a sampling interval, normalised."""
+        """Return W1…W4 for a sampling interval, normalised."""
         quantity = self.dataset.calibration.quantity
         gain = self.dataset.reference.unit / self.dataset.response.unit
         values = {**parameters, self.model.gain_name: parameters[self.model.gain_name] * gain}
         system = realise(self.model.rational(values, quantity))
-        return self.seen.method.weights(system, interval_s, 0.0, self.seen.terms).table()
+        return self.network_inputs.method.weights(
+            system, interval_s, 0.0, self.network_inputs.terms
+        ).table()
 
     def __call__(self, parameters: Mapping[str, Any], inputs: Any, interval_s: float) -> Any:
-        """Normalised outputs, shape (steps, batch), for inputs (steps, q, batch) from a zero state."""
+        """Return normalised outputs (steps, batch) for inputs (steps, q, batch), from rest."""
         return unrolled(self.table(parameters, interval_s), inputs, self.activation)
 
     def predict(
         self, parameters: Mapping[str, float], indices: tuple[int, ...]
     ) -> list[FloatArray]:
-        """Normalised response of whole records, one array a record, the samples that are scored."""
-        inputs = whole_records(self.dataset, indices, self.seen)
+        """Return the normalised response of each record, at the samples that are scored."""
+        inputs = whole_records(self.dataset, indices, self.network_inputs)
         records = [self.dataset.calibration.records[i] for i in indices]
         outputs = []
         for column, record in enumerate(records):
@@ -73,7 +82,10 @@ class Network:
 
 
 def unrolled(table: Mapping[str, Any], inputs: Any, activation: Activation = "linear") -> Any:
-    """Return the outputs, shape (steps, batch), of the layers with weights ``table`` on inputs (steps, q, batch)."""
+    """Return the outputs (steps, batch) of the layers with weights ``table``.
+
+    ``inputs``: shape (steps, q, batch).
+    """
     w1, w2, w3, w4 = (table[name] for name in ("W1", "W2", "W3", "W4"))
     order, terms = w1.shape
 
@@ -105,13 +117,16 @@ def network_for(
     activation: Activation = "linear",
     delay_s: float = 0.0,
 ) -> Network:
-    """Return the network of a discretisation; ``near`` are values near the sensor's, which define its number of inputs."""
+    """Return the network of a discretisation.
+
+    ``near``: values near the sensor's, which define its number of inputs.
+    """
     step = method(discretisation)
     fastest = 2.0 * np.pi * near["natural_frequency"]
     rate = min(record.sampling_rate_hz for record in dataset.calibration.records)
     direct = len(model.rational(near, dataset.calibration.quantity).numerator) > 2
     return Network(
-        model, dataset, Seen(step, step.terms(fastest / rate, direct), delay_s), activation
+        model, dataset, NetworkInputs(step, step.terms(fastest / rate, direct), delay_s), activation
     )
 
 
@@ -123,7 +138,7 @@ def fit(
     seed: int,
     progress: Progress = silent,
 ) -> Fitted:
-    """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
+    """Train ``network`` by Adam on the training records' windows, all of one sampling rate.
 
     Training starts at ``START`` times ``near``, the first estimate of the sensor. ``seed``: of the
     shuffling.
@@ -136,7 +151,7 @@ def fit(
         outputs = network(coordinates.physical(z), jnp.moveaxis(batch.inputs, 0, -1), interval)
         return weighted_mse(outputs.T, batch)
 
-    windows, held_back = cut(network.dataset, network.seen)
+    windows, held_back = cut(network.dataset, network.network_inputs)
     begin = jnp.asarray(coordinates.first)
     rng = np.random.default_rng([seed, 1])
     trained = train(begin, loss, windows, held_back, schedule, rng=rng, few=True, progress=progress)
@@ -144,7 +159,7 @@ def fit(
 
 
 def start_of_training(model: SensorModel, near: Mapping[str, float]) -> Coordinates:
-    """Coordinates at ``START`` times a first estimate of the sensor."""
+    """Return the coordinates at ``START`` times a first estimate of the sensor."""
     start = {name: near[name] * START[name] for name in model.parameter_names}
     return Coordinates.at(
         model, start, (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0)
@@ -152,7 +167,7 @@ def start_of_training(model: SensorModel, near: Mapping[str, float]) -> Coordina
 
 
 def weighted_mse(outputs: Any, batch: Windows) -> Any:
-    """Mean squared error over the scored samples; outputs of shape (windows, steps)."""
+    """Return the mean squared error over the scored samples; outputs of shape (windows, steps)."""
     return jnp.sum(batch.score * jnp.square(batch.targets - outputs)) / jnp.sum(batch.score)
 
 

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from vibrident.data.known import KnownResponse, PolesZeros, Shape, Tabulated
+from vibrident.data.known import KnownResponse, RationalResponse, Shape, Tabulated
 from vibrident.data.known.unsure import effects_of_covariance, flat_effects
 from vibrident.data.records import FloatArray, Quantity
 from vibrident.result.result import Result
@@ -65,4 +65,4 @@ def _shape(sensor: IdentifiedSensor, quantity: Quantity, at: FloatArray) -> Shap
     gain = float(system.gain) * numerator[0] / denominator[0]
     delay_s = float(model.delay_s(values)) if model.has_delay else 0.0
     poles, zeros = (np.roots(c).astype(complex) for c in (denominator, numerator))
-    return PolesZeros(poles, zeros, gain, delay_s)
+    return RationalResponse(poles, zeros, gain, delay_s)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.base.binding import bound
 from vibrident.base.errors import InputError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.base.warning_kinds import WARNING_CODES
 from vibrident.result.document import (
     SCHEMA,
@@ -80,6 +80,16 @@ class Result(Part):
             nothing.
         findings: what departs from the fit significantly, whether it matters or not.
         uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> path = result.save("result.json")
+        >>> again = vibrident.Result.load("result.json")
+        >>> again.parameters["damping_ratio"] == result.parameters["damping_ratio"]
+        True
     """
 
     model: str
@@ -240,7 +250,7 @@ class Result(Part):
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
         written = self if excerpts else self.without_excerpts()
-        with whole(target) as partial:
+        with atomic_write(target) as partial:
             partial.write_text(written.to_json(), encoding="utf-8")
         return target
 

@@ -41,6 +41,20 @@ class IdentifiedSensor:
         degrees_of_freedom: behind the covariance.
         misfit: relative error of a model that its calibration rejected, as large as at the measured
             points; else 0.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> sensor = result.to_sensor()
+        >>> at_hz = np.array([160.0, 650.0])
+        >>> abs(sensor.frequency_response(at_hz)).round(3).tolist()
+        [0.11, 0.287]
+        >>> relative_u, phase_u_rad = sensor.uncertainty(at_hz)
+        >>> bool(np.all(relative_u < 1e-3))
+        True
     """
 
     model: SensorModel

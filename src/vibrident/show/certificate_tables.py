@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.amounts import pretty
-from vibrident.base.nominal import same
+from vibrident.base.nominal import is_same_frequency
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show import deviation_points, figures, tables
@@ -116,7 +116,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
         if asked is not None and measured_band(result) is not None:
             reason = say("text", "outside", frequency=f"{asked:.6g}")
         return Facts(((label, None), (say("label", "reason"), reason)))
-    exact = same(float(point.nominal), point.frequency_hz)
+    exact = is_same_frequency(float(point.nominal), point.frequency_hz)
 
     def choice(one: Say) -> str:
         at_exact = "" if exact else one("text", "computed_at", frequency=exact_frequency(point))

@@ -9,7 +9,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from vibrident.base.amounts import Scale, pretty, scaled
+from vibrident.base.amounts import UnitScale, pretty, scaled
 from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
@@ -69,7 +69,7 @@ class ComparedQuantity:
     """One quantity over several results, all in one unit."""
 
     label: str  # what it is
-    scale: Scale  # factor from the result's unit to the printed one, and that
+    scale: UnitScale  # factor from the result's unit to the printed one, and that
     values: tuple[Value | None, ...]  # one a result; None where the result has no such quantity in this unit
     relative: bool = True  # its differences are relative ones (not those of a phase or of a delay near zero)
 
@@ -111,7 +111,7 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     return found
 
 
-def _scale(first: Result, unit: str, known: Sequence[float]) -> Scale:
+def _scale(first: Result, unit: str, known: Sequence[float]) -> UnitScale:
     if pretty(unit) == pretty(unit_of_sensitivity(first)):
         return sensitivity_scale(first)
     return scaled(unit, known[0] if known else 0.0)
@@ -199,7 +199,7 @@ def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: st
         magnitudes = _magnitudes("", pair_of_points, (first, other))
         row = [point.nominal, *(text for value in magnitudes.values for text in printed_value(value, scale.factor))]
         row += _compared(magnitudes, reason)
-        phases = ComparedQuantity("", Scale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
+        phases = ComparedQuantity("", UnitScale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
         rows.append((*row, *_compared(phases, reason)))
     if not rows:
         return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibrident.base.amounts import Scale, scaled
+from vibrident.base.amounts import UnitScale, scaled
 from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.result import Result
 from vibrident.show import axes
@@ -92,7 +92,7 @@ def _per_g(result: Result, say: Say) -> list[PointColumn]:
     sizes = result.measured.magnitude * STANDARD_GRAVITY
     if end is None or not np.isfinite(sizes).any():
         return []
-    scale: Scale = scaled(unit.removesuffix(end) + "/g", float(np.nanmedian(np.abs(sizes))))
+    scale: UnitScale = scaled(unit.removesuffix(end) + "/g", float(np.nanmedian(np.abs(sizes))))
     u = column(result.measured, "magnitude_uncertainty") * STANDARD_GRAVITY
 
     def cell(i: int) -> str:

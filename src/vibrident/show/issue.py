@@ -11,7 +11,7 @@ from typing import Any
 from vibrident.base.errors import InputError
 from vibrident.data.io.certificate import CertificateData, certificate_data, certificate_section
 from vibrident.result import Result
-from vibrident.result.given import GivenResult, as_result
+from vibrident.result.loading import GivenResult, as_result
 from vibrident.show.language import Say
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
@@ -114,20 +114,21 @@ NOTHING_MORE = Issue()
 GivenCertificate = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | CertificateData
 
 
-def issued(given: GivenResult, certificate: GivenCertificate) -> tuple[Result, Issue]:
+def issued(result: GivenResult, certificate: GivenCertificate) -> tuple[Result, Issue]:
     """Return a result with what its certificate states, and what belongs to the certificate alone.
 
     Args:
-        given: a result, or the path of its file.
+        result: a result, or the path of its file.
         certificate: the statements; an empty sequence adds nothing.
 
     Raises:
         InputError: a file, or one that it names, cannot be read or holds what is not allowed.
     """
-    result, data = as_result(given), _statements(certificate)
+    known = as_result(result)
+    data = _statements(certificate)
     logo = None if data.logo is None else data.logo.read_bytes()
     before = None if data.before is None else Result.load(data.before)
-    return stated(result, data), Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))
+    return stated(known, data), Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))
 
 
 def check_certificate(result: GivenResult, certificate: GivenCertificate = ()) -> tuple[str, ...]:
@@ -142,17 +143,27 @@ def check_certificate(result: GivenResult, certificate: GivenCertificate = ()) -
 
     Raises:
         InputError: a file cannot be read or holds what is not allowed.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> entries = {"number": "2026-0042", "laboratory": "Laboratory of an example"}
+        >>> vibrident.check_certificate(result, entries)[:2]
+        ('laboratory_address', 'place')
     """
     known, _ = issued(result, certificate)
     return missing(known)
 
 
-def _statements(given: GivenCertificate) -> CertificateData:
-    if isinstance(given, CertificateData):
-        return given
-    if isinstance(given, Mapping):
-        return CertificateData(certificate_section(given, "certificate"))
-    return certificate_data([given] if isinstance(given, str | os.PathLike) else given)
+def _statements(certificate: GivenCertificate) -> CertificateData:
+    if isinstance(certificate, CertificateData):
+        return certificate
+    if isinstance(certificate, Mapping):
+        return CertificateData(certificate_section(certificate, "certificate"))
+    files = [certificate] if isinstance(certificate, str | os.PathLike) else certificate
+    return certificate_data(files)
 
 
 def stated(result: Result, data: CertificateData) -> Result:

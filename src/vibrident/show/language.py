@@ -40,8 +40,8 @@ class Say:
     """
 
     def __init__(self, *codes: str, comma: bool | None = None) -> None:
-        self.codes = codes or ("en",)
-        self.comma = self.codes[0] in COMMA if comma is None else comma
+        self.codes: tuple[str, ...] = codes or ("en",)
+        self.comma: bool = self.codes[0] in COMMA if comma is None else comma
 
     def number(self, text: str) -> str:
         """Return our own numbers, and what stands beside them, with the document's decimal sign."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from vibrident.base.amounts import Scale, pretty, scaled
+from vibrident.base.amounts import UnitScale, pretty, scaled
 from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
@@ -75,14 +75,14 @@ def _parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[
     return Table(heads, tuple(rows), notes=notes, title="Parameters: value(u in its last digits)")
 
 
-def _short(parameter: Parameter, scale: Scale, unit: str) -> str:
+def _short(parameter: Parameter, scale: UnitScale, unit: str) -> str:
     if parameter.unit != unit:  # another quantity with the same name: show its unit
         return f"{concise(parameter.value, parameter.standard_uncertainty)} {parameter.unit}"
     text = _with_u(parameter.value, parameter.standard_uncertainty, scale)
     return text if parameter.identifiable else f"{text} ?"
 
 
-def _with_u(value: float | None, u: float | None, scale: Scale) -> str:
+def _with_u(value: float | None, u: float | None, scale: UnitScale) -> str:
     return concise(scale.times(value), scale.times(u))
 
 
@@ -192,7 +192,7 @@ def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_c
 
 
 def _against(
-    name: str, scale: Scale, true: float, pairs: Sequence[tuple[float, float | None] | None]
+    name: str, scale: UnitScale, true: float, pairs: Sequence[tuple[float, float | None] | None]
 ) -> list[tuple[str, ...]]:
     """Values with u beside the true one, and how many u they are from it."""
     cells = [NONE if p is None else _with_u(*p, scale) for p in pairs]

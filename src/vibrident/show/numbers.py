@@ -14,8 +14,8 @@ from decimal import Decimal
 from typing import TypeGuard
 
 from vibrident.base import amounts
-from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, Scale, pretty, scaled
-from vibrident.base.nominal import nominal_name, same
+from vibrident.base.amounts import NONE, PLAIN_DIGITS, SUPERSCRIPTS, UnitScale, pretty, scaled
+from vibrident.base.nominal import is_same_frequency, nominal_name
 from vibrident.data.records import REFERENCE_UNITS, FloatArray
 from vibrident.result import Parameter, Result
 from vibrident.show.views import K
@@ -125,13 +125,13 @@ def concise(value: float | None, uncertainty: float | None) -> str:
     return f"{printed(head)}({digits}){printed(f'1e{power}').removeprefix('1') if power else ''}"
 
 
-def natural_scale(parameter: Parameter) -> Scale:
+def natural_scale(parameter: Parameter) -> UnitScale:
     """The unit in which a parameter reads well, and the factor to it."""
     sizes = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if _known(x)]
     return scaled(parameter.unit, max(sizes, default=0.0))
 
 
-def stated(parameter: Parameter, k: float = K, scale: Scale | None = None) -> Stated:
+def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -> Stated:
     """All numbers of a parameter in one unit, rounded by GUM 7.2.6; U = k u.
 
     ``scale``: unit and factor to it; None for a natural prefix.
@@ -233,7 +233,7 @@ def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
 def nominal_frequency(frequency_hz: float) -> str | None:
     """Nominal ISO 266 name (Hz) of a nominal or an exact base-10 one-third-octave frequency; None for any other."""
     nearest = nominal_name(frequency_hz, math.inf)
-    if nearest is not None and same(float(nearest), frequency_hz):
+    if nearest is not None and is_same_frequency(float(nearest), frequency_hz):
         return nearest
     return nominal_name(frequency_hz, 5e-4)
 
@@ -245,7 +245,7 @@ def frequency_text(frequency_hz: float) -> str:
     return f"{value * scale.factor:.4g} {scale.unit}" if value < 1e13 else f"{value:.3g} Hz"
 
 
-def sensitivity_scale(result: Result) -> Scale:
+def sensitivity_scale(result: Result) -> UnitScale:
     """Unit in which all sensitivities of a result are printed, and the factor to it; by its parameter if it has one."""
     unit = unit_of_sensitivity(result)
     gain = next((p for p in result.parameters.values() if pretty(p.unit) == pretty(unit)), None)
@@ -255,13 +255,13 @@ def sensitivity_scale(result: Result) -> Scale:
     return magnitude_scale(unit, curve.magnitude)
 
 
-def parameter_scale(result: Result, parameter: Parameter) -> Scale:
+def parameter_scale(result: Result, parameter: Parameter) -> UnitScale:
     """Unit in which a parameter of a result is printed: sensitivities have one."""
     same = pretty(parameter.unit) == pretty(unit_of_sensitivity(result))
     return sensitivity_scale(result) if same else natural_scale(parameter)
 
 
-def magnitude_scale(unit: str, magnitudes: FloatArray) -> Scale:
+def magnitude_scale(unit: str, magnitudes: FloatArray) -> UnitScale:
     """Unit in which magnitudes read well, and the factor to it."""
     sizes = sorted(abs(m) for m in magnitudes.tolist() if m and math.isfinite(m))
     return scaled(unit, sizes[len(sizes) // 2] if sizes else 0.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.base.nominal import SAME, Nominal, reference, series
+from vibrident.base.nominal import SAME, Nominal, choose_reference, nominal_frequencies
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result import Curve, MeasuredCurve, Result
@@ -50,7 +50,7 @@ def nominal_points(result: Result) -> tuple[Point, ...]:
     band = measured_band(result)
     if band is None:
         return ()
-    found = (sensitivity_at(result, item) for item in series(*band, result.measured.frequency_hz))
+    found = (sensitivity_at(result, item) for item in nominal_frequencies(*band, result.measured.frequency_hz))
     return tuple(point for point in found if point is not None)
 
 
@@ -60,7 +60,7 @@ def reference_frequency(result: Result) -> tuple[Nominal | None, str]:
     if band is None:
         return None, "the result holds no measured points"
     stated = result.certificate.get("reference_frequency_hz")
-    return reference(*band, result.measured.frequency_hz, stated)
+    return choose_reference(*band, result.measured.frequency_hz, stated)
 
 
 def reference_point(result: Result) -> tuple[Point | None, str]:

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 
 from vibrident.base.errors import InputError, unknown
 from vibrident.result import Result
-from vibrident.result.given import GivenResult
+from vibrident.result.loading import GivenResult
 from vibrident.show import document, plots
 from vibrident.show.certificate import certificate
 from vibrident.show.certified import raised_to_measured
@@ -60,9 +60,17 @@ def report(
     Raises:
         InputError: the form is not known or what it needs is not installed, a file cannot be read,
             or a certificate of several results is asked for.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> vibrident.report(result, "report.html").name
+        'report.html'
     """
-    given = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
-    pairs = [issued(result, certificate) for result in given]
+    listed = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
+    pairs = [issued(result, certificate) for result in listed]
     known = [result for result, _ in pairs]
     if not known:
         raise InputError(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.base.amounts import Scale
+from vibrident.base.amounts import UnitScale
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes
 from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
@@ -71,7 +71,7 @@ def _any(values: FloatArray) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def response_panels(model: Curve | None, measured: Curve, scale: Scale, quantity: str, label: str) -> tuple[Panel, ...]:
+def response_panels(model: Curve | None, measured: Curve, scale: UnitScale, quantity: str, label: str) -> tuple[Panel, ...]:
     """Magnitude and, where there is any, phase.
 
     ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called ``label``; ``scale``: of

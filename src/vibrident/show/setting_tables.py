@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.base.amounts import Scale, pretty
+from vibrident.base.amounts import UnitScale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show.language import ENGLISH, Say
@@ -115,7 +115,7 @@ def _is_row(row: Any) -> bool:
     return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
 
 
-def _size(value: float | None, scale: Scale) -> str:
+def _size(value: float | None, scale: UnitScale) -> str:
     return uncertainty(scale.times(value))
 
 

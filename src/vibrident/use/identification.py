@@ -67,6 +67,17 @@ def identify(
         InputError: the data cannot be used.
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration, model="accelerometer")
+        >>> sensitivity = result.parameters["sensitivity"]
+        >>> print(f"{sensitivity.value:.4f} {sensitivity.unit}")
+        0.1040 V/(m/s^2)
+        >>> result.fit.adequate
+        True
     """
     calibration = as_calibration(calibration).within(band_hz)
     name = named(model)

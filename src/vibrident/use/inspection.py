@@ -1,4 +1,4 @@
-"""What the files of a calibration hold, before any model: the records as a fit takes them, and what is doubtful."""
+"""What a calibration holds, before any model: the records as a fit takes them, and doubts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Inspection:
     __repr__ = brief
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row a record, or one for the table: size, rate, length, level and offset; labels state the units."""
+        """Return a row a record, or one for the table; the names of columns state the units."""
         import pandas as pd
 
         return pd.DataFrame(describe(self.calibration))
@@ -54,6 +54,17 @@ def inspect(calibration: GivenCalibration) -> Inspection:
 
     Raises:
         InputError: the file or its data cannot be read.
+
+    Examples:
+        >>> import vibrident
+        >>> record = vibrident.simulate(frequencies_hz=[160], samples=4000).records[0]
+        >>> limit = 0.9 * record.response.max()
+        >>> response = record.response.clip(-limit, limit)
+        >>> clipped = vibrident.Calibration.from_arrays(
+        ...     record.reference, response, record.sampling_rate_hz
+        ... )
+        >>> [finding.code for finding in vibrident.inspect(clipped).findings]
+        ['clipped']
     """
     data = as_calibration(calibration)
     once = without_copies(data.records)

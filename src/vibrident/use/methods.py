@@ -1,4 +1,4 @@
-"""Estimators, models and discretisations beside each other on the same data, or results beside each other."""
+"""Methods beside each other on the same data, or results of one sensor beside each other."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
 
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, ModelError, NotConverged, unknown
@@ -16,7 +16,7 @@ from vibrident.data.records import Calibration
 from vibrident.fit.estimators import Estimator, ranked
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.result import Result
-from vibrident.result.given import GivenResult, as_result
+from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.comparison import (
     COVERAGE_FACTOR,
     Recommendation,
@@ -53,7 +53,13 @@ class NoListener(Listener):
 
 @dataclass(frozen=True)
 class Method:
-    """One way to identify the same data; None: the model of the calibration, the usual discretisation."""
+    """One way to identify the same data.
+
+    Attributes:
+        estimator: its name.
+        model: name of the sensor model; None: that of the calibration.
+        discretisation: of the network; None: the usual one.
+    """
 
     estimator: str
     model: str | None = None
@@ -95,7 +101,7 @@ class Comparison:
         return recommendation(self.results)
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row a result and parameter: ``value``, ``unit``, u and deviation from the truth or the first."""
+        """Return a row a result and parameter; deviations are from the truth, or the first."""
         import pandas as pd
 
         methods = self.to_dict()["methods"]
@@ -112,24 +118,26 @@ class Comparison:
         return document(dict(self.results), dict(self.truth), scores)
 
     def normalized_error(self, parameter: str) -> dict[str, float | None]:
-        """Return E_n of each further result against the first one: two values agree where |E_n| ≤ 1.
+        """Return E_n of each further result against the first: two values agree where |E_n| ≤ 1.
 
-        E_n = (value − first)/√(U² + U_first² − 2 k² cov), k = 2 (ISO 13528, GUM 5.2.2); the
-        covariance is that of the stated sources that both share, such as the same reference.
+        E_n = (value − first)/√(U² + U_first² − 2 k² cov), k = 2 (ISO 13528, GUM 5.2.2);
+        the covariance is that of the stated sources that both share, such as the same reference.
 
         Args:
             parameter: name of a parameter of all results.
 
         Returns:
-            By name of the result; None where E_n says nothing: of two evaluations of the same data, of
-            two sensors, or without an uncertainty.
+            By name of the result; None where E_n says nothing: of two evaluations of the same data,
+            of two sensors, or without an uncertainty.
 
         Raises:
             InputError: a result has no such parameter.
         """
         first, *others = self.results
         values = {name: _value(result, name, parameter) for name, result in self.results.items()}
-        shared = {name: shared_sources(each, parameter=parameter) for name, each in self.results.items()}
+        shared = {
+            name: shared_sources(each, parameter=parameter) for name, each in self.results.items()
+        }
         errors: dict[str, float | None] = {}
         for name in others:
             pair = [values[name], values[first]]
@@ -138,12 +146,14 @@ class Comparison:
                 errors[name] = None
                 continue
             covariance = shared_covariance(shared[name], shared[first])
-            errors[name] = normalized_error(pair[0][0], stated[0], pair[1][0], stated[1], covariance)
+            errors[name] = normalized_error(
+                pair[0][0], stated[0], pair[1][0], stated[1], covariance
+            )
         return errors
 
 
 def compare(
-    given: GivenCalibration | Mapping[str, GivenResult] | Sequence[GivenResult],
+    data: GivenCalibration | Mapping[str, GivenResult] | Sequence[GivenResult],
     *,
     estimators: Sequence[str] = (),
     models: Sequence[str] = (),
@@ -154,8 +164,8 @@ def compare(
     """Compare methods on the same data, or earlier results of one sensor.
 
     Args:
-        given: a calibration, or the path of its file, to be identified by each method; or results, or
-            paths of their files, by name or in a sequence (then named "1", "2", …).
+        data: a calibration, or the path of its file, to be identified by each method; or results,
+            or paths of their files, by name or in a sequence (then named "1", "2", …).
         estimators: names of estimators for a calibration; none: those of vibrident that suit it.
         models: names of sensor models for a calibration; none: its own.
         discretisations: of estimators that have one; none: the usual one.
@@ -166,17 +176,34 @@ def compare(
         InputError: there is nothing to compare, or methods are named for results.
         ModelError: a named estimator or model does not suit the data, or none does.
         NotConverged: no start of a fit leads to a finite one.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> models = ["accelerometer", "accelerometer+delay"]
+        >>> comparison = vibrident.compare(calibration, models=models, estimators=["ml"])
+        >>> comparison.recommendation.method
+        'ml accelerometer'
+        >>> then, now = (vibrident.identify(calibration, estimator=name) for name in ("lsm", "ml"))
+        >>> list(vibrident.compare({"then": then, "now": now}).normalized_error("sensitivity"))
+        ['now']
     """
-    if isinstance(given, Calibration) or _is_calibration_file(given):
+    if isinstance(data, Calibration) or _is_calibration_file(data):
         return compare_methods(
-            as_calibration(given),  # type: ignore[arg-type]
+            as_calibration(data),
             estimators=estimators,
             models=models,
             discretisations=discretisations,
             cross_validation=cross_validation,
             truth=truth,
         )
-    if named := [*estimators, *models, *discretisations, *(["cross_validation"] if cross_validation else [])]:
+    if named := [
+        *estimators,
+        *models,
+        *discretisations,
+        *(["cross_validation"] if cross_validation else []),
+    ]:
         raise InputError(
             "Results cannot be compared by further methods.",
             expected="a calibration, or results without estimators, models and discretisations",
@@ -184,9 +211,11 @@ def compare(
             where="compare",
             remedy="leave them out, or give the calibration",
         )
-    if isinstance(given, str | os.PathLike | Result):
-        given = [given]
-    named_results = given if isinstance(given, Mapping) else {str(n): each for n, each in enumerate(given, 1)}
+    if isinstance(data, str | os.PathLike | Result):
+        data = [data]
+    named_results = (
+        data if isinstance(data, Mapping) else {str(n): each for n, each in enumerate(data, 1)}
+    )
     if not named_results:
         raise InputError(
             "There is nothing to compare.",
@@ -195,7 +224,9 @@ def compare(
             where="compare",
             remedy="give results, or a calibration",
         )
-    return Comparison({name: as_result(result) for name, result in named_results.items()}, dict(truth or {}))
+    return Comparison(
+        {name: as_result(result) for name, result in named_results.items()}, dict(truth or {})
+    )
 
 
 def compare_methods(
@@ -208,7 +239,7 @@ def compare_methods(
     truth: Mapping[str, float] | None = None,
     listener: Listener | None = None,
 ) -> Comparison:
-    """Identify a calibration by each method, as :func:`compare` does; ``listener`` follows the progress."""
+    """Identify a calibration by each method, as :func:`compare` does, with a listener."""
     methods = _methods(
         estimators or [estimator.name for estimator in ranked(ESTIMATORS.built_in())],
         models or (None,),
@@ -219,7 +250,9 @@ def compare_methods(
     comparison = Comparison(results, dict(truth or {}))
     if not cross_validation or len(results) < 2:
         return comparison
-    return replace(comparison, cross_validations=_cross_validated(calibration, methods, results, listener))
+    return replace(
+        comparison, cross_validations=_cross_validated(calibration, methods, results, listener)
+    )
 
 
 def with_setting(setting: str, names: Sequence[str]) -> tuple[str, ...]:
@@ -227,15 +260,18 @@ def with_setting(setting: str, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in names if setting in ESTIMATORS[name].settings)
 
 
-def _is_calibration_file(given: object) -> bool:
-    return isinstance(given, str | os.PathLike) and Path(given).suffix.lower() == ".toml"
+def _is_calibration_file(data: object) -> TypeGuard[str | os.PathLike[str]]:
+    return isinstance(data, str | os.PathLike) and Path(data).suffix.lower() == ".toml"
 
 
 def _value(result: Result, name: str, parameter: str) -> tuple[float, float | None]:
     """Return value and expanded uncertainty of a parameter."""
     if parameter not in result.parameters:
         raise unknown(
-            f"The result {name!r} has no such parameter.", parameter, list(result.parameters), "normalized_error"
+            f"The result {name!r} has no such parameter.",
+            parameter,
+            list(result.parameters),
+            "normalized_error",
         )
     stated = result.parameters[parameter]
     u = stated.standard_uncertainty
@@ -259,13 +295,15 @@ def _methods(
 def _identified(
     calibration: Calibration, methods: Sequence[Method], listener: Listener, *, must: bool
 ) -> dict[str, Result]:
-    """Return results by name. Methods that do not suit the data are left out, but not named ones."""
+    """Return results by name; unnamed methods that do not suit the data are left out."""
     results: dict[str, Result] = {}
     failures: dict[str | None, ModelError | NotConverged] = {}
     for method in methods:
         listener.step(f"Identifying by {method.name}")
         try:
-            results[method.name] = identify(calibration, method.model, method.chosen, progress=listener)
+            results[method.name] = identify(
+                calibration, method.model, method.chosen, progress=listener
+            )
         except (ModelError, NotConverged) as failure:
             if must or method.discretisation:
                 raise

@@ -23,7 +23,7 @@ from vibrident.fit.problem import Coordinates, network_of
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
 from vibrident.physics.discretisation import method
 from vibrident.result import Result
-from vibrident.result.given import GivenResult, as_result
+from vibrident.result.loading import GivenResult, as_result
 
 UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothing is searched here
 
@@ -94,8 +94,19 @@ def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
     Raises:
         InputError: the calibration is a table, its units are not the result's, or its records
             cannot be used.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> sweep = vibrident.simulate("paper", "sweep", samples=4000, response_noise=1e-3, seed=2)
+        >>> prediction = vibrident.predict(result, sweep).predictions[0]
+        >>> f"{prediction.nrmse:.1%} of the response"
+        '0.1% of the response'
     """
-    result, calibration = as_result(result), as_calibration(calibration)
+    result = as_result(result)
+    calibration = as_calibration(calibration)
     sensor = result.to_sensor("a prediction")
     model = sensor.model
     values = dict(sensor.values)

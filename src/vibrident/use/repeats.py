@@ -22,7 +22,7 @@ from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.document import covered, document, own_rows
+from vibrident.fit.judge.document import budget_of, covered, document
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty import correlation, curve, parameter_table
 from vibrident.fit.uncertainty.budget import (
@@ -95,10 +95,10 @@ def identify_runs(
     )
     mountings = [key[0] for key in runs]
     mean, parts = _components(places, mountings)
-    rows = [*parts, *(row for row in own_rows(first, scope) if row.kind != DATA)]
+    rows = [*parts, *(row for row in budget_of(first, scope) if row.kind != DATA)]
     total = np.sum([row.covariance for row in rows], axis=0)
     freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
-    results = [document(one, own_rows(one, scope)) for one in fits]
+    results = [document(one, budget_of(one, scope)) for one in fits]
     base = results[0]
     calibration = first.evidence.calibration
     names = first.evidence.model.parameter_names

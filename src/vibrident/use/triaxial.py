@@ -133,6 +133,39 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     Raises:
         InputError: the file cannot be used, or at a frequency the records do not tell the axes of
             motion apart.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> import vibrident
+        >>> motion = np.sin(2 * np.pi * 160.0 * np.arange(4096) / 8192.0)
+        >>> noise = 1e-5 * np.random.default_rng(1).standard_normal((2, 2, 4096))
+        >>> for axis, row, error in zip("xy", ((0.1, 0.001), (0.002, 0.11)), noise):
+        ...     columns = [motion, *(gain * motion + each for gain, each in zip(row, error))]
+        ...     np.savetxt(f"{axis}.csv", np.transpose(columns), delimiter=",", header="a,vx,vy")
+        >>> text = '''[reference]
+        ... column = "a"
+        ... [sampling]
+        ... rate_hz = 8192.0
+        ... [[response]]
+        ... column = "vx"
+        ... axis = "x"
+        ... [[response]]
+        ... column = "vy"
+        ... axis = "y"
+        ... [[records]]
+        ... file = "x.csv"
+        ... excitation = "sine"
+        ... axis = "x"
+        ... [[records]]
+        ... file = "y.csv"
+        ... excitation = "sine"
+        ... axis = "y"
+        ... '''
+        >>> characters = Path("axes.toml").write_text(text)
+        >>> matrix = vibrident.sensitivity_matrix("axes.toml")
+        >>> matrix.values[0].real.round(3).tolist()
+        [[0.1, 0.002], [0.001, 0.11]]
     """
     if not isinstance(calibration, AxesCalibration):
         calibration = read_axes(calibration)

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from bench.laboratory import RATE, TRUE, records, response
+from bench.laboratory import RATE_HZ, TRUE, records, response
 from tests.support import shell
 
 import vibrident
@@ -16,7 +16,7 @@ def known(tmp_path_factory):
     folder = tmp_path_factory.mktemp("known")
     made = records(np.random.default_rng(1), TRUE, Circumstances(), (80.0, 160.0, 480.0, 800.0, 960.0))
     result = vibrident.identify(Calibration(tuple(made)), "accelerometer").save(folder / "result.json")
-    times = np.arange(2048) / RATE
+    times = np.arange(2048) / RATE_HZ
     motion = 5.0 * np.exp(2j * np.pi * 160.0 * times)
     return result, times, np.imag(motion), np.imag(motion * response(160.0, **TRUE))
 
@@ -54,7 +54,7 @@ def test_parquet(known, tmp_path):
     _, times, _, signal = known
     table = pd.DataFrame({"v": 1e3 * signal, "who": ["me"] * times.size})
     table.to_parquet(tmp_path / "t.parquet")
-    path = corrected(known, tmp_path / "t.parquet", "--column", "v", "--rate", RATE, "--scale", 1e-3)
+    path = corrected(known, tmp_path / "t.parquet", "--column", "v", "--rate", RATE_HZ, "--scale", 1e-3)
     out = pd.read_parquet(path)
     assert out["v"].equals(table["v"])
     assert out["who"].equals(table["who"])
@@ -90,7 +90,7 @@ def test_what_is_missing_is_said(known, tmp_path, more, said):
     assert said in done.output
     assert not (tmp_path / "out").exists()
     twice = shell.run(
-        "correct", known[0], tmp_path / "t.csv", "--out", tmp_path / "out", "--column", "v", "--rate", RATE
+        "correct", known[0], tmp_path / "t.csv", "--out", tmp_path / "out", "--column", "v", "--rate", RATE_HZ
     )
     assert twice.exit_code == 2
     assert "already" in twice.output

@@ -10,7 +10,7 @@ import pytest
 from tests.support.tasks import killed, names_in, priority, reached, written
 
 from vibrident.app.web.confinement import confined, possible
-from vibrident.base.process import Died, Process, WorkerError
+from vibrident.base.process import Process, ProcessDied, WorkerError
 
 walled = pytest.mark.skipif(not possible(), reason="bubblewrap is not installed, or not allowed here")
 
@@ -52,6 +52,6 @@ def test_an_identification_may_write_in_its_own_folder(tmp_path):
 def test_the_server_goes_first(tmp_path):
     with Process(wrapper=confined(tmp_path)) as process:
         assert process.call(priority) == min(os.nice(0) + 10, 19)
-    with Process(wrapper=confined(tmp_path)) as process, pytest.raises(Died) as death:
+    with Process(wrapper=confined(tmp_path)) as process, pytest.raises(ProcessDied) as death:
         process.call(killed)
     assert "signal" in death.value.ending

@@ -14,7 +14,7 @@ import pytest
 
 from vibrident.base import parcel
 from vibrident.base.errors import InputError
-from vibrident.base.process import Died, Ended, Limits, Process, WorkerError, processors
+from vibrident.base.process import Limits, Process, ProcessDied, ProcessEnded, WorkerError, processors
 from vibrident.data.records import Provenance, Record
 
 MEMORY = 400_000_000
@@ -83,7 +83,7 @@ def test_one_process_takes_many_calls_and_another_one_takes_over_when_it_died():
         assert process.call(twice, 1.5, progress=lambda *step: told.append(step)) == 3.0
         first = process.call(os.getpid)
         assert process.call(os.getpid) == first != os.getpid()
-        with pytest.raises(Died, match="status 7") as caught:
+        with pytest.raises(ProcessDied, match="status 7") as caught:
             process.call(os._exit, 7)
         assert caught.value.reason == "crash"
         assert process.call(os.getpid) != first
@@ -101,7 +101,7 @@ def refuse() -> None:
 def test_what_needs_too_much_memory_or_answers_endlessly_dies_and_the_next_call_works():
     with Process() as process:
         for task, limits in ((greedy, Limits(20.0, MEMORY)), (endless, Limits(answer_bytes=1_000_000))):
-            with pytest.raises(Died) as caught:
+            with pytest.raises(ProcessDied) as caught:
                 process.call(task, limits=limits)
             assert caught.value.reason == "memory"
         assert process.call(os.getpid)
@@ -111,7 +111,7 @@ def test_what_needs_too_much_memory_or_answers_endlessly_dies_and_the_next_call_
 def test_time_ends_a_call_and_all_that_it_started(tmp_path):
     with Process() as process:
         process.call(os.getpid)  # it runs
-        with pytest.raises(Died) as caught:
+        with pytest.raises(ProcessDied) as caught:
             process.call(with_a_child, str(tmp_path / "pids"), limits=Limits(seconds=1.0))
     assert caught.value.reason == "time"
     assert end_soon(appears(tmp_path / "pids"))
@@ -121,10 +121,10 @@ def test_time_ends_a_call_and_all_that_it_started(tmp_path):
 def test_another_thread_ends_it_for_good(tmp_path):
     process = Process()
     threading.Thread(target=lambda: (appears(tmp_path / "pids"), process.end())).start()
-    with pytest.raises(Ended):
+    with pytest.raises(ProcessEnded):
         process.call(with_a_child, str(tmp_path / "pids"))
     assert end_soon(appears(tmp_path / "pids"))
-    with pytest.raises(Ended):
+    with pytest.raises(ProcessEnded):
         process.call(os.getpid)
 
 

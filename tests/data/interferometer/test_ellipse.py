@@ -10,7 +10,7 @@ import pytest
 from vibrident.data.interferometer import ellipse, moments
 from vibrident.data.interferometer.choice import choose
 from vibrident.data.interferometer.demodulation import demodulate
-from vibrident.data.interferometer.setting import Interferometer, held
+from vibrident.data.interferometer.setting import Interferometer, signals_in_memory
 from vibrident.data.interferometer.survey import survey
 
 CENTRE, FIRST, SECOND, ANGLE = np.array([0.3, -0.2]), 1.0, 0.8, 0.15
@@ -28,8 +28,8 @@ def drawn(random, phase, noise):
 
 
 def fitted(u):
-    start = ellipse.circle(u)
-    return ellipse.fit([moments.sums(*part) for part in np.array_split(u, 40, axis=1)], start)
+    start = ellipse.fit_circle(u)
+    return ellipse.fit_ellipse([moments.sums(*part) for part in np.array_split(u, 40, axis=1)], start)
 
 
 @pytest.mark.draws(60, 150)
@@ -56,7 +56,7 @@ def test_short_arc_gives_a_circle_whose_covariance_covers_the_ellipse():
         phase = random.uniform(-0.5, 0.5, 10_000) + random.uniform(0.0, 2.0 * np.pi)
         u = drawn(random, phase, 0.01)
         assert fitted(u) is None
-        found = ellipse.as_circle(u, u.shape[1])
+        found = ellipse.fit_short_arc(u, u.shape[1])
         scaled.append(found.difference(TRUE) / np.sqrt(np.diag(found.covariance)))
     # Of the amplitudes' ratio 0.8 is a prior deviation of 0.9, so none may stand far out.
     assert np.sqrt(np.mean(np.square(scaled))) < 1.5
@@ -81,7 +81,7 @@ def test_mean_phase_is_right_where_noise_differs_round_the_circle():
     off = []
     for angle in (0.2, 0.6, 1.1, 1.6, 2.2, 2.7):
         u = drawn(random, np.full(400_000, angle), 0.08)
-        off.append([np.arctan2(*e.round(u)[::-1]).mean() - angle for e in (known, known.for_phase)])
+        off.append([np.arctan2(*e.to_unit_circle(u)[::-1]).mean() - angle for e in (known, known.for_phase)])
     plain, better = np.ptp(np.array(off), axis=0)
     assert better < 8e-4 < 2e-3 < plain  # one mean is known to 1.6e-4
 
@@ -98,7 +98,7 @@ def test_a_sine_is_off_by_the_tangential_noise_alone(draws):
         phase = swing * np.cos(2.0 * np.pi * hertz * time + random.uniform(0.0, 6.0)) + random.uniform(0.0, 6.0)
         clean = CENTRE[:, None] + TRUE.matrix @ np.stack([np.cos(phase), np.sin(phase)])
         noise = 0.05 * random.standard_normal(clean.shape)
-        signals = held(clean + noise, rate)
+        signals = signals_in_memory(clean + noise, rate)
         seen = survey(signals)
         made = demodulate(signals, setting, seen, choose([seen], ["a"])[0], 1, "a", hertz, hertz)
         c, s = TRUE.inverse @ noise
@@ -120,7 +120,7 @@ def test_effect_of_an_ellipse_s_error_on_a_sine_is_as_stated():
         phase = swing * np.cos(2.0 * np.pi * hertz * time) + middle
         random = np.random.default_rng(3)
         u = CENTRE[:, None] + TRUE.matrix @ np.stack([np.cos(phase), np.sin(phase)])
-        signals = held(u + 1e-4 * random.standard_normal(u.shape), rate)
+        signals = signals_in_memory(u + 1e-4 * random.standard_normal(u.shape), rate)
         seen = survey(signals)
         choice = choose([seen], ["a"])[0]
         exact = demodulate(signals, setting, seen, choice, 1, "a", hertz, hertz)

@@ -10,7 +10,7 @@ import pytest
 
 import vibrident
 from vibrident.base.errors import InputError
-from vibrident.data.interferometer.alignment import LOST, accelerated
+from vibrident.data.interferometer.alignment import LOST_SAMPLES, differentiated
 from vibrident.data.interferometer.setting import Interferometer
 from vibrident.data.screening import screen
 from vibrident.physics.simulation import sensor_named, simulate
@@ -22,8 +22,8 @@ def test_acceleration_is_exact_in_its_band_and_a_ramp_has_none(cycles, off):
     rate, index = 1000.0, np.arange(3000)
     omega = 2.0 * np.pi * cycles
     wave = np.cos(omega * index + 0.2)
-    found, valid = accelerated(wave / (omega * rate) ** 2 + 1e-3 * index, np.ones(index.size, bool), rate)
-    assert np.max(np.abs(found + wave[LOST:-LOST])) < off
+    found, valid = differentiated(wave / (omega * rate) ** 2 + 1e-3 * index, np.ones(index.size, bool), rate)
+    assert np.max(np.abs(found + wave[LOST_SAMPLES:-LOST_SAMPLES])) < off
     assert valid.all()
 
 

@@ -11,8 +11,8 @@ from vibrident.data.interferometer import rough
 from vibrident.data.interferometer.choice import choose
 from vibrident.data.interferometer.demodulation import demodulate
 from vibrident.data.interferometer.effects import effects
-from vibrident.data.interferometer.rough import highest_frequency, rough_frequency, slower
-from vibrident.data.interferometer.setting import Interferometer, held
+from vibrident.data.interferometer.rough import at_needed_rate, highest_frequency, rough_frequency
+from vibrident.data.interferometer.setting import Interferometer, signals_in_memory
 from vibrident.data.interferometer.survey import survey
 from vibrident.data.io import read
 from vibrident.physics.simulation.optics import Optics, write_optical_calibration
@@ -28,8 +28,8 @@ def found(rate, swing, noise, seed):
     phase = swing * np.cos(2.0 * np.pi * HERTZ * time + 0.3) + 0.7 + seed
     u = np.stack([0.05 + np.cos(phase), -0.03 + 0.85 * np.sin(phase + 0.12)])
     u = u + noise * np.sqrt(rate / SLOWEST) * random.standard_normal(u.shape)
-    signals = held(u, rate)
-    signals = slower(signals) or signals
+    signals = signals_in_memory(u, rate)
+    signals = at_needed_rate(signals) or signals
     seen = survey(signals)
     (choice,) = choose([seen], ["a"])
     made = demodulate(signals, SETTING, seen, choice, 1, "a", HERTZ, HERTZ)
@@ -53,7 +53,7 @@ def of(phase, rate, noise=0.02):
     """Signals of a phase, and their ellipse."""
     random = np.random.default_rng(8)
     u = np.stack([np.cos(phase), np.sin(phase)])
-    signals = held(u + noise * random.standard_normal(u.shape), rate)
+    signals = signals_in_memory(u + noise * random.standard_normal(u.shape), rate)
     return signals, choose([survey(signals)], ["a"])[0]
 
 
@@ -72,7 +72,7 @@ def test_a_line_of_noise_is_not_taken_for_motion():
     signals, choice = of(50.0 * np.sin(2.0 * np.pi * 100.0 * time), rate)
     random, values = np.random.default_rng(9), signals.block(0, signals.samples)
     for _ in range(20):
-        again = held(values + 0.02 * random.standard_normal(values.shape), rate)
+        again = signals_in_memory(values + 0.02 * random.standard_normal(values.shape), rate)
         assert highest_frequency(again, choice, 1)[0] < 1000.0
 
 

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from vibrident.data.io.record_files import natural
+from vibrident.data.io.record_files import natural_sort_key
 
 
 @pytest.mark.parametrize(
@@ -21,9 +21,9 @@ from vibrident.data.io.record_files import natural
 def test_numbers_in_names_decide(names):
     mixed = list(names)
     random.Random(1).shuffle(mixed)
-    assert sorted(mixed, key=natural) == names
+    assert sorted(mixed, key=natural_sort_key) == names
 
 
 def test_any_name_has_a_place():
     names = ["9" * 5000 + ".csv", "", "²", "٣Hz", "1_Hz", "Hz", ".5Hz", "1._5 Hz"]
-    assert len(sorted(names, key=natural)) == len(names)
+    assert len(sorted(names, key=natural_sort_key)) == len(names)

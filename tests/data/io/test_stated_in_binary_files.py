@@ -11,15 +11,15 @@ import scipy.io
 from tests.support import file_formats as formats
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Start
+from vibrident.data.io.columns import StartTime
 from vibrident.data.io.reader import open_columns
 from vibrident.data.io.stated import meaning_of, seconds_since
 
 SIGNAL = np.linspace(-1, 1, 20)
 RATE_HZ = 51200.0
-OWN_START = Start(250_000_000, epoch=False)
+OWN_START = StartTime(250_000_000, epoch=False)
 DATE = "2026-03-03T12:00:00.125"
-EPOCH_START = Start(int(np.datetime64(DATE, "ns").astype(np.int64)), epoch=True)
+EPOCH_START = StartTime(int(np.datetime64(DATE, "ns").astype(np.int64)), epoch=True)
 
 
 def hdf5(path, unit, rate_hz, start):
@@ -274,8 +274,8 @@ def with_axis(path, axis, unit, values=SIGNAL):
 @pytest.mark.parametrize(
     ("unit", "step", "start"),
     [
-        ("s", 1e-3, Start(5_000_000, epoch=False)),
-        ("ms", 1.0, Start(5_000_000, epoch=False)),
+        ("s", 1e-3, StartTime(5_000_000, epoch=False)),
+        ("ms", 1.0, StartTime(5_000_000, epoch=False)),
         ("milliseconds since 2026-03-03 12:00:00.120", 1.0, EPOCH_START),
     ],
 )
@@ -308,7 +308,7 @@ def test_an_attached_axis_of_frequencies(tmp_path):
 
 
 def test_times_since_a_date():
-    assert seconds_since("hours since 1970-01-01") == (3600.0, Start(0, epoch=True))
+    assert seconds_since("hours since 1970-01-01") == (3600.0, StartTime(0, epoch=True))
     zoned = seconds_since("s since 2026-03-03 13:00:00.125 +01:00")
     assert zoned == (1.0, EPOCH_START)
     for text in ("s", "g since 2026-01-01", "s since noon", "s since 2026-13-01"):

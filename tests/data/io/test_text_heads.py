@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from vibrident.data.io.columns import Start
+from vibrident.data.io.columns import StartTime
 from vibrident.data.io.formats.csv import CsvFile
 
 COUNT = 40
@@ -33,7 +33,7 @@ class Expected:
     units: tuple[str, ...]
     rate_hz: float | None
     columns: dict[int, list] = field(default_factory=dict)
-    start: Start | None = None
+    start: StartTime | None = None
     at: int = 1  # the column whose rate and start are compared
 
 
@@ -58,7 +58,7 @@ MAKERS = {
         LABVIEW.format(multi="No", x="No") + segment() + table(ACC, VOLT, gap="\t", begin="\t"),
         Expected(
             ("X_Value", "acc", "volt"), ("", "g", "mV"), 10240.0, {1: ACC, 2: VOLT},
-            Start(NS_2026 + 125_000_000, epoch=True),
+            StartTime(NS_2026 + 125_000_000, epoch=True),
         ),
     ),
     "LabVIEW, one X column, a remark in the first row": (
@@ -66,7 +66,7 @@ MAKERS = {
         + table(times(9.765625e-5), ACC, VOLT, gap="\t").replace("\n", "\tshaker on, gain 10\n", 1),
         Expected(
             ("X_Value", "acc", "volt"), ("", "g", "mV"), 10240.0, {1: ACC, 2: VOLT},
-            Start(NS_2026 + 126_000_000, epoch=True),
+            StartTime(NS_2026 + 126_000_000, epoch=True),
         ),
     ),
     "LabVIEW, an X column each, decimal commas": (
@@ -77,7 +77,7 @@ MAKERS = {
         + table(times(1e-3), ACC, times(1e-3), VOLT, gap="\t", decimal=","),
         Expected(
             ("X_Value", "acc", "X_Value", "volt"), ("", "m/s^2", "", "Volts"), 1000.0, {1: ACC, 3: VOLT},
-            Start(NS_2026 + 500_000_000, epoch=True), at=3,
+            StartTime(NS_2026 + 500_000_000, epoch=True), at=3,
         ),
     ),
     "LabVIEW, three segments": (
@@ -88,7 +88,7 @@ MAKERS = {
         ),
         Expected(
             ("X_Value", "acc", "volt"), ("", "g", "mV"), 10240.0, {1: ACC * 3, 2: VOLT * 3},
-            Start(NS_2026 + 125_000_000, epoch=True),
+            StartTime(NS_2026 + 125_000_000, epoch=True),
         ),
     ),
     "Rigol": (
@@ -96,19 +96,19 @@ MAKERS = {
         + table(range(COUNT), ACC, VOLT, after=","),
         Expected(
             ("X", "CH1", "CH2"), ("Sequence", "Volt", "Volt"), 1e6, {1: ACC, 2: VOLT},
-            Start.on_own_clock(-6e-3),
+            StartTime.on_own_clock(-6e-3),
         ),
     ),
     "Rigol, empty cells below the keys": (
         "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-0.006,2.0E-06,\n"
         + table(range(COUNT), ACC, VOLT, after=",,"),
         Expected(
-            ("X", "CH1", "CH2"), ("Sequence", "Volt", "Volt"), 5e5, {1: ACC}, Start.on_own_clock(-6e-3)
+            ("X", "CH1", "CH2"), ("Sequence", "Volt", "Volt"), 5e5, {1: ACC}, StartTime.on_own_clock(-6e-3)
         ),
     ),
     "Rigol, keys beside values": (
         "CH1V,CH2V,t0 =-5.000000e-04, tInc = 2.000000e-09,\n" + table(ACC, VOLT, after=",,"),
-        Expected(("CH1V", "CH2V"), ("", ""), 5e8, {0: ACC, 1: VOLT}, Start.on_own_clock(-5e-4)),
+        Expected(("CH1V", "CH2V"), ("", ""), 5e8, {0: ACC, 1: VOLT}, StartTime.on_own_clock(-5e-4)),
     ),
     "Siglent": (
         "Record Length,Analog:40\nSample Interval,2.0E-06\nVertical Units,V\nVertical Scale,1.00\n"
@@ -200,7 +200,7 @@ MAKERS = {
         "Data1 (X-axis)\tAI 1\tAI 2\n(s)\t(m/s2)\t(V)\n" + table(times(1e-4), ACC, VOLT, gap="\t"),
         Expected(
             ("Data1 (X-axis)", "AI 1", "AI 2"), ("s", "m/s2", "V"), 10000.0, {1: ACC, 2: VOLT},
-            Start(NS_2026 + 500_000_000, epoch=True),
+            StartTime(NS_2026 + 500_000_000, epoch=True),
         ),
     ),
     "Polytec": (

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibrident.data.io.columns import Start
+from vibrident.data.io.columns import StartTime
 from vibrident.data.io.formats.csv import CsvFile
 from vibrident.data.io.plain_text import OVERFLOWS
 from vibrident.data.io.stamps import parse_stamps
@@ -138,7 +138,7 @@ def test_a_stamp_states_the_start(tmp_path, stamp):
     source = opened(tmp_path, f"t{gap}v\n" + f"{stamp}{gap}1.5\n" * 9)
     assert source.in_seconds(0)
     np.testing.assert_array_equal(source.load([0])[0], np.zeros(9))
-    assert source.start(0) == Start({**STAMPS, **TIMES}[stamp], epoch=stamp in STAMPS)
+    assert source.start(0) == StartTime({**STAMPS, **TIMES}[stamp], epoch=stamp in STAMPS)
     assert source.start(1) is None
 
 
@@ -165,7 +165,7 @@ def test_date_and_time_in_two_columns_are_one_stamp(tmp_path, kind):
     row, position, ns, epoch = SPLIT_STAMPS[kind]
     source = opened(tmp_path, row * 9)
     assert source.in_seconds(position)
-    assert source.start(position) == Start(ns, epoch=epoch)
+    assert source.start(position) == StartTime(ns, epoch=epoch)
     np.testing.assert_array_equal(source.load([position])[0], np.zeros(9))
 
 

@@ -17,7 +17,7 @@ from vibrident.data.screening import gaps, screen
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
-from vibrident.data.screening.wild import GUARD, MAX_RUN_SAMPLES, ORDER, Channel, breaks
+from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, ORDER, PredictedChannel, breaks
 from vibrident.physics.simulation import SENSORS, simulate
 
 N = 4000
@@ -108,7 +108,7 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
         found += (
             bool(clipped(values, ALL)[0].any())
             + bool(lost_samples(values, ALL).any())
-            + bool(Channel.from_values(values, ALL).wild.any())
+            + bool(PredictedChannel.from_values(values, ALL).wild.any())
         )
     assert found <= (1 if motion == "sine" else 0)
 
@@ -171,7 +171,7 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved += noise * rng.standard_normal(N)
             assert not clipped(moved, ALL)[0].any()
             assert not lost_samples(moved, ALL).any()
-            assert not Channel.from_values(moved, ALL).wild.any()
+            assert not PredictedChannel.from_values(moved, ALL).wild.any()
 
 
 @pytest.mark.parametrize("steps", [2, 8, 30])
@@ -193,7 +193,7 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
         valid = np.ones(values.size, dtype=bool)
         assert not clipped(values, valid)[0].any()
         assert not lost_samples(values, valid).any()
-        assert not Channel.from_values(values, valid).wild.any()
+        assert not PredictedChannel.from_values(values, valid).wild.any()
 
 
 @pytest.mark.parametrize("levels", [[0.0, 0.5, 1.0, 2.0], [-1.0, 0.0, 0.4, 0.9, 2.5]])
@@ -268,7 +268,7 @@ def test_single_wild_samples_are_found(motion: str, size: float, share: float, r
         values = free.copy()
         places = rng.choice(N // 40, 4, replace=False) * 40 + 20
         values[places] += size * np.std(free) * rng.choice([-1.0, 1.0], 4)
-        bad = Channel.from_values(values, ALL).wild
+        bad = PredictedChannel.from_values(values, ALL).wild
         assert bad.any() or size == 1.0
         assert not np.any(bad & (values == free))
         hit += int(bad[places].sum())
@@ -283,7 +283,7 @@ def test_wild_samples_near_an_end_are_found(motion: str, place: int, rng: np.ran
         free = MOTIONS[motion](rng)
         bad = index == T
         values = free + (10.0 * bad + 1e-2 * rng.standard_normal(N)) * np.std(free)
-        assert np.all(Channel.from_values(values, ALL).wild == bad)
+        assert np.all(PredictedChannel.from_values(values, ALL).wild == bad)
 
 
 @pytest.mark.draws(20, 100)
@@ -296,7 +296,7 @@ def test_corners_and_edges_of_a_motion_are_not_wild(draws: int, rng: np.random.G
         struck = np.exp(-since * rng.uniform(1e-3, 0.05)) * np.sin(rng.uniform(0.01, 2.0) * since)
         triangle = np.arcsin(np.sin(rng.uniform(0.01, 0.3) * T))
         for values in (push, struck, triangle):
-            assert not Channel.from_values(values + noise, ALL).wild.any()
+            assert not PredictedChannel.from_values(values + noise, ALL).wild.any()
 
 
 def test_what_both_channels_show_is_motion(rng: np.random.Generator) -> None:
@@ -343,12 +343,12 @@ def test_a_run_of_wild_samples_is_found(motion: str, length: int, size: float, r
     for level in (1e-3, 1e-2):
         free = MOTIONS[motion](rng)
         free = free + level * np.std(free) * rng.standard_normal(N)
-        scale = np.max(np.abs(free - np.median(free))) * Channel.from_values(free, ALL).prediction.deviation
+        scale = np.max(np.abs(free - np.median(free))) * PredictedChannel.from_values(free, ALL).prediction.deviation
         bad = np.isin(T, np.add.outer([700, 2100, 3300], np.arange(length)))
         values = free + bad * size * scale * rng.choice([-1.0, 1.0], N) * rng.uniform(0.7, 1.3, N)
-        wild = Channel.from_values(values, ALL, MAX_RUN_SAMPLES).wild
+        wild = PredictedChannel.from_values(values, ALL, MAX_RUN_SAMPLES).wild
         assert np.all(wild[bad])
-        assert np.sum(wild & ~bad) <= 3 * 2 * GUARD
+        assert np.sum(wild & ~bad) <= 3 * 2 * GUARD_SAMPLES
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine"])
@@ -397,9 +397,9 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
         motion_, at = MOTIONS[motion](rng), int(part * N)
         response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)), mode="same")
         channels = [v + 1e-3 * np.std(v) * rng.standard_normal(N) for v in (motion_, response)]
-        assert breaks(*(Channel.from_values(one, ALL) for one in channels)).size == 0
+        assert breaks(*(PredictedChannel.from_values(one, ALL) for one in channels)).size == 0
         cut = [np.delete(values, slice(at, at + 37)) for values in channels]
-        (place,) = breaks(*(Channel.from_values(one, np.ones(N - 37, dtype=bool)) for one in cut))
+        (place,) = breaks(*(PredictedChannel.from_values(one, np.ones(N - 37, dtype=bool)) for one in cut))
         assert abs(place - at) <= 2
     (kept,), (said,) = screen([Record("r", *cut, 1e3, motion)])  # type: ignore[arg-type]
     assert said.code == "clock_suspect"
@@ -411,7 +411,7 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
     for noise in (1e-6, 1e-3):
         channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]
-        assert breaks(*(Channel.from_values(one, ALL) for one in channels)).size == 0
+        assert breaks(*(PredictedChannel.from_values(one, ALL) for one in channels)).size == 0
 
 
 @pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])

@@ -6,7 +6,7 @@ import pytest
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import checked_calibration
 from vibrident.data.sources.decoding import chunks
-from vibrident.data.sources.source import Wanted
+from vibrident.data.sources.source import SourceRequest
 
 HEAD = b"t [ms],a [g],v [mV]\n"
 ROWS = b"".join(b"%d,%d,%d\n" % (n, n, 2 * n) for n in range(4))
@@ -19,7 +19,7 @@ def wanted(tmp_path, position=0, **reference):
         "sampling": {"time_column": "t"},
         "records": [{"file": "x.csv", "excitation": "random"}],
     }
-    return Wanted(checked_calibration(document, "c.toml"), tmp_path / "c.toml", 1000.0, position=position)
+    return SourceRequest(checked_calibration(document, "c.toml"), tmp_path / "c.toml", 1000.0, position=position)
 
 
 @pytest.mark.parametrize("is_resumed", [False, True])

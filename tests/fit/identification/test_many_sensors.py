@@ -83,5 +83,5 @@ def test_what_cannot_be_used_ends_the_iteration_or_stands_in_its_place():
     first, second, third = vibrident.identify_many([good, broken, good], refused="return")
     assert isinstance(second, InputError)
     assert plain(first) == plain(third)
-    with pytest.raises(ValueError, match="workers"):
+    with pytest.raises(InputError, match="workers"):
         vibrident.identify_many([good], workers=0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vibrident.base.fft_lengths import FACTORS, LEAST_LOST, fast_below
+from vibrident.base.fft_lengths import FACTORS, MAX_LOST_SHARE, fast_below
 from vibrident.fit.bins.segments import MIN_LINE_DISTANCE, tone_bins
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.noise.projection import without_common
@@ -14,7 +14,7 @@ from vibrident.fit.response.transform import in_blocks, median, power_of, waves
 @pytest.mark.parametrize("most", [8193, 15_921, 15_991, 70_001, 1_599_921])
 def test_a_length_close_by_transforms_fast(most):
     found = fast_below(most)
-    assert most * (1.0 - LEAST_LOST) < found <= most
+    assert most * (1.0 - MAX_LOST_SHARE) < found <= most
     rest = found
     for prime in FACTORS:
         while rest % prime == 0:

@@ -10,7 +10,7 @@ from bench.adversary.cases import BY_NAME
 
 import vibrident
 from vibrident.data.records import Record
-from vibrident.fit.descent.weighed import Weighed, weighed_series
+from vibrident.fit.descent.weighted_bins import WeightedBins, weighted_series
 from vibrident.fit.uncertainty.explained import powers, shares_of
 from vibrident.fit.uncertainty.factors import band_factors
 from vibrident.physics.simulation import simulate
@@ -19,9 +19,9 @@ P = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 MOTIONS = ("random", "sweep", "multisine", "shock")
 
 
-def weighed(record: Record, predicted: np.ndarray) -> Weighed:
+def weighed(record: Record, predicted: np.ndarray) -> WeightedBins:
     """A record beside its prediction, weighted by the noise that it shows."""
-    found = weighed_series(0, record, predicted)
+    found = weighted_series(0, record, predicted)
     assert found is not None
     return found
 

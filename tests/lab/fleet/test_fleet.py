@@ -12,7 +12,7 @@ from tests.support.fleets import BROKEN, broken, deadly, fleet, good
 
 import vibrident
 from vibrident.base.errors import InputError
-from vibrident.base.process import Died, Ended, _Child
+from vibrident.base.process import ProcessDied, ProcessEnded, _Child
 from vibrident.lab.fleet import Orders, key, parts
 from vibrident.lab.fleet.batch import Identifier
 from vibrident.result import Result
@@ -176,7 +176,7 @@ def test_the_coordinator_hashes_nothing_itself_while_its_workers_live(tmp_path, 
 
 
 def died(*_: object) -> None:
-    raise Died("crash", "a process that somebody killed")
+    raise ProcessDied("crash", "a process that somebody killed")
 
 
 def test_a_worker_that_somebody_kills_costs_no_row(tmp_path, run_fleet, monkeypatch, pageless, hashed_here):
@@ -203,7 +203,7 @@ def test_a_process_that_is_ended_while_it_starts_is_given_no_calibration(tmp_pat
         return begin(*arguments, **options)
 
     monkeypatch.setattr("vibrident.base.process.subprocess.Popen", ended_meanwhile)
-    with pytest.raises(Ended):
+    with pytest.raises(ProcessEnded):
         process.identify([("c.toml", "key")])
     assert not process._process.alive
 

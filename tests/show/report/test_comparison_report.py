@@ -12,7 +12,7 @@ import pytest
 from tests.support.printed import NUMBER, assert_rounded, later, typed
 from tests.support.sample_results import pickup, table2, table_only
 
-from vibrident.base.amounts import Scale
+from vibrident.base.amounts import UnitScale
 from vibrident.base.errors import InputError
 from vibrident.show import report
 from vibrident.show.comparison import ComparedQuantity, Value, comparison_tables, difference, quantities
@@ -181,9 +181,9 @@ def test_files_have_names_of_their_own(results, tmp_path):
 
 
 def test_differences_stand_to_the_place_of_their_uncertainty():
-    row = ComparedQuantity("", Scale(1.0, "V"), (), relative=True)
+    row = ComparedQuantity("", UnitScale(1.0, "V"), (), relative=True)
     assert difference(Value(100.002, 0.002), Value(100.0, 0.002), row) == "+0.0020 %"  # U of it is 0.0057 %
     assert difference(Value(99.9996, 0.002), Value(100.0, 0.002), row) == "−0.0004 %"
     assert difference(Value(-101.0, None), Value(-100.0, None), row) == "+1.0 %"
-    phase = ComparedQuantity("", Scale(1.0, "°"), (), relative=False)
+    phase = ComparedQuantity("", UnitScale(1.0, "°"), (), relative=False)
     assert difference(Value(-1.1e-5, 2e-6), Value(0.0, 2e-6), phase) == "−0.0000110"

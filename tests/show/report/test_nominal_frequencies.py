@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from vibrident.base.nominal import nominal_value, reference, series
+from vibrident.base.nominal import choose_reference, nominal_frequencies, nominal_value
 from vibrident.fit.uncertainty.curve import POINTS, frequencies
 
 EXACT = [10 ** (n / 10) for n in range(10, 31)]
@@ -15,26 +15,26 @@ def names(items):
 
 def test_the_names_are_those_of_iso_266():
     text = "10 12.5 16 20 25 31.5 40 50 63 80 100 125 160 200 250 315 400 500 630 800 1000"
-    assert " ".join(names(series(10, 1000))) == text
+    assert " ".join(names(nominal_frequencies(10, 1000))) == text
     assert nominal_value(-2) == 0.63
     assert nominal_value(38) == 6300.0
 
 
 def test_a_nominal_frequency_is_the_exact_one_unless_the_data_are_literal():
-    assert [item.frequency_hz for item in series(10, 1000, EXACT)] == pytest.approx(EXACT, rel=1e-15)
-    literal = [float(item.name) for item in series(10, 1000)]
-    assert [item.frequency_hz for item in series(10, 1000, literal)] == literal
-    gaps = {item.name: item.frequency_hz for item in series(100, 500, [100.0, 125.0, 200.0, 300.0, 400.0])}
+    assert [item.frequency_hz for item in nominal_frequencies(10, 1000, EXACT)] == pytest.approx(EXACT, rel=1e-15)
+    literal = [float(item.name) for item in nominal_frequencies(10, 1000)]
+    assert [item.frequency_hz for item in nominal_frequencies(10, 1000, literal)] == literal
+    gaps = {item.name: item.frequency_hz for item in nominal_frequencies(100, 500, [100.0, 125.0, 200.0, 300.0, 400.0])}
     assert gaps["160"] == 160.0  # one series for all, though nothing was measured at this one
-    mixed = {item.name: item.frequency_hz for item in series(100, 200, [100.0, 125.0, 10**2.2])}
+    mixed = {item.name: item.frequency_hz for item in nominal_frequencies(100, 200, [100.0, 125.0, 10**2.2])}
     assert mixed["125"] == 10**2.1  # as many of either: the exact ones
 
 
 def test_no_frequency_outside_the_band():
-    assert names(series(10.1, 49)) == ["12.5", "16", "20", "25", "31.5", "40"]
-    assert names(series(10.0 * (1 + 5e-5), 12)) == ["10"]  # a tone whose frequency was estimated
-    assert series(130, 150) == ()
-    assert series(0.0, 10.0) == ()
+    assert names(nominal_frequencies(10.1, 49)) == ["12.5", "16", "20", "25", "31.5", "40"]
+    assert names(nominal_frequencies(10.0 * (1 + 5e-5), 12)) == ["10"]  # a tone whose frequency was estimated
+    assert nominal_frequencies(130, 150) == ()
+    assert nominal_frequencies(0.0, 10.0) == ()
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_no_frequency_outside_the_band():
     ],
 )
 def test_the_reference_frequency(band, stated, nominal, words):
-    item, why = reference(*band, stated_hz=stated)
+    item, why = choose_reference(*band, stated_hz=stated)
     assert (item and item.nominal_hz) == nominal
     assert words in why
 
@@ -60,7 +60,7 @@ def test_the_curve_holds_every_certified_frequency(band):
     grid = frequencies(band, (), 159.155)
     assert grid.size == POINTS
     assert np.all(np.diff(grid) > 0)
-    for item in series(*band):
+    for item in nominal_frequencies(*band):
         assert item.frequency_hz in grid
     if band[0] < 159.155 < band[1]:
         assert 159.155 in grid

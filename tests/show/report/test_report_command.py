@@ -9,7 +9,7 @@ from tests.support import shell
 from tests.support.printed import CERTIFICATE, later
 
 import vibrident
-from vibrident.base.nominal import series
+from vibrident.base.nominal import nominal_frequencies
 from vibrident.data.io import read
 from vibrident.data.io.writer import write_calibration
 from vibrident.result import Result
@@ -87,7 +87,7 @@ def test_from_the_calibration_file_to_the_certificate(tmp_path):
         " ".join(row[0] for row in certificate_tables.sensitivity(again).rows)
         == "100 125 160 200 250 315 400 500 630 800"
     )
-    for item in series(100.0, 800.0, again.measured.frequency_hz):
+    for item in nominal_frequencies(100.0, 800.0, again.measured.frequency_hz):
         assert item.frequency_hz in grid
         assert item.frequency_hz == item.nominal_hz  # the data were taken at nominal values
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident import InputError
-from vibrident.data.sources.source import Chunk, Wanted
+from vibrident.data.sources.source import Chunk, SourceRequest
 
 PIECE_S = 0.1  # seconds of a chunk
 SAME_RATE = 1e-6  # relative difference of two rates that are one
 
 
-def numbers(wanted: Wanted) -> tuple[int, int]:
+def numbers(wanted: SourceRequest) -> tuple[int, int]:
     """Channels of reference and response, counted from 1.
 
     Raises:
@@ -29,7 +29,7 @@ def numbers(wanted: Wanted) -> tuple[int, int]:
     return reference, response
 
 
-def check_rate(wanted: Wanted, rate_hz: float) -> None:
+def check_rate(wanted: SourceRequest, rate_hz: float) -> None:
     """Refuse a device that samples at another rate than was asked for, which would move every frequency."""
     if abs(rate_hz / wanted.rate_hz - 1.0) > SAME_RATE:
         raise InputError(
@@ -41,7 +41,7 @@ def check_rate(wanted: Wanted, rate_hz: float) -> None:
         )
 
 
-def chunk(wanted: Wanted, reference: np.ndarray, response: np.ndarray, *, separate: bool) -> Chunk:
+def chunk(wanted: SourceRequest, reference: np.ndarray, response: np.ndarray, *, separate: bool) -> Chunk:
     """Samples of the device, shape (samples,) each, in physical units; ``separate``: some before them were lost."""
     to = wanted.calibration
     return Chunk(reference * to.reference.scale, response * to.response.scale, separate=separate)

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from vibrident import InputError
-from vibrident.data.sources.source import Chunk, Source, Wanted
+from vibrident.data.sources.source import Chunk, Source, SourceRequest
 from vibrident_devices.channels import PIECE_S, check_rate, chunk, numbers
 
 BUFFER_S = 10.0  # seconds that the driver keeps
 WAIT_S = 10.0  # for a chunk, at most
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
+def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     try:
         import nidaqmx
         from nidaqmx.constants import AcquisitionType
@@ -50,7 +50,7 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
     return _read(wanted, task, AnalogMultiChannelReader(task.in_stream), Error)
 
 
-def _read(wanted: Wanted, task, reader, failed: type[Exception]) -> Iterator[Chunk]:
+def _read(wanted: SourceRequest, task, reader, failed: type[Exception]) -> Iterator[Chunk]:
     count = max(1, round(PIECE_S * wanted.rate_hz))
     with task:
         try:
@@ -64,7 +64,7 @@ def _read(wanted: Wanted, task, reader, failed: type[Exception]) -> Iterator[Chu
             raise _refused(wanted, error) from error
 
 
-def _refused(wanted: Wanted, error: Exception) -> InputError:
+def _refused(wanted: SourceRequest, error: Exception) -> InputError:
     return InputError(
         "The device cannot be read.",
         expected="the driver NI-DAQmx, and a device of it",

@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from vibrident import InputError
-from vibrident.data.sources.source import Chunk, Source, Wanted
+from vibrident.data.sources.source import Chunk, Source, SourceRequest
 from vibrident_devices.channels import PIECE_S, check_rate, chunk, numbers
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
+def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     try:
         import sounddevice
     except (ImportError, OSError) as error:
@@ -43,7 +43,7 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
     return _read(wanted, stream, reference - 1, response - 1)
 
 
-def _read(wanted: Wanted, stream, reference: int, response: int) -> Iterator[Chunk]:
+def _read(wanted: SourceRequest, stream, reference: int, response: int) -> Iterator[Chunk]:
     with stream:
         try:
             while True:

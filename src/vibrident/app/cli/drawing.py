@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.app.workflow.interruption import tidied_up
-from vibrident.base.process import Died, Process, WorkerError, processors
+from vibrident.base.process import Process, ProcessDied, WorkerError, processors
 
 if TYPE_CHECKING:
     from vibrident.result import Result
@@ -31,7 +31,7 @@ class Painter:
     def draw(self, result: Result, file: Path) -> None:
         """Draw every picture of the result, saved as ``file``, as PNG beside it."""
         if self._process is not None and self._process.alive:
-            with contextlib.suppress(Died, WorkerError, OSError):
+            with contextlib.suppress(ProcessDied, WorkerError, OSError):
                 return self._process.call(draw, file.resolve())
         from vibrident.show import plots
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.data.io.laboratory import checked_laboratory, laboratory_text, read_laboratory
 
 #: A laboratory's own files beside its profile.
@@ -71,11 +71,11 @@ class Laboratories:
         for kind in OWN:
             path = self.folder / f"{name}.{kind}"
             if content := own.get(kind):
-                with whole(path) as partial:
+                with atomic_write(path) as partial:
                     partial.write_bytes(content)
             else:
                 path.unlink(missing_ok=True)
-        with whole(self.folder / f"{name}.toml") as partial:
+        with atomic_write(self.folder / f"{name}.toml") as partial:
             partial.write_text(text, encoding="utf-8")
         return name
 

@@ -92,7 +92,7 @@ def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
     """Two photodetector signals over each other, with their ellipse if the motion determines one."""
     if len(given.signals) != 2 or None in given.signals:
         return ()
-    from vibrident.data.interferometer.setting import held  # loads SciPy, which other previews do not need
+    from vibrident.data.interferometer.setting import signals_in_memory  # loads SciPy, which other previews do not need
     from vibrident.data.interferometer.survey import survey
 
     places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
@@ -102,6 +102,6 @@ def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
         return ()
     points, ellipse = signals[:, :: max(size // MOST_SAMPLES, 1)], None
     with suppress(InputError):  # reported when the file is confirmed; the signals themselves show it
-        seen = survey(held(signals, 1.0))
+        seen = survey(signals_in_memory(signals, 1.0))
         points, ellipse = seen.points, seen.ellipse if seen.fitted else None
     return (Stack((lissajous(points, ellipse),)),)

@@ -14,7 +14,7 @@ from typing import Any
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.reader import by_ending, unknown_format
-from vibrident.data.io.record_files import natural
+from vibrident.data.io.record_files import natural_sort_key
 
 CALIBRATION = "calibration.toml"  # name of the calibration file that the page writes
 RESULT = "result.json"  # name of a result when it is downloaded
@@ -82,7 +82,7 @@ class Session:
     def names(self) -> list[str]:
         """Names of all files, in natural order."""
         own = {CALIBRATION} if self._written else set()
-        return sorted(set(self._sizes) - own, key=natural)
+        return sorted(set(self._sizes) - own, key=natural_sort_key)
 
     @property
     def files(self) -> list[str]:

@@ -186,20 +186,16 @@ def _joint(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
 
 
 def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
-    from vibrident.base.process import processors
-    from vibrident.lab.fleet import Asked, Local, Orders, run
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
+    from vibrident.lab.fleets import Fleet
 
     load_arrow()
-    orders = Orders(str(folder), options.get("model"))
-    patterns = [f"./{file}" for file in files]
-    outcome = run(
-        Asked(patterns, orders),
-        Local(processors()),
-        lambda now: tell.share(
+    fleet = Fleet([f"./{file}" for file in files], folder, model=options.get("model"))
+    outcome = fleet.identify(
+        progress=lambda now: tell.share(
             phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total
-        ),
+        )
     )
     return Made(overview(outcome))
 

@@ -27,7 +27,7 @@ from vibrident.app.web.task_run import TaskRun
 from vibrident.app.web.worker import Stopped, Worker, identify
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
-from vibrident.base.sandbox import Ready, run
+from vibrident.base.sandbox import WarmProcess, run
 
 KEPT_S = 3600.0  # seconds for which a page's state is kept without a browser, by a server that keeps nothing on disk
 _WRITE_S = 0.3  # seconds between two rounds that write what has changed
@@ -246,7 +246,7 @@ class Users:
         self.kept: list[User] = []
         self.to_write: set[User] = set()
         self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
-        self._ready = Ready(prepare, confined(folder))
+        self._ready = WarmProcess(prepare, confined(folder))
         self._threads = ThreadPoolExecutor(_LOOKS_AT_ONCE, thread_name_prefix="look")
         self._round: asyncio.Task[None] | None = None
 

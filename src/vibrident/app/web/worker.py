@@ -14,7 +14,7 @@ from typing import Any
 
 from vibrident.app.web.confinement import confined
 from vibrident.base.errors import InputError
-from vibrident.base.process import Died, Ended, Limits, Process, WorkerError
+from vibrident.base.process import Limits, Process, ProcessDied, ProcessEnded, WorkerError
 
 #: Memory of an identification, bytes, and further memory for each byte of data.
 _MEMORY, _MEMORY_A_BYTE = 4_000_000_000, 20
@@ -56,9 +56,9 @@ class Worker:
         self._process = process = Process(folder=folder, wrapper=confined(folder, writable=True))
         try:
             return await asyncio.to_thread(process.call, task, *args, limits=limits, progress=told)
-        except Ended:
+        except ProcessEnded:
             raise asyncio.CancelledError from None
-        except Died as death:
+        except ProcessDied as death:
             raise _refusal(death, limits) from None
         finally:
             self._process = None
@@ -86,7 +86,7 @@ def simulate_demo() -> None:
         Path(name).unlink()
 
 
-def _refusal(death: Died, limits: Limits) -> Exception:
+def _refusal(death: ProcessDied, limits: Limits) -> Exception:
     if death.reason == "crash" and "signal" not in death.ending:
         return WorkerError(str(death))
     if death.reason == "crash":

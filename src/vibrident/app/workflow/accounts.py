@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})  # addresses at which a page is for this machine alone
 #: What each may do, and all before it: look at results and histories, identify and issue, approve.
@@ -119,7 +119,7 @@ def add(file: Path, name: str, role: str, password: str) -> None:
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     kept = [line for line in lines if line.partition(":")[0].strip() != name]
     text = "\n".join([*kept, f"{name}:{role}:{PasswordHasher().hash(password)}"]) + "\n"
-    with whole(file) as partial:
+    with atomic_write(file) as partial:
         partial.touch(0o600)
         partial.write_text(text, encoding="utf-8")
 

@@ -23,7 +23,7 @@ _LAST = "result.json"  # moved last, so that its presence implies the others
 
 def load_result(path: Path) -> Result:
     """Read a result; an error names the file."""
-    from vibrident.result.given import as_result
+    from vibrident.result.loading import as_result
 
     return as_result(path)
 

@@ -45,7 +45,7 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
     from vibrident.data.io.calibration_file import read_calibration_file
     from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
-    from vibrident.data.sources.source import Wanted
+    from vibrident.data.sources.source import SourceRequest
     from vibrident.use.tracking.following import interval_of_records
     from vibrident.use.tracking.outcome import tracked_result
     from vibrident.use.tracking.session import Session
@@ -84,7 +84,7 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
     }
     files = Files(folder, session, {**key, "settings": vars(settings), "every": every_s})
     position = files.begin(resumable=kind.resumable)
-    wanted = Wanted(described, asked.calibration, rate_hz, asked.address, position, asked.idle_s)
+    wanted = SourceRequest(described, asked.calibration, rate_hz, asked.address, position, asked.idle_s)
     with files.rows:
         _run(kind.open(wanted), session, files, tell, resumable=kind.resumable, length_s=length_s)
         document = files.end()

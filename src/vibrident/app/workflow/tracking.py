@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
 from vibrident.base.errors import InputError
-from vibrident.base.files import unwritable, whole
+from vibrident.base.files import atomic_write, unwritable
 
 if TYPE_CHECKING:
     from vibrident.use.tracking.session import Session
@@ -101,7 +101,7 @@ class Files:
             "held": [vars(alarm) for alarm in session.waiting_alarms],
             "cause": vars(session.cause),
         }
-        with whole(self._folder / CHECKPOINT) as partial:
+        with atomic_write(self._folder / CHECKPOINT) as partial:
             partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())
 
     def end(self) -> dict[str, Any]:

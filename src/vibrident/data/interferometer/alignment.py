@@ -1,10 +1,10 @@
-"""The displacement and the response at the same instants.
+"""Bring displacement and response to the same instants, and differentiate the displacement.
 
-The acceleration is made of second differences and a filter that makes them derivatives, within a
+The acceleration is the second difference, corrected by a filter to the second derivative within a
 band. A shock or a sweep ends elsewhere than it began, often still moving: its displacement is a
 ramp, which spoils a spectrum; its acceleration is not. The second difference has the response (2
-sin ½ω)² exactly; the filter beside it has (½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate,
-to 1e-3 up to 0.4, and zero at half.
+sin ½ω)² exactly; the filter has (½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate, to 1e-3 up
+to 0.4, and zero at half.
 """
 
 from __future__ import annotations
@@ -26,24 +26,19 @@ from vibrident.data.interferometer.decimation import (
     reach,
 )
 from vibrident.data.interferometer.demodulation import Demodulated
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 from vibrident.data.interferometer.survey import BLOCK
 
 #: Half the filter's length, by Kaiser's formula for a transition from 0.4 to 0.5 of the rate.
 HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * 0.1)))
-LOST = HALF_FILTER + 1  # samples lost at either end
-OF_SINE = 16.0, 1 << 14  # fewest samples that are kept of a period of a sine, and of a record of it
+LOST_SAMPLES = HALF_FILTER + 1  # samples lost at either end
+# fewest samples that are kept of a period of a sine, and of a record of it
+MIN_SAMPLES_OF_SINE = (16.0, 1 << 14)
 # fewest of a period of the highest frequency of other motion, and of a record of it …
-OF_OTHERS = (
-    6.0,
-    1 << 10,
-)
+MIN_SAMPLES_OF_OTHERS = (6.0, 1 << 10)
 # … and where light is lost: filters for a lower rate reach further over a pulse
-BESIDE_GAPS = (
-    48.0,
-    1 << 17,
-)
-FINER = 2.5  # fewest samples of the displacement for each of a slower response
+MIN_SAMPLES_BESIDE_GAPS = (48.0, 1 << 17)
+MIN_RATE_RATIO = 2.5  # fewest samples of the displacement for each of a slower response
 
 
 @functools.cache
@@ -52,37 +47,45 @@ def _derivative_filter() -> FloatArray:
     points = 1 << 14
     frequency = np.arange(points // 2 + 1) / points  # of the rate
     half = np.pi * frequency
-    wanted = np.divide(half, np.sin(half), out=np.ones(half.shape), where=half > 0.0) ** 2
+    target = np.divide(half, np.sin(half), out=np.ones(half.shape), where=half > 0.0) ** 2
     inside = frequency <= 0.5 * (PASS + 0.5)
     window = np.kaiser(2 * HALF_FILTER + 1, BETA)
-    asked = wanted.copy()
+    raised_target = target.copy()
     for _ in range(8):  # the window smooths the target, so the target is raised where it is curved
         impulse = (
-            np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1]
+            np.roll(np.fft.irfft(raised_target * inside, points), HALF_FILTER)[
+                : 2 * HALF_FILTER + 1
+            ]
             * window
         )
-        given = np.real(
+        response = np.real(
             np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER))
         )
-        asked += np.where(frequency <= PASS, wanted - given, 0.0)
+        raised_target += np.where(frequency <= PASS, target - response, 0.0)
     return np.asarray(impulse)
 
 
-def accelerated(
+def differentiated(
     displacement: FloatArray, valid: BoolArray, rate_hz: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the acceleration and its validity, both ``LOST`` samples shorter at either end.
+    """Return the acceleration and its validity, both ``LOST_SAMPLES`` shorter at either end.
 
-    ``displacement``: shape (n,), m; ``valid``: shape (n,).
+    Args:
+        displacement: m, shape (n,).
+        valid: shape (n,).
+        rate_hz: sampling rate.
     """
     second = np.diff(displacement, 2) * rate_hz**2
-    bad = np.convolve(~valid, np.ones(2 * LOST + 1), "valid") > 0.5
+    bad = np.convolve(~valid, np.ones(2 * LOST_SAMPLES + 1), "valid") > 0.5
     return np.convolve(second, _derivative_filter(), "valid"), ~bad
 
 
 @dataclass(frozen=True, eq=False)
-class Aligned:
-    """Both channels, all of shape (n,); ``start_s`` is the time of the first sample since the record's begin."""
+class AlignedDisplacement:
+    """Displacement and response at the same instants, all of shape (n,).
+
+    ``start_s``: time of the first sample since the begin of the record.
+    """
 
     displacement_m: FloatArray
     response: FloatArray
@@ -91,48 +94,62 @@ class Aligned:
     start_s: float
 
     @property
-    def accelerated(self) -> Aligned:
-        """Return the same with the acceleration, m/s², in place of the displacement."""
-        values, valid = accelerated(self.displacement_m, self.valid, self.rate_hz)
-        response = self.response[LOST : self.response.shape[0] - LOST]
-        return _whole(values, response, valid, self.rate_hz, self.start_s + LOST / self.rate_hz)
+    def accelerated(self) -> AlignedDisplacement:
+        """Return both channels with the acceleration, m/s², in place of the displacement."""
+        values, valid = differentiated(self.displacement_m, self.valid, self.rate_hz)
+        response = self.response[LOST_SAMPLES : self.response.shape[0] - LOST_SAMPLES]
+        return _aligned(
+            values, response, valid, self.rate_hz, self.start_s + LOST_SAMPLES / self.rate_hz
+        )
 
 
-def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float, int]) -> int:
+def thinning_factor(
+    samples: int, rate_hz: float, highest_hz: float, minima: tuple[float, int]
+) -> int:
     """Return the factor by which a response is decimated.
 
-    ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the
-    noise; ``kept``: fewest samples of a period of it and of the record: a sine has harmonics, other
-    motion only noise above.
+    Args:
+        samples: of the response.
+        rate_hz: of the response.
+        highest_hz: frequency of a sine, or the highest that stands above the noise.
+        minima: fewest samples of a period and of the record: a sine has harmonics, other motion has
+            only noise above.
     """
-    per_period, fewest = kept
+    per_period, fewest = minima
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
 
 
-def no_finer(response_hz: float, optical_hz: float) -> int:
-    """Return the factor by which a response is decimated at least, so that it is no finer than the displacement.
+def min_thinning_factor(response_hz: float, optical_hz: float) -> int:
+    """Return the smallest factor that leaves a response no finer than the displacement.
 
-    Between the samples of a displacement there is no noise: interpolated, its noise would end below
-    half the rate, and whatever takes it for white would take too little for it.
+    There is no noise between the samples of a displacement: interpolated, its noise would end below
+    half the rate, and an estimate for white noise would be too small.
     """
     return max(int(np.ceil(response_hz / optical_hz * (1.0 - 1e-9))), 1)
 
 
-def finer(rate_hz: float, response_hz: float) -> int:
-    """Return the factor from optical samples to the displacement's, for a response of another rate."""
-    return max(int(rate_hz / (FINER * response_hz)), 1)
+def optical_factor(rate_hz: float, response_hz: float) -> int:
+    """Return the decimation of optical samples that suits a response of another rate."""
+    return max(int(rate_hz / (MIN_RATE_RATIO * response_hz)), 1)
 
 
-def together(
-    found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float
-) -> Aligned:
-    """Return the displacement and response at the same instants.
+def aligned_channels(
+    demodulated: Demodulated,
+    optical: SampledSignals,
+    response: SampledSignals,
+    every: int,
+    delay_s: float,
+) -> AlignedDisplacement:
+    """Return the displacement and the response at the same instants.
 
     If both are recorded together they pass the same filter, whose response cancels.
 
-    ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one
-    signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``: the
-    optical channel comes later by this.
+    Args:
+        demodulated: the displacement.
+        optical: the signals that it was made from.
+        response: one signal, its first sample at time zero.
+        every: decimation of the response.
+        delay_s: delay of the optical channel.
     """
     blocks = (
         response.block(s, min(s + BLOCK, response.samples))
@@ -144,43 +161,56 @@ def together(
     rate = response.rate_hz / every
     first = lost_at_an_end(every) / response.rate_hz
     time = first + np.arange(values.shape[0]) / rate
-    wanted = ((time + delay_s - optical.first_s) * optical.rate_hz - found.first) / found.factor
-    spacing = optical.rate_hz / found.factor / rate
-    count = min(values.shape[0], found.displacement_m.shape[0])
-    if abs(spacing - 1.0) < 1e-9 and abs(float(wanted[0])) < 1e-6:
-        return _whole(
-            found.displacement_m[:count], values[:count], found.valid[:count], rate, first
+    positions = (
+        (time + delay_s - optical.first_s) * optical.rate_hz - demodulated.first
+    ) / demodulated.factor
+    spacing = optical.rate_hz / demodulated.factor / rate
+    count = min(values.shape[0], demodulated.displacement_m.shape[0])
+    if abs(spacing - 1.0) < 1e-9 and abs(float(positions[0])) < 1e-6:
+        return _aligned(
+            demodulated.displacement_m[:count],
+            values[:count],
+            demodulated.valid[:count],
+            rate,
+            first,
         )
-    kept, displacement, valid = _moved(found.displacement_m, found.valid, wanted, spacing)
-    return _whole(displacement, values[kept], valid, rate, first + kept.start / rate)
+    covered, displacement, valid = _displacement_at(
+        demodulated.displacement_m, demodulated.valid, positions, spacing
+    )
+    return _aligned(displacement, values[covered], valid, rate, first + covered.start / rate)
 
 
-def _moved(
-    values: FloatArray, valid: BoolArray, wanted: FloatArray, spacing: float
+def _displacement_at(
+    values: FloatArray, valid: BoolArray, positions: FloatArray, spacing: float
 ) -> tuple[slice, FloatArray, BoolArray]:
-    """Return the displacement at positions, in its samples: the covered positions, the values, and their validity."""
-    spacing, half = max(spacing, 1.0), reach(max(spacing, 1.0))
-    inside = np.flatnonzero((wanted >= half) & (wanted <= values.shape[0] - 1 - half))
-    kept = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
-    at = wanted[kept]
+    """Return the covered positions, the displacement at them, and its validity.
+
+    ``positions`` and ``spacing``: in samples of the displacement.
+    """
+    spacing = max(spacing, 1.0)
+    half = reach(spacing)
+    inside = np.flatnonzero((positions >= half) & (positions <= values.shape[0] - 1 - half))
+    covered = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
+    at = positions[covered]
     bad = np.concatenate([[0], np.cumsum(~valid)])
     low = np.floor(at).astype(int) - half
     high = np.floor(at).astype(int) + half + 2
-    sound = bad[np.minimum(high, valid.shape[0])] == bad[np.maximum(low, 0)]
-    return kept, at_positions(values, at, spacing) if at.size else np.zeros(0), sound
+    intact = bad[np.minimum(high, valid.shape[0])] == bad[np.maximum(low, 0)]
+    return covered, at_positions(values, at, spacing) if at.size else np.zeros(0), intact
 
 
-def _whole(
+def _aligned(
     displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float
-) -> Aligned:
+) -> AlignedDisplacement:
     if displacement.shape[0] < 8 or not valid.any():
         raise InputError(
             "Too little of the record is left beside the ends of the filters.",
-            expected="records of some hundred samples of the slower channel, and channels that cover the same time",
+            expected="records of some hundred samples of the slower channel, and channels that "
+            "cover the same time",
             found=f"{displacement.shape[0]} samples",
             where="[interferometer]",
             remedy="record for longer, or check rate_hz and delay_s",
         )
-    # a few samples less, and every transform is quick
+    # Some samples are dropped for a length with a fast transform.
     count = fft.prev_fast_len(displacement.shape[0]) or displacement.shape[0]
-    return Aligned(displacement[:count], values[:count], valid[:count], rate, start)
+    return AlignedDisplacement(displacement[:count], values[:count], valid[:count], rate, start)

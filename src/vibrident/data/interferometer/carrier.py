@@ -1,4 +1,4 @@
-"""A heterodyne signal mixed down from its carrier: two signals in quadrature at a lower rate.
+"""Mix a heterodyne signal down from its carrier to two signals in quadrature at a lower rate.
 
 Mixing and filtering are one product: the filter's coefficients times those of the carrier. The
 error of the estimated carrier remains as a slope of the phase.
@@ -12,31 +12,35 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.decimation import HALF, PASS, at_lower_rate, filtered, taps
-from vibrident.data.interferometer.setting import FloatArray, Signals
+from vibrident.data.interferometer.setting import FloatArray, SampledSignals
 
 PIECE = 8192  # samples of each of 48 pieces in which the carrier is searched
-PART = 1e-4  # the carrier's band is above this part of the largest line
-FLOOR = 45.0  # it is also above this multiple of the floor …
-QUIET = 0.05  # … which is this quantile of the spectrum: a wide band fills most of it
-MARGIN = 1.6  # band kept over the width of the carrier's band, at least …
-WHOLE = 5.0  # … and so much: a cyclic error of order 4 has sidebands five times as wide …
-CLEAR = 0.1  # … where the noise of the phase, rad, stays below this
+MIN_TO_LARGEST = 1e-4  # the carrier's band is above this share of the largest line
+MIN_TO_FLOOR = 45.0  # it is also above this multiple of the floor …
+FLOOR_QUANTILE = 0.05  # … which is this quantile of the spectrum: a wide band fills most of it
+MIN_BAND_RATIO = 1.6  # least band that is kept over the width of the carrier's band
+# the same where noise permits: a cyclic error of order 4 has sidebands five times as wide …
+FULL_BAND_RATIO = 5.0
+MAX_PHASE_NOISE_RAD = 0.1  # … where the noise of the phase stays below this
 # least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
-LEAST = 0.8
-MOST_OF_ALL = 1.0 / 32.0  # … but over that of the signal at most this …
+MIN_BAND_TO_RESPONSE_RATE = 0.8
+MAX_LEAST_BAND = 1.0 / 32.0  # … but over that of the signal at most this …
 # … and for a shock, whose pulse short filters keep apart from the ends of a record, this
-MOST_OF_SHOCK = 1.0 / 8.0
-ROOM = 0.8  # usable part of the room beside the carrier
+MAX_LEAST_BAND_OF_SHOCK = 1.0 / 8.0
+USABLE_ROOM = 0.8  # usable share of the room beside the carrier
 
 
-def mixed_down(
-    raw: Signals, near_hz: float, response_hz: float, where: str, most: float
-) -> tuple[Signals, float]:
-    """Return a heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
+def mix_down(
+    raw: SampledSignals, near_hz: float, response_hz: float, where: str, most: float
+) -> tuple[SampledSignals, float]:
+    """Mix a heterodyne signal down to two signals in quadrature; return these and its carrier, Hz.
 
-    ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of
-    the sensor's response; ``most``: of the signal's rate that the least band may take on either
-    side.
+    Args:
+        raw: one signal.
+        near_hz: its carrier, approximately.
+        response_hz: sampling rate of the sensor's response.
+        where: place in the calibration file, for messages.
+        most: largest value of the least band on either side, over the signal's rate.
 
     Raises:
         InputError: no carrier is found, or the band beside it is too narrow.
@@ -50,7 +54,7 @@ def mixed_down(
             where=f"{where}, [interferometer] carrier_hz",
             remedy="correct carrier_hz, or rate_hz of [interferometer]",
         )
-    room = ROOM * min(near_hz, half - near_hz)
+    room = USABLE_ROOM * min(near_hz, half - near_hz)
     length = min(PIECE, raw.samples)
     starts = np.linspace(0, raw.samples - length, 48).astype(int)
     pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
@@ -62,63 +66,71 @@ def mixed_down(
         )
         ** 2
     )
-    low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
-    least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
-    whole = min(0.5 * WHOLE * (high - low), _clear(np.mean(power, axis=0), half))
-    wide = min(max(0.5 * MARGIN * (high - low), whole, least), room)
+    low, high = _carrier_band_hz(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
+    least = max(
+        16.0 * raw.rate_hz / PIECE, min(MIN_BAND_TO_RESPONSE_RATE * response_hz, most * raw.rate_hz)
+    )
+    full = min(0.5 * FULL_BAND_RATIO * (high - low), _clear_band_hz(np.mean(power, axis=0), half))
+    kept_band = min(max(0.5 * MIN_BAND_RATIO * (high - low), full, least), room)
     carrier_hz = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
-    wide = min(wide, ROOM * min(carrier_hz, half - carrier_hz))
-    factor = int(np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2)))
+    kept_band = min(kept_band, USABLE_ROOM * min(carrier_hz, half - carrier_hz))
+    factor = int(np.clip(PASS * raw.rate_hz / kept_band, 2, max(raw.samples // (8 * HALF), 2)))
     cycles = carrier_hz / raw.rate_hz
     kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
-    # the filter lets it pass in part where the carrier's band is wide
+    # The filter lets part of the offset pass where the carrier's band is wide.
     offset = float(pieces.mean()) * kernel.sum()
 
     def block(start: int, stop: int) -> FloatArray:
         mixed = filtered(raw, (1, stop - start), factor, kernel, start)[0] - offset
-        return _parts(
+        return _real_and_imaginary(
             mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0))
         )
 
     return at_lower_rate(raw, factor, block), carrier_hz
 
 
-def turned_back(raw: Signals, left: np.polynomial.Legendre) -> Signals:
-    """Return two signals in quadrature without what is left of their carrier: their phase is the motion's alone.
+def without_residual_carrier(
+    raw: SampledSignals, residual: np.polynomial.Legendre
+) -> SampledSignals:
+    """Return two signals in quadrature whose phase has no residual carrier, only the motion.
 
-    ``left``: phase of the carrier that is left, rad, over the index of a sample.
+    ``residual``: phase of the residual carrier, rad, as a function of the index of a sample.
     """
 
     def block(start: int, stop: int) -> FloatArray:
         u = raw.block(start, stop)
-        return _parts((u[0] + 1j * u[1]) * np.exp(-1j * left(np.arange(start, stop))))
+        return _real_and_imaginary(
+            (u[0] + 1j * u[1]) * np.exp(-1j * residual(np.arange(start, stop)))
+        )
 
     return replace(raw, block=block)
 
 
-def _parts(values: np.ndarray) -> FloatArray:
+def _real_and_imaginary(values: np.ndarray) -> FloatArray:
     return np.stack([np.real(values), np.imag(values)])
 
 
-def _clear(power: FloatArray, half_hz: float) -> float:
-    """Return the band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
-    noise = max(float(np.quantile(power, QUIET)), 1e-300)
+def _clear_band_hz(power: FloatArray, half_hz: float) -> float:
+    """Return the band on either side of the carrier with the largest allowed phase noise, Hz."""
+    noise = max(float(np.quantile(power, FLOOR_QUANTILE)), 1e-300)
     return (
-        CLEAR**2
+        MAX_PHASE_NOISE_RAD**2
         * max(float(np.sum(power)) / noise - power.shape[0], 0.0)
         * half_hz
         / power.shape[0]
     )
 
 
-def _band(
+def _carrier_band_hz(
     power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str
 ) -> tuple[float, float]:
-    """Return the lowest and highest frequency of the carrier's band."""
+    """Return the lowest and highest frequency of the carrier's band, Hz."""
     lines = np.linspace(0.0, 0.5 * rate_hz, power.shape[0])
     inside = np.abs(lines - near_hz) <= room
-    floor = float(np.quantile(power, QUIET))
-    strong = inside & (power > max(PART * float(power[inside].max(initial=0.0)), FLOOR * floor))
+    floor = float(np.quantile(power, FLOOR_QUANTILE))
+    strong = inside & (
+        power > max(MIN_TO_LARGEST * float(power[inside].max(initial=0.0)), MIN_TO_FLOOR * floor)
+    )
     if not strong.any():
         raise InputError(
             "No carrier was found.",

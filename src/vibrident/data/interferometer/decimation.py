@@ -1,4 +1,4 @@
-"""Fewer samples, and samples at other instants, by linear-phase filters whose delay is known exactly.
+"""Decimate and interpolate signals by linear-phase filters, whose delay is known exactly.
 
 Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so
 that nothing aliases to below 0.4. They are symmetric; only samples whose filter lies wholly within
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 
 PASS = 0.4  # edge of the pass band over the new rate
 STOP = 0.6  # edge of the stop band over the new rate
@@ -22,14 +22,17 @@ ATTENUATION_DB = 130.0  # attenuation of the stop band, dB
 BETA = 0.1102 * (ATTENUATION_DB - 8.7)  # shape of Kaiser's window above 50 dB, by his formula
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
-AT_ONCE = 1 << 17  # samples that are filtered at once
+BLOCK_SAMPLES = 1 << 17  # samples that are filtered at once
 # positions between two samples at which the interpolation filter is tabulated; linear between them
-PLACES = 4096
+TABULATED_POSITIONS = 4096
 
 
 @functools.lru_cache(maxsize=8)
 def taps(factor: int) -> FloatArray:
-    """Return the filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
+    """Return the filter for every ``factor``-th sample, symmetric, of sum one, read-only.
+
+    Shape (2 · HALF · factor + 1,).
+    """
     half = HALF * factor
     index = np.arange(-half, half + 1)
     window = np.kaiser(2 * half + 1, BETA)
@@ -38,7 +41,7 @@ def taps(factor: int) -> FloatArray:
 
 
 def lost_at_an_end(factor: int) -> int:
-    """Return the samples before the first new one, which stands at this index."""
+    """Return the number of samples before the first new one, which is at this index."""
     return HALF * factor if factor > 1 else 0
 
 
@@ -50,11 +53,13 @@ def decimated_length(samples: int, factor: int) -> int:
 
 
 class Decimator:
-    """Every ``factor``-th sample of signals that come block by block; sample k of the output stands at
-    ``lost_at_an_end(factor) + k · factor`` of the input."""
+    """Filter that keeps every ``factor``-th sample of signals that come block by block.
+
+    Output sample k is at index ``lost_at_an_end(factor) + k · factor`` of the input.
+    """
 
     def __init__(self, factor: int, signals: int, kernel: np.ndarray) -> None:
-        """Begin; the kernel is that of :func:`taps`, or times a complex carrier."""
+        """Take the kernel of :func:`taps`, or that times a complex carrier."""
         self._factor = factor
         self._rows = -(-kernel.shape[0] // factor)
         padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
@@ -80,7 +85,10 @@ class Decimator:
 
 
 def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatArray:
-    """Return one signal of so many samples that comes block by block, each of shape (n,): all new samples."""
+    """Return the new samples of one signal that comes block by block, each of shape (n,).
+
+    ``samples``: total number of its samples.
+    """
     if factor == 1:
         return np.concatenate(list(blocks))
     count = decimated_length(samples, factor)
@@ -90,16 +98,23 @@ def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatA
 
 
 def filtered(
-    raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
+    raw: SampledSignals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
 ) -> Any:
-    """Return new samples from ``start`` on of signals that are read block by block.
+    """Return new samples, from ``start`` on, of signals that are read block by block.
 
-    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs;
-    ``kernel``: real or complex, shape (2 · HALF · factor + 1,); ``start``: first new sample.
+    Args:
+        raw: the signals.
+        shape: (signals, new samples).
+        factor: distance of the new samples, in samples of ``raw``.
+        kernel: real or complex, shape (2 · HALF · factor + 1,).
+        start: first new sample.
     """
     first = start * factor
     last = min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
-    blocks = (raw.block(begin, min(begin + AT_ONCE, last)) for begin in range(first, last, AT_ONCE))
+    blocks = (
+        raw.block(begin, min(begin + BLOCK_SAMPLES, last))
+        for begin in range(first, last, BLOCK_SAMPLES)
+    )
     return _collected(blocks, Decimator(factor, shape[0], kernel), shape, factor)
 
 
@@ -108,21 +123,28 @@ def _collected(
 ) -> Any:
     values = []
     done = 0
-    # completes the last filter
+    # The zeros complete the last filter.
     for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):
         values.append(decimator.feed(block)[:, : shape[1] - done])
         done += values[-1].shape[1]
     return np.concatenate(values, axis=1)
 
 
-def at_lower_rate(raw: Signals, factor: int, block: Callable[[int, int], FloatArray]) -> Signals:
-    """Return the signals at a lower rate, whose filtered samples ``block`` makes."""
+def at_lower_rate(
+    raw: SampledSignals, factor: int, block: Callable[[int, int], FloatArray]
+) -> SampledSignals:
+    """Return signals at a lower rate, whose filtered samples ``block`` computes."""
     first_s = lost_at_an_end(factor) / raw.rate_hz
-    return Signals(decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s)
+    return SampledSignals(
+        decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s
+    )
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
-    """Return new samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
+    """Return which new samples have a filter that touches a gap (start, stop) of the input.
+
+    Shape (decimated_length,).
+    """
     count = decimated_length(samples, factor)
     bad = np.zeros(count, dtype=bool)
     reach = 2 * lost_at_an_end(factor)
@@ -137,27 +159,32 @@ def at_positions(
 ) -> FloatArray:
     """Return a signal at positions between its samples, low-passed for a new rate.
 
-    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1
-    − ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half
-    the filter's, in new intervals: a longer one has a narrower transition about half the new rate.
+    Args:
+        values: shape (n,).
+        positions: in samples, shape (m,), from ``reach(spacing)`` to n − 1 − ``reach(spacing)``.
+        spacing: of the new samples, in old ones; 1 or more.
+        length: half the filter's, in new intervals: a longer one has a narrower transition about
+            half the new rate.
     """
     half = reach(spacing, length)
     offsets = np.arange(-half, half + 2)
-    found = np.empty(positions.shape[0])
+    interpolated = np.empty(positions.shape[0])
     for begin in range(0, positions.shape[0], 4096):
         part = positions[begin : begin + 4096]
         base, low, high, share = _rows(part, values.shape[0] - 2 - half, spacing, length)
         near = values[np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)]
         below = np.einsum("ij,ij->i", low, near)
-        found[begin : begin + 4096] = below + share * (np.einsum("ij,ij->i", high, near) - below)
-    return found
+        interpolated[begin : begin + 4096] = below + share * (
+            np.einsum("ij,ij->i", high, near) - below
+        )
+    return interpolated
 
 
 def weights_at(positions: FloatArray, spacing: float, length: int) -> tuple[np.ndarray, FloatArray]:
     """Return the sample before each position, shape (m,), and the weights of the samples around it.
 
-    The weights have shape (m, 2 · half + 2), of samples from ``half`` before that one, with half =
-    ``reach(spacing, length)``; arguments as :func:`at_positions`.
+    The weights have shape (m, 2 · half + 2) and are those of samples from ``half`` before that one
+    on, with half = ``reach(spacing, length)``; arguments as of :func:`at_positions`.
     """
     base, low, high, share = _rows(positions, np.iinfo(np.int64).max, spacing, length)
     return base, low + share[:, None] * (high - low)
@@ -166,24 +193,30 @@ def weights_at(positions: FloatArray, spacing: float, length: int) -> tuple[np.n
 def _rows(
     positions: FloatArray, most: int, spacing: float, length: int
 ) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
-    """Return the sample before each position, the two rows of the table beside it, and the share of the second."""
+    """Return the sample before each position, two rows of the table, and the share of the second.
+
+    ``most``: largest index of a sample.
+    """
     table = _table(spacing, length)
     base = np.minimum(np.floor(positions).astype(int), most)
-    place = (positions - base) * PLACES
-    index = np.minimum(place.astype(int), PLACES - 1)
+    place = (positions - base) * TABULATED_POSITIONS
+    index = np.minimum(place.astype(int), TABULATED_POSITIONS - 1)
     return base, table[index], table[index + 1], place - index
 
 
 def reach(spacing: float, length: int = HALF) -> int:
-    """Return the samples on either side that :func:`at_positions` needs."""
+    """Return the number of samples on either side that :func:`at_positions` needs."""
     return int(np.ceil(length * spacing))
 
 
 @functools.lru_cache(maxsize=2)
 def _table(spacing: float, length: int) -> FloatArray:
-    """Return the filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
+    """Return the filter at positions between two samples, a row each; read-only by convention."""
     half = reach(spacing, length)
-    distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
+    distance = (
+        np.arange(-half, half + 2)[None, :]
+        - (np.arange(TABULATED_POSITIONS + 1) / TABULATED_POSITIONS)[:, None]
+    )
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
     table = np.where(
         np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(BETA * np.sqrt(inside)), 0.0

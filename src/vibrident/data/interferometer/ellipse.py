@@ -1,4 +1,4 @@
-"""The ellipse that two signals in quadrature draw, fitted with noise in both of them.
+"""Fit the ellipse that two signals in quadrature draw, with noise in both of them.
 
     u = centre + M (cos φ, sin φ)ᵀ,    M = ((A, 0), (B sin ε, B cos ε))
 
@@ -27,18 +27,16 @@ from vibrident.data.interferometer import moments
 from vibrident.data.interferometer.setting import FloatArray
 
 PRIOR = 0.25  # standard deviation of the prior of log(B/A) and of ε (rad)
-# least part of a direction's apparent information that is taken for real, the rest being noise
-LEAST_PART = 0.02
-LEAST_SHOWN = 0.08  # an ellipse is not determined where this part is smaller
-TOLERANCE = 1e-9  # length of a step, relative to the amplitudes, that ends them
-LONGEST_STEP = 0.3  # longest step
-# largest change of the area from the start; beyond it the samples do not determine the ellipse
-FURTHEST = 10.0
-FEWEST_BLOCKS = (
-    20  # fewest blocks of samples from which the scatter beyond white noise is estimated
-)
+# smallest noise-free share of a direction's apparent information that is used in a step
+MIN_NOISE_FREE_SHARE = 0.02
+# an ellipse is not determined if this share is smaller in any direction
+MIN_DETERMINED_SHARE = 0.08
+TOLERANCE = 1e-9  # the iteration ends at a step of this length, relative to the amplitudes
+MAX_STEP = 0.3  # longest step, relative to the amplitudes
+MAX_AREA_RATIO = 10.0  # beyond this change of the area the samples do not determine the ellipse
+MIN_BLOCKS = 20  # fewest blocks from which the scatter beyond white noise is estimated
 _EXCESS = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 1.0])  # |v|² − 1 in the six functions
-_SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]  # c, s, c², s², s c in them
+_SLOPES = np.eye(6)[[1, 2, 3, 5, 4]]  # c, s, c², s², s c in the six functions
 #: From (p, q, a, b, e) to the shape, which changes the phase: p, q, b − a, e; and back.
 _SHAPE = np.array([[1.0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0], [0, 0, -1.0, 1.0, 0], [0, 0, 0, 0, 1.0]])
 _BACK = _SHAPE.T / np.array([1.0, 1.0, 2.0, 1.0])
@@ -46,7 +44,7 @@ _BACK = _SHAPE.T / np.array([1.0, 1.0, 2.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Ellipse:
-    """An ellipse with the covariance of p, q, a, b, e, relative to its amplitudes."""
+    """Ellipse with the covariance of p, q, a, b, e, relative to its amplitudes."""
 
     centre: FloatArray  # of the ellipse, shape (2,), in units of the signals
     matrix: FloatArray  # M, shape (2, 2), lower triangular
@@ -55,22 +53,22 @@ class Ellipse:
 
     @property
     def amplitudes(self) -> tuple[float, float]:
-        """Return a and B."""
+        """Return the amplitudes A and B, in units of the signals."""
         return float(self.matrix[0, 0]), float(np.hypot(*self.matrix[1]))
 
     @property
     def quadrature_error_rad(self) -> float:
-        """Return ε: the second signal is B sin(φ + ε)."""
+        """Return the quadrature error ε: the second signal is B sin(φ + ε)."""
         return float(np.arctan2(self.matrix[1, 0], self.matrix[1, 1]))
 
     @functools.cached_property
     def inverse(self) -> FloatArray:
-        """Return M⁻¹, shape (2, 2)."""
+        """Return the inverse of M, shape (2, 2)."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
     @functools.cached_property
     def radial_noise(self) -> float:
-        """Return the standard deviation of the noise over the amplitude, its mean over the circle."""
+        """Return the standard deviation of the noise over the amplitude, a mean over the circle."""
         inverse = self.inverse
         return float(np.sqrt(0.5 * np.trace(inverse @ np.diag(self.noise) @ inverse.T)))
 
@@ -83,13 +81,17 @@ class Ellipse:
         """
         inverse = self.inverse
         noise = inverse @ np.diag(self.noise) @ inverse.T
-        apart = float(noise[0, 0] - noise[1, 1])
+        anisotropy = float(noise[0, 0] - noise[1, 1])
         return self.changed(
-            np.array([0.0, 0.0, -0.5 * apart, 0.5 * apart, -2.0 * float(noise[0, 1])])
+            np.array([0.0, 0.0, -0.5 * anisotropy, 0.5 * anisotropy, -2.0 * float(noise[0, 1])])
         )
 
-    def round(self, u: FloatArray) -> FloatArray:
-        """Return the signals, shape (2, n), as v: cos φ and sin φ with their noise, in their precision, shape (2, n)."""
+    def to_unit_circle(self, u: FloatArray) -> FloatArray:
+        """Return the signals in coordinates in which the ellipse is the unit circle.
+
+        ``u``: signals, shape (2, n). The result, of the same shape and precision, is cos φ and sin
+        φ with their noise.
+        """
         (first, _), (skew, second) = self.inverse.tolist()
         v = np.empty_like(u)
         for row, (centre, scale) in enumerate(
@@ -101,23 +103,26 @@ class Ellipse:
             v[1] += (skew / first) * v[0]
         return v
 
-    def difference(self, other: Ellipse) -> FloatArray:
-        """Return (p, q, a, b, e) of another ellipse seen in the coordinates of this one, shape (5,)."""
+    def difference(self, ellipse: Ellipse) -> FloatArray:
+        """Return (p, q, a, b, e) of another ellipse in the coordinates of this one, shape (5,)."""
         inverse = self.inverse
-        shift = inverse @ (other.centre - self.centre)
-        change = inverse @ other.matrix - np.eye(2)
+        shift = inverse @ (ellipse.centre - self.centre)
+        change = inverse @ ellipse.matrix - np.eye(2)
         return np.array([*shift, change[0, 0], change[1, 1], change[1, 0]])
 
-    def shape_of(self, other: Ellipse) -> FloatArray:
-        """Return the shape (p, q, b − a, e) of another ellipse seen in the coordinates of this one, shape (4,)."""
-        return _SHAPE @ self.difference(other)
+    def shape_of(self, ellipse: Ellipse) -> FloatArray:
+        """Return the shape (p, q, b − a, e) of another ellipse in the coordinates of this one.
+
+        Shape (4,).
+        """
+        return _SHAPE @ self.difference(ellipse)
 
     @property
     def shape_covariance(self) -> FloatArray:
         """Return the covariance of the shape (p, q, b − a, e), shape (4, 4)."""
         return _SHAPE @ self.covariance @ _SHAPE.T
 
-    def known_to(self, covariance: FloatArray) -> Ellipse:
+    def with_shape_covariance(self, covariance: FloatArray) -> Ellipse:
         """Return the ellipse with another covariance of its shape, shape (4, 4)."""
         return replace(self, covariance=_BACK @ covariance @ _BACK.T)
 
@@ -134,8 +139,8 @@ class Ellipse:
         )
 
 
-def circle(u: FloatArray) -> Ellipse:
-    """Return a circle through samples, shape (2, n): the algebraic fit without second-order bias.
+def fit_circle(u: FloatArray) -> Ellipse:
+    """Fit a circle to samples, shape (2, n), by the algebraic fit without second-order bias.
 
     Source: Al-Sharadqah & Chernov (2009), "Error analysis for circle fitting algorithms" (the fit
     they call Hyper).
@@ -153,129 +158,144 @@ def circle(u: FloatArray) -> Ellipse:
         np.abs(np.imag(values)) < 1e-9 * np.abs(values) + 1e-15, np.real(values), np.inf
     )
     chosen = int(np.argmin(np.where(real > -1e-12, real, np.inf)))
-    weight, p, q, rest = np.real(vectors[:, chosen])
-    weight = weight if abs(weight) > 1e-9 else 1e-9
-    centre = -0.5 * np.array([p, q]) / weight
-    radius = float(np.sqrt(max(centre @ centre - rest / weight, 1e-6)))
+    curvature, p, q, constant = np.real(vectors[:, chosen])
+    curvature = curvature if abs(curvature) > 1e-9 else 1e-9
+    centre = -0.5 * np.array([p, q]) / curvature
+    radius = float(np.sqrt(max(centre @ centre - constant / curvature, 1e-6)))
     noise = max(float(real[chosen]), 1e-12 * radius**2) if np.isfinite(real[chosen]) else 1e-6
     return Ellipse(
         middle + size * centre, size * radius * np.eye(2), np.eye(5), np.full(2, noise * size**2)
     )
 
 
-def fit(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
-    """Fit an ellipse to sums of powers in the signals' own units; None if the samples do not determine it.
+def fit_ellipse(blocks: Sequence[FloatArray], start: Ellipse) -> Ellipse | None:
+    """Fit an ellipse to sums of powers; None if the samples do not determine it.
 
-    ``blocks``: of pieces of the signals, each of shape (5, 5); ``start``: to begin with; the ratio
-    of its noise variances is kept.
+    Args:
+        blocks: sums of pieces of the signals, each of shape (5, 5), in the signals' units.
+        start: ellipse to start from; the ratio of its noise variances is kept.
     """
-    whole = np.sum(blocks, axis=0)
-    ellipse = replace(start, noise=_noise(whole, start))
-    found = False
+    total = np.sum(blocks, axis=0)
+    ellipse = replace(start, noise=_noise_variances(total, start))
+    converged = False
     for _ in range(100):
         try:
-            step, *_ = _step(whole, ellipse)
+            step, *_ = _gauss_newton_step(total, ellipse)
         except linalg.LinAlgError:  # the samples lie on a line, or nearly
             return None
         length = float(np.max(np.abs(step)))
-        ellipse = ellipse.changed(step * min(1.0, LONGEST_STEP / max(length, 1e-300)))
-        ellipse = replace(ellipse, noise=_noise(whole, ellipse))
+        ellipse = ellipse.changed(step * min(1.0, MAX_STEP / max(length, 1e-300)))
+        ellipse = replace(ellipse, noise=_noise_variances(total, ellipse))
         size = float(np.prod(np.diag(ellipse.matrix)) / np.prod(np.diag(start.matrix)))
-        if not np.isfinite(size) or not 1.0 / FURTHEST < size < FURTHEST:
+        if not np.isfinite(size) or not 1.0 / MAX_AREA_RATIO < size < MAX_AREA_RATIO:
             break
         if length < TOLERANCE:
-            found = True
+            converged = True
             break
-    _, information, part = _step(whole, ellipse)
-    if not found or part < LEAST_SHOWN:
+    _, information, noise_free_share = _gauss_newton_step(total, ellipse)
+    if not converged or noise_free_share < MIN_DETERMINED_SHARE:
         return None
     covariance = np.linalg.inv(information)
-    return replace(ellipse, covariance=covariance * _inflation(blocks, whole, ellipse))
+    return replace(ellipse, covariance=covariance * _inflation(blocks, total, ellipse))
 
 
-def as_circle(u: FloatArray, samples: float) -> Ellipse:
-    """Return a circle through a short arc, with the uncertainty that the prior of the ellipse leaves.
+def fit_short_arc(u: FloatArray, samples: float) -> Ellipse:
+    """Fit a circle to a short arc, with the uncertainty that the prior of the ellipse leaves.
 
-    ``u``: samples, shape (2, n); ``samples``: number of all samples.
+    Args:
+        u: some of the samples, shape (2, n).
+        samples: number of all samples.
     """
-    found = circle(u)
-    c, s = found.round(u) / np.hypot(*found.round(u))
+    circle = fit_circle(u)
+    c, s = circle.to_unit_circle(u) / np.hypot(*circle.to_unit_circle(u))
     slopes = np.stack([c, s, np.ones_like(c), 0.5 * (s * s - c * c), s * c])
     products = slopes @ slopes.T / u.shape[1]
     inner = np.linalg.inv(products[:3, :3] + 1e-12 * np.eye(3))
-    follows = -inner @ products[:3, 3:]  # response of the circle to these errors
-    noise = inner * found.radial_noise**2 / samples
-    part = np.block([[noise, np.zeros((3, 2))], [np.zeros((2, 5))]])
-    both = np.concatenate([follows, np.eye(2)])
+    response = -inner @ products[:3, 3:]  # response of the circle to these errors
+    noise = inner * circle.radial_noise**2 / samples
+    covariance = np.block([[noise, np.zeros((3, 2))], [np.zeros((2, 5))]])
+    both = np.concatenate([response, np.eye(2)])
     change = np.array(
         [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, -0.5, 0], [0, 0, 1, 0.5, 0], [0, 0, 0, 0, 1.0]]
     )
-    return replace(found, covariance=change @ (part + PRIOR**2 * both @ both.T) @ change.T)
+    return replace(circle, covariance=change @ (covariance + PRIOR**2 * both @ both.T) @ change.T)
 
 
 def excess(block: FloatArray, ellipse: Ellipse) -> float:
-    """Return the mean of |v|² − 1 of a block without its noise: twice the relative deviation of its amplitude."""
-    clean = _rounded(block, ellipse, ellipse.noise)
+    """Return the mean of |v|² − 1 of a block without its noise.
+
+    That is twice the relative deviation of its amplitude.
+    """
+    clean = _products_on_circle(block, ellipse, ellipse.noise)
     return float(_EXCESS @ clean[:, 0] / clean[0, 0])
 
 
-def _rounded(found: FloatArray, ellipse: Ellipse, noise: FloatArray | None) -> FloatArray:
-    """Return the matrix of products of the six functions of v; noise-corrected if the noise is given."""
-    change = moments.moved(ellipse.centre, ellipse.inverse)
-    clean = found if noise is None else moments.without_noise(found, np.diag(noise))
+def _products_on_circle(sums: FloatArray, ellipse: Ellipse, noise: FloatArray | None) -> FloatArray:
+    """Return the matrix of products of the six functions of v, shape (6, 6).
+
+    Corrected for noise if variances of the ``noise`` are given.
+    """
+    change = moments.change_of_coordinates(ellipse.centre, ellipse.inverse)
+    clean = sums if noise is None else moments.without_noise(sums, np.diag(noise))
     return change @ moments.matrix(clean) @ change.T
 
 
-def _noise(whole: FloatArray, ellipse: Ellipse) -> FloatArray:
-    """Return the variances of the noise from the residual |v|² − 1: mean square 4 nᵀNn + 2 tr N² + (tr N)²."""
-    count = whole[0, 0]
+def _noise_variances(total: FloatArray, ellipse: Ellipse) -> FloatArray:
+    """Return the variances of the noise, shape (2,), from the residual |v|² − 1.
+
+    Its mean square is 4 nᵀNn + 2 tr N² + (tr N)².
+    """
+    count = total[0, 0]
     inverse = ellipse.inverse
     shape = inverse @ np.diag(ellipse.noise) @ inverse.T
-    seen = _rounded(whole, ellipse, None)
-    square = max(float(_EXCESS @ seen @ _EXCESS) / count, 1e-24)
-    around = seen[1:3, 1:3] / count
-    first = 4.0 * float(np.sum(shape * around))
+    products = _products_on_circle(total, ellipse, None)
+    square = max(float(_EXCESS @ products @ _EXCESS) / count, 1e-24)
+    squares = products[1:3, 1:3] / count
+    first = 4.0 * float(np.sum(shape * squares))
     second = 2.0 * float(np.sum(shape**2)) + float(np.trace(shape)) ** 2
-    second -= 4.0 * float(np.sum(shape * shape))  # the samples' own noise in ``around``
+    second -= 4.0 * float(np.sum(shape * shape))  # the samples' own noise in ``squares``
     times = square / max(first, 1e-300)
     for _ in range(20):
         times = square / (first + second * times) if first + second * times > 0 else times
     return ellipse.noise * max(times, 1e-18)
 
 
-def _step(whole: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, float]:
-    """Return the Gauss–Newton step of (p, q, a, b, e), its information, and the noise-free part of its worst direction.
+def _gauss_newton_step(total: FloatArray, ellipse: Ellipse) -> tuple[FloatArray, FloatArray, float]:
+    """Return a Gauss–Newton step of (p, q, a, b, e), its information, and a noise-free share.
 
-    In a direction dominated by noise, a least part of the apparent information is used.
+    The share is that of the information in the direction with most noise. In a direction dominated
+    by noise, a minimum share of the apparent information is used.
     """
-    clean = _rounded(whole, ellipse, ellipse.noise)
-    seen = _rounded(whole, ellipse, None)
+    clean = _products_on_circle(total, ellipse, ellipse.noise)
+    products = _products_on_circle(total, ellipse, None)
     variance = ellipse.radial_noise**2
     gradient = 0.5 * _SLOPES @ clean @ _EXCESS / variance
-    known = np.zeros((5, 5))
+    prior_information = np.zeros((5, 5))
     a, b = ellipse.amplitudes
     for direction, value in zip(
         _SHAPE[2:], (float(np.log(b / a)), ellipse.quadrature_error_rad), strict=True
     ):
-        known += np.outer(direction, direction) / PRIOR**2
+        prior_information += np.outer(direction, direction) / PRIOR**2
         gradient = gradient - direction * value / PRIOR**2
-    raw = _SLOPES @ seen @ _SLOPES.T / variance
-    # vectorsᵀ raw vectors = 1
-    part, vectors = linalg.eigh(_SLOPES @ clean @ _SLOPES.T / variance, raw)
-    back = raw @ vectors
-    information = (back * np.maximum(part, LEAST_PART)) @ back.T + known
-    return np.linalg.solve(information, gradient), information, float(part[0])
+    apparent = _SLOPES @ products @ _SLOPES.T / variance
+    # vectorsᵀ apparent vectors = 1
+    noise_free_share, vectors = linalg.eigh(_SLOPES @ clean @ _SLOPES.T / variance, apparent)
+    axes = apparent @ vectors
+    information = (
+        axes * np.maximum(noise_free_share, MIN_NOISE_FREE_SHARE)
+    ) @ axes.T + prior_information
+    return np.linalg.solve(information, gradient), information, float(noise_free_share[0])
 
 
-def _inflation(blocks: Sequence[FloatArray], whole: FloatArray, ellipse: Ellipse) -> float:
-    """Return the factor of the variance over that of white noise, from the scatter of the blocks."""
-    if len(blocks) < FEWEST_BLOCKS:
+def _inflation(blocks: Sequence[FloatArray], total: FloatArray, ellipse: Ellipse) -> float:
+    """Return the ratio of the variance to that of white noise, from the scatter of the blocks."""
+    if len(blocks) < MIN_BLOCKS:
         return 1.0
     variance = ellipse.radial_noise**2
     scores = [
-        0.5 * _SLOPES @ _rounded(block, ellipse, ellipse.noise) @ _EXCESS / variance
+        0.5 * _SLOPES @ _products_on_circle(block, ellipse, ellipse.noise) @ _EXCESS / variance
         for block in blocks
     ]
     scatter = np.var(np.array(scores), axis=0, ddof=1) * len(blocks)
-    expected = np.diag(_SLOPES @ _rounded(whole, ellipse, None) @ _SLOPES.T) / variance
+    expected = np.diag(_SLOPES @ _products_on_circle(total, ellipse, None) @ _SLOPES.T) / variance
     return max(float(np.mean(scatter / np.maximum(expected, 1e-300))), 1.0)

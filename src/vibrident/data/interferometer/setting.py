@@ -1,4 +1,4 @@
-"""The interferometer's setting, and the source of its signals, block by block."""
+"""Settings of an interferometer, and its signals, read block by block."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ Kind = Literal["quadrature", "heterodyne"]
 
 @dataclass(frozen=True)
 class Interferometer:
-    """A laser interferometer on the reference surface."""
+    """Settings of a laser interferometer on the reference surface."""
 
     # ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier
     kind: Kind
     wavelength_m: float  # in the medium
-    wavelength_relative_uncertainty: float = 0.0  # relative standard uncertainty of it
+    wavelength_relative_uncertainty: float = 0.0  # standard
     passes: int = 1  # times the beam goes to the target and back
-    carrier_hz: float | None = (
-        None  # nominal carrier of a heterodyne signal; estimated near this value
-    )
+    # nominal carrier of a heterodyne signal; the carrier is estimated near this value
+    carrier_hz: float | None = None
     direction: int | None = None  # sign of the displacement for growing phase; None if unknown
     delay_s: float = 0.0  # the optical channel comes later than the response channel by this time
-    delay_standard_uncertainty_s: float = 0.0  # of that
+    delay_standard_uncertainty_s: float = 0.0
 
     @property
     def metres_per_radian(self) -> float:
-        """Return the displacement for one radian of phase, with its sign: phase = 4π · passes · x / wavelength."""
+        """Return the displacement per radian of phase, with its sign.
+
+        phase = 4π · passes · displacement / wavelength.
+        """
         return (self.direction or 1) * self.wavelength_m / (4.0 * math.pi * self.passes)
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
-    """Signals that are read block by block; all of one sampling rate and length."""
+class SampledSignals:
+    """Signals of one sampling rate and length that are read block by block."""
 
     samples: int  # of each
     rate_hz: float  # samples per second
@@ -48,9 +50,9 @@ class Signals:
     first_s: float = 0.0  # time of the first sample; above zero for filtered ones
 
 
-def held(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> Signals:
-    """Return the signals in memory, shape (signals, samples)."""
-    return Signals(
+def signals_in_memory(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> SampledSignals:
+    """Return signals that are in memory, from values of shape (signals, samples)."""
+    return SampledSignals(
         values.shape[1],
         rate_hz,
         lambda start, stop: np.asarray(values[:, start:stop], dtype=float),

@@ -1,4 +1,4 @@
-"""Quality of an interferometer's signals: kept with the record made from them."""
+"""Quality of an interferometer's signals, kept with the record made from them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OpticalCode = Literal["fringe_slip", "few_fringes", "ellipse_unstable", "clipped
 
 @dataclass(frozen=True)
 class OpticalFinding:
-    """One doubt about the optical signals."""
+    """Finding about the optical signals: a code and its message."""
 
     code: OpticalCode
     message: str
@@ -25,7 +25,7 @@ class OpticalFinding:
 
 @dataclass(frozen=True, eq=False)
 class OpticalSummary:
-    """Of one record."""
+    """Quality of the optical signals of one record."""
 
     setting: Interferometer
     rate_hz: float  # of the optical signals
@@ -40,15 +40,15 @@ class OpticalSummary:
     gaps: int  # pieces left out …
     jumps: int  # … of these at sufficient amplitude …
     open_gaps: int  # … and of unknown turns
-    left_out: float  # part of the displacement's samples that is left out
+    left_out: float  # share of the displacement's samples that is left out
     counted: int  # half fringes by the signs of a signal; 0 where samples are too far apart
-    by_phase: int  # the same by the phase
+    by_phase: int  # half fringes by the phase
     phase_noise_rad: float  # standard deviation of the noise of one sample's phase
     points: FloatArray  # some samples of both signals, shape (2, n)
     excerpt_s: FloatArray  # a piece of the displacement: times …
     excerpt_m: FloatArray  # … and values, NaN where it is left out
     carrier_hz: float | None = None  # of a heterodyne signal, as found; None for others
-    # order, amplitude and its u of the phase's cyclic error, rad
+    # cyclic error of the phase: order, amplitude and its standard uncertainty, rad
     cyclic: tuple[tuple[int, float, float], ...] = ()
     findings: tuple[OpticalFinding, ...] = ()  # doubts
 
@@ -62,10 +62,10 @@ class OpticalSummary:
         )
 
     def as_settings(self) -> dict[str, Any]:
-        """As plain values, for a result."""
+        """Return the summary as plain values, for a result."""
         first, second = self.ellipse.amplitudes
         u = np.sqrt(np.diag(self.ellipse.shape_covariance))
-        found: dict[str, Any] = {
+        settings: dict[str, Any] = {
             "kind": self.setting.kind,
             "rate_hz": self.rate_hz,
             "samples": self.samples,
@@ -86,8 +86,8 @@ class OpticalSummary:
             },
         }
         if self.setting.kind == "heterodyne":
-            return {**found, "carrier_hz": self.carrier_hz}
-        found["ellipse"] = {
+            return {**settings, "carrier_hz": self.carrier_hz}
+        settings["ellipse"] = {
             "origin": self.origin,
             "centre": self.ellipse.centre.tolist(),
             "amplitudes": [first, second],
@@ -97,4 +97,4 @@ class OpticalSummary:
             ),
             "changes": self.changes,
         }
-        return found
+        return settings

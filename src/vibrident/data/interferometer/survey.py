@@ -1,4 +1,4 @@
-"""The first look at two signals in quadrature: their ellipse, whether it changes, how much of it the motion covers."""
+"""Survey two signals in quadrature: their ellipse, its changes, and how much of it is covered."""
 
 from __future__ import annotations
 
@@ -12,96 +12,110 @@ from vibrident.base.errors import InputError
 from vibrident.data.interferometer import ellipse as ellipses
 from vibrident.data.interferometer import moments
 from vibrident.data.interferometer.ellipse import Ellipse
-from vibrident.data.interferometer.setting import BoolArray, FloatArray, Signals
+from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 
-STRETCHES = 64  # pieces of the record for the first guess and for pictures
-STRETCH = 1024  # samples of a piece
+GUESS_PIECES = 64  # pieces of the record for the first guess and for pictures
+GUESS_PIECE_SAMPLES = 1024
 BLOCK = 1 << 17  # samples in a block
-MOST = 1 << 22  # most samples for the fit of an ellipse; of longer records, pieces
-FEWEST_BLOCKS = 64  # fewest blocks of a record that determine their scatter
-LEAST_BLOCK = 64  # fewest samples of a block
+MAX_FIT_SAMPLES = 1 << 22  # for the fit of an ellipse; longer records are fitted in pieces
+MIN_BLOCKS = 64  # fewest blocks of a record that determine their scatter
+MIN_BLOCK_SAMPLES = 64
 # a sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
 LOST_SIGMA = 6.0
-LOST = 0.3  # … but at least of this …
-MOST_LOST = 0.6  # … and at most of this
-TOO_LARGE = 2.0  # a sample is also lost above this radius
-PARTS = 32  # parts of the circle that are looked at, to see how much is covered
-LEAST_WHOLE = 0.5  # blocks with a lost sample are left out where this part of all is without
+MIN_LOST_RADIUS = 0.3  # … but at least of this …
+MAX_LOST_RADIUS = 0.6  # … and at most of this
+MAX_RADIUS = 2.0  # a sample is also lost above this radius
+SECTORS = 32  # sectors of the circle by which its coverage is determined
+MIN_SOUND_BLOCKS = 0.5  # above this share of blocks without lost samples, the others are left out
 PIECES = 16  # pieces of time of an ellipse that may change
-KNOWN = 0.05  # largest uncertainty of a piece's ellipse over its amplitude
-CHANCE = 1e-5  # probability below which a change is significant
-FADES = 8.0  # the amplitude fades if its variance between blocks is this many times that of noise
-ALIKE = 0.9999  # signals of a larger correlation are one
-AT_LIMIT = (
-    0.005  # a signal is at a limit where more than this part of its samples has its extreme value …
-)
-PILED = 10.0  # … and so many times as many as have the value beside it
-FEWEST_TO_FADE = 12  # fewest blocks to detect fading
+MAX_PIECE_UNCERTAINTY = 0.05  # of a piece's ellipse over its amplitude
+CHANGE_CHANCE = 1e-5  # probability below which a change is significant
+MIN_FADING_RATIO = 8.0  # variance of the amplitude between blocks over that of noise, of fading
+MAX_CORRELATION = 0.9999  # signals of a larger correlation are the same signal
+# a signal is at a limit if more than this share of its samples has its extreme value …
+MIN_SHARE_AT_LIMIT = 0.005
+MIN_PILE_RATIO = 10.0  # … and this many times as many as have the next value
+MIN_FADING_BLOCKS = 12  # fewest blocks to detect fading
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What the first look found."""
+    """Ellipse of two signals in quadrature, its changes, and its coverage."""
 
     ellipse: Ellipse  # of the whole record
-    fitted: bool  # False for if the arc does not determine an ellipse
-    covered_rad: float  # part of the circle that the motion covers; 2π for a fringe or more
+    fitted: bool  # False if the arc does not determine an ellipse
+    covered_rad: float  # angle of the circle that the motion covers; 2π for a fringe or more
     points: FloatArray  # some samples, shape (2, n)
-    # sample index and ellipse of pieces of time, where it changes; else empty
+    # sample index and ellipse of pieces of time, if the ellipse changes; else empty
     knots: tuple[tuple[float, Ellipse], ...] = ()
-    # part of each signal's samples at its largest or smallest value, where that is a limit; (2,)
+    # share of each signal's samples at its largest or smallest value, if that is a limit; (2,)
     at_limit: tuple[float, ...] = (0.0, 0.0)
 
     @property
     def change(self) -> float:
-        """Return the largest change of the shape in time, relative to the amplitude; zero if there is none."""
+        """Return the largest change of the shape in time, relative to the amplitude; 0 for none."""
         shapes = [self.ellipse.shape_of(piece) for _, piece in self.knots]
         return float(np.max(np.ptp(shapes, axis=0))) if shapes else 0.0
 
     @property
-    def whole(self) -> bool:
+    def covers_fringe(self) -> bool:
         """Return whether the motion covers a fringe or more."""
-        return self.fitted and self.covered_rad > 2.0 * np.pi * (1.0 - 1.5 / PARTS)
+        return self.fitted and self.covered_rad > 2.0 * np.pi * (1.0 - 1.5 / SECTORS)
 
 
 def lost_radius(ellipse: Ellipse) -> float:
     """Return the radius over the amplitude below which a sample is lost."""
-    return float(np.clip(LOST_SIGMA * ellipse.radial_noise, LOST, MOST_LOST))
+    return float(np.clip(LOST_SIGMA * ellipse.radial_noise, MIN_LOST_RADIUS, MAX_LOST_RADIUS))
 
 
-def sound(ellipse: Ellipse, u: FloatArray) -> BoolArray:
-    """Return the samples, shape (2, n), that are neither lost nor far outside."""
-    v = ellipse.round(u)
+def usable_samples(ellipse: Ellipse, u: FloatArray) -> BoolArray:
+    """Return which samples, shape (2, n), are neither lost nor far outside the ellipse."""
+    v = ellipse.to_unit_circle(u)
     radius = v[0] * v[0] + v[1] * v[1]
-    return (radius > lost_radius(ellipse) ** 2) & (radius < TOO_LARGE**2)
+    return (radius > lost_radius(ellipse) ** 2) & (radius < MAX_RADIUS**2)
 
 
-def survey(signals: Signals) -> Survey:
-    """Look at two signals in quadrature. InputError: they draw no figure: one is constant, or both are the same."""
-    points = _sample(signals)
-    _require_two(points)
-    coarse = _coarse(points)
+def survey(signals: SampledSignals) -> Survey:
+    """Survey two signals in quadrature.
+
+    Raises:
+        InputError: they draw no figure: one is constant, or both are the same.
+    """
+    points = _sample_points(signals)
+    _require_two_signals(points)
+    coarse = _coarse_ellipse(points)
     scale = np.array(coarse.amplitudes)
-    blocks, middles = _blocks(signals, coarse, scale)
+    blocks, middles = _block_sums(signals, coarse, scale)
     start = _scaled(coarse, coarse.centre, scale)
-    found = ellipses.fit(blocks, start) if blocks else None
-    if found is not None:
-        blocks = _steadied(blocks, found)
-        found = ellipses.fit(blocks, found)
-    if found is None:
-        kept = points[:, sound(coarse, points)]
-        circle = ellipses.as_circle(kept if kept.shape[1] >= 8 else points, float(signals.samples))
-        return Survey(circle, False, _covered(circle, points), points, (), _at_limit(points))
-    knots = _knots(blocks, middles, found)
-    back = [(at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots]
-    whole = _unscaled(found, coarse.centre, scale)
-    return Survey(whole, True, _covered(whole, points), points, tuple(back), _at_limit(points))
+    fitted = ellipses.fit_ellipse(blocks, start) if blocks else None
+    if fitted is not None:
+        blocks = _without_fading(blocks, fitted)
+        fitted = ellipses.fit_ellipse(blocks, fitted)
+    if fitted is None:
+        usable = points[:, usable_samples(coarse, points)]
+        circle = ellipses.fit_short_arc(
+            usable if usable.shape[1] >= 8 else points, float(signals.samples)
+        )
+        return Survey(
+            circle, False, _covered_angle(circle, points), points, (), _shares_at_limit(points)
+        )
+    knots = _knots(blocks, middles, fitted)
+    piece_knots = [(at, _unscaled(piece, coarse.centre, scale)) for at, piece in knots]
+    ellipse = _unscaled(fitted, coarse.centre, scale)
+    return Survey(
+        ellipse,
+        True,
+        _covered_angle(ellipse, points),
+        points,
+        tuple(piece_knots),
+        _shares_at_limit(points),
+    )
 
 
-def _require_two(points: FloatArray) -> None:
+def _require_two_signals(points: FloatArray) -> None:
     size = np.std(points, axis=1)
     alike = abs(float(np.asarray(np.corrcoef(points))[0, 1])) if np.all(size > 0.0) else 1.0
-    if alike > ALIKE:
+    if alike > MAX_CORRELATION:
         dead = [f"signal {i + 1} is constant" for i in range(2) if not size[i] > 0.0]
         raise InputError(
             "The photodetector signals draw no ellipse.",
@@ -112,59 +126,65 @@ def _require_two(points: FloatArray) -> None:
         )
 
 
-def _at_limit(points: FloatArray) -> tuple[float, ...]:
-    """Return the part of each signal's samples at an extreme, where far more lie there than at the value beside it.
+def _shares_at_limit(points: FloatArray) -> tuple[float, ...]:
+    """Return the share of each signal's samples at its limit; zero for a signal without one.
 
-    A free signal's turns put 2.4 times as many into the outermost code of a converter, 5.3 times at
-    most.
+    A limit holds far more samples than the value next to it. A free signal's turns put 2.4 times as
+    many samples into the outermost code of a converter as into the next, 5.3 times at most.
     """
-    found = []
+    shares = []
     for signal in points:
-        part = 0.0
+        share = 0.0
         for values in (signal, -signal):
             top = np.asarray(values == np.max(values), dtype=bool)
             count = int(np.count_nonzero(top))
-            if count > AT_LIMIT * values.size and count < values.size:
-                beside = int(np.count_nonzero(values == np.max(values[~top])))
-                part += count / values.size if count > PILED * beside else 0.0
-        found.append(part)
-    return tuple(found)
+            if count > MIN_SHARE_AT_LIMIT * values.size and count < values.size:
+                next_count = int(np.count_nonzero(values == np.max(values[~top])))
+                share += count / values.size if count > MIN_PILE_RATIO * next_count else 0.0
+        shares.append(share)
+    return tuple(shares)
 
 
-def _sample(signals: Signals) -> FloatArray:
-    length = min(STRETCH, max(signals.samples // STRETCHES, 1))
-    if signals.samples <= STRETCHES * STRETCH:
+def _sample_points(signals: SampledSignals) -> FloatArray:
+    length = min(GUESS_PIECE_SAMPLES, max(signals.samples // GUESS_PIECES, 1))
+    if signals.samples <= GUESS_PIECES * GUESS_PIECE_SAMPLES:
         return signals.block(0, signals.samples).astype(float)
-    starts = np.linspace(0, signals.samples - length, STRETCHES).astype(int)
+    starts = np.linspace(0, signals.samples - length, GUESS_PIECES).astype(int)
     return np.concatenate(
         [signals.block(int(s), int(s) + length) for s in starts], axis=1, dtype=float
     )
 
 
-def _coarse(points: FloatArray) -> Ellipse:
-    """Return an ellipse through the sample without lost parts, and the ratio of the signals' noise."""
-    found = ellipses.circle(points)
+def _coarse_ellipse(points: FloatArray) -> Ellipse:
+    """Return an ellipse through samples that are not lost, with the ratio of the signals' noise."""
+    ellipse = ellipses.fit_circle(points)
     for _ in range(4):
-        kept = points[:, sound(found, points)]
-        kept = kept if kept.shape[1] > max(0.2 * points.shape[1], 8) else points
-        start = ellipses.circle(kept)
+        usable = points[:, usable_samples(ellipse, points)]
+        usable = usable if usable.shape[1] > max(0.2 * points.shape[1], 8) else points
+        start = ellipses.fit_circle(usable)
         scale = np.array(start.amplitudes)
         normal = _scaled(start, start.centre, scale)
-        fitted = ellipses.fit(
-            [moments.sums(*((kept - start.centre[:, None]) / scale[:, None]))], normal
+        fitted = ellipses.fit_ellipse(
+            [moments.sums(*((usable - start.centre[:, None]) / scale[:, None]))], normal
         )
-        found = start if fitted is None else _unscaled(fitted, start.centre, scale)
-    return replace(found, noise=_noise_ratio(found, points[:, sound(found, points)]) * found.noise)
+        ellipse = start if fitted is None else _unscaled(fitted, start.centre, scale)
+    return replace(
+        ellipse,
+        noise=_noise_ratio(ellipse, points[:, usable_samples(ellipse, points)]) * ellipse.noise,
+    )
 
 
 def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
-    """Return the factors on the noise variances of both signals, from how the radial noise changes round the circle; (2,)."""
+    """Return factors on the noise variances of both signals, shape (2,).
+
+    They follow from how the radial noise changes round the circle.
+    """
     if u.shape[1] < 1000:
         return np.ones(2)
-    v = ellipse.round(u)
+    v = ellipse.to_unit_circle(u)
     radius = np.hypot(v[0], v[1])
-    pull = ellipse.inverse.T @ (v / radius)  # of each signal's noise on the radius
-    design = (pull * pull * ellipse.noise[:, None]).T
+    sensitivity = ellipse.inverse.T @ (v / radius)  # of each signal's noise on the radius
+    design = (sensitivity * sensitivity * ellipse.noise[:, None]).T
     square = (radius - np.mean(radius)) ** 2
     normal = design.T @ design
     if np.linalg.cond(normal) > 100.0:
@@ -172,79 +192,85 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
     return np.clip(np.linalg.solve(normal, design.T @ square), 0.1, 10.0)
 
 
-def _blocks(
-    signals: Signals, coarse: Ellipse, scale: FloatArray
+def _block_sums(
+    signals: SampledSignals, coarse: Ellipse, scale: FloatArray
 ) -> tuple[list[FloatArray], list[float]]:
-    """Return the sums of blocks in coordinates of the coarse ellipse, and the index of the middle of each."""
-    length = int(np.clip(signals.samples // FEWEST_BLOCKS, LEAST_BLOCK, BLOCK))
+    """Return sums of blocks in coordinates of the coarse ellipse, and the middle index of each."""
+    length = int(np.clip(signals.samples // MIN_BLOCKS, MIN_BLOCK_SAMPLES, BLOCK))
     count = max(signals.samples // length, 1)
-    every = max(int(np.ceil(count * length / MOST)), 1)
-    found = []
+    every = max(int(np.ceil(count * length / MAX_FIT_SAMPLES)), 1)
+    sums = []
     middles = []
-    whole = []
+    sound_blocks = []
     for index in range(0, count, every):
         u = signals.block(index * length, min((index + 1) * length, signals.samples))
-        good = sound(coarse, u)
+        good = usable_samples(coarse, u)
         u = u if good.all() else u[:, good]
         if u.shape[1] < 0.5 * length:
             continue
-        found.append(
+        sums.append(
             moments.sums((u[0] - coarse.centre[0]) / scale[0], (u[1] - coarse.centre[1]) / scale[1])
         )
         middles.append((index + 0.5) * length)
-        whole.append(bool(good.all()))
-    if np.mean(whole or [True]) > LEAST_WHOLE:  # next to a loss the light is unstable
-        found, middles = (
-            [v for v, kept in zip(values, whole, strict=True) if kept]
-            for values in (found, middles)
+        sound_blocks.append(bool(good.all()))
+    if np.mean(sound_blocks or [True]) > MIN_SOUND_BLOCKS:  # next to a loss the light is unstable
+        sums, middles = (
+            [v for v, is_sound in zip(values, sound_blocks, strict=True) if is_sound]
+            for values in (sums, middles)
         )
-    return found, middles
+    return sums, middles
 
 
-def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
-    """Return the blocks with a fading common amplitude removed: it does not change the phase."""
+def _without_fading(blocks: list[FloatArray], ellipse: Ellipse) -> list[FloatArray]:
+    """Return the sums of the blocks without common fading, which leaves the phase alone."""
     count = np.array([block[0, 0] for block in blocks])
-    excess = np.array([ellipses.excess(block, whole) for block in blocks])
-    expected = 4.0 * whole.radial_noise**2 / count
-    if len(blocks) < FEWEST_TO_FADE or np.var(excess) < FADES * float(np.mean(expected)):
+    excess = np.array([ellipses.excess(block, ellipse) for block in blocks])
+    expected = 4.0 * ellipse.radial_noise**2 / count
+    if len(blocks) < MIN_FADING_BLOCKS or np.var(excess) < MIN_FADING_RATIO * float(
+        np.mean(expected)
+    ):
         return blocks
     steadied = []
-    for block, more in zip(blocks, excess, strict=True):
-        change = moments.moved(whole.centre, np.eye(2) / np.sqrt(max(1.0 + more, 0.1)))
-        back = moments.moved(-whole.centre, np.eye(2)) @ change
+    for block, deviation in zip(blocks, excess, strict=True):
+        change = moments.change_of_coordinates(
+            ellipse.centre, np.eye(2) / np.sqrt(max(1.0 + deviation, 0.1))
+        )
+        back = moments.change_of_coordinates(-ellipse.centre, np.eye(2)) @ change
         steadied.append(moments.from_matrix(back @ moments.matrix(block) @ back.T))
     return steadied
 
 
 def _knots(
-    blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse
+    blocks: Sequence[FloatArray], middles: Sequence[float], ellipse: Ellipse
 ) -> list[tuple[float, Ellipse]]:
-    """Return the ellipses of those pieces of time that determine one if they differ; else empty."""
-    found = []
-    for part in np.array_split(np.arange(len(blocks)), min(PIECES, max(len(blocks) // 4, 1))):
-        piece = ellipses.fit([blocks[i] for i in part], whole)
-        if piece is not None and np.sqrt(np.max(np.diag(piece.covariance))) < KNOWN:
-            found.append((float(np.mean([middles[i] for i in part])), piece))
-    if len(found) < 3:
+    """Return middle and ellipse of those pieces of time that determine one; none if they agree."""
+    pieces = []
+    for indices in np.array_split(np.arange(len(blocks)), min(PIECES, max(len(blocks) // 4, 1))):
+        piece = ellipses.fit_ellipse([blocks[i] for i in indices], ellipse)
+        if piece is not None and np.sqrt(np.max(np.diag(piece.covariance))) < MAX_PIECE_UNCERTAINTY:
+            pieces.append((float(np.mean([middles[i] for i in indices])), piece))
+    if len(pieces) < 3:
         return []
-    differences = np.array([whole.shape_of(piece) for _, piece in found])
-    weights = np.array([np.linalg.inv(piece.shape_covariance) for _, piece in found])
-    # Pieces of small motion are known little: a plain mean would be off by their errors.
+    differences = np.array([ellipse.shape_of(piece) for _, piece in pieces])
+    weights = np.array([np.linalg.inv(piece.shape_covariance) for _, piece in pieces])
+    # Pieces of small motion have large errors: an unweighted mean would have, too.
     off = differences - np.linalg.solve(
         weights.sum(axis=0), np.einsum("kij,kj->i", weights, differences)
     )
     total = float(np.einsum("ki,kij,kj->", off, weights, off))
-    return found if chdtrc(4 * (len(found) - 1), total) < CHANCE else []
+    return pieces if chdtrc(4 * (len(pieces) - 1), total) < CHANGE_CHANCE else []
 
 
-def _covered(ellipse: Ellipse, points: FloatArray) -> float:
-    v = ellipse.round(points[:, sound(ellipse, points)])
-    counts, _ = np.histogram(np.arctan2(v[1], v[0]), bins=PARTS, range=(-np.pi, np.pi))
+def _covered_angle(ellipse: Ellipse, points: FloatArray) -> float:
+    v = ellipse.to_unit_circle(points[:, usable_samples(ellipse, points)])
+    counts, _ = np.histogram(np.arctan2(v[1], v[0]), bins=SECTORS, range=(-np.pi, np.pi))
     filled = np.flatnonzero(counts)
     longest = (
-        np.max(np.diff(filled, append=filled[:1] + PARTS) - 1, initial=0) if filled.size else PARTS
+        np.max(np.diff(filled, append=filled[:1] + SECTORS) - 1, initial=0)
+        if filled.size
+        else SECTORS
     )
-    return float(2.0 * np.pi * (1.0 - longest / PARTS))
+    return float(2.0 * np.pi * (1.0 - longest / SECTORS))
 
 
 def _scaled(ellipse: Ellipse, centre: FloatArray, scale: FloatArray) -> Ellipse:

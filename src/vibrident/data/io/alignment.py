@@ -1,7 +1,7 @@
 """Bring both channels of a record to one even raster, by the clocks that their files state.
 
 A whole number of samples between two clocks is cut; a fraction, another rate and uneven stamps are
-resampled, band-limited. What that costs is said in the record's history.
+resampled, band-limited. The record's history states the resulting limits.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from vibrident.data.records.basis import runs_of_true
 REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 MIN_SAMPLES = 8  # of a record
 _START_ROUNDING_S = 2e-9  # of the difference of two starts, in whole nanoseconds each
-_SAME_PLACE = 1e-6  # in samples; limit of the arithmetic
+_PLACE_TOLERANCE = 1e-6  # in samples; limit of the arithmetic
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
-    """One column as in its file, and its clock; None where its file states none."""
+class ClockedChannel:
+    """Column as in its file, and its clock; None where its file states none."""
 
     source: ColumnFile
     position: int
@@ -39,12 +39,12 @@ class Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class Aligned:
+class AlignedChannels:
     """Both channels over the same instants.
 
     Attributes:
         response: shape (n,), as in the file, finite.
-        reference: shape (n,), as in its file, finite; None where there is none.
+        reference: shape (n,), as in its file, finite; None for no reference.
         valid: shape (n,), False where a sample is missing; None where none is.
         rate_hz: samples per second.
         start_s: time of the first sample on the clock of the response's file.
@@ -66,19 +66,19 @@ class Aligned:
 class _Raster:
     """A channel's values on its even raster; NaN where a sample is missing."""
 
-    channel: Channel
+    channel: ClockedChannel
     values: FloatArray
     clock: Clock
     notes: tuple[str, ...] = ()
 
 
 def align(
-    response: Channel,
-    reference: Channel | None,
+    response: ClockedChannel,
+    reference: ClockedChannel | None,
     start_s: float | None,
     stop_s: float | None,
     where: str,
-) -> Aligned:
+) -> AlignedChannels:
     """Bring both channels to one raster, and cut them to a part of the record.
 
     Args:
@@ -104,7 +104,7 @@ def align(
         size = response.values.size
         if rows != slice(0, size):
             notes.append(f"cut: samples {rows.start + 1} to {rows.stop} of {size}")
-        return Aligned(
+        return AlignedChannels(
             _part(response.values, rows),
             None if reference is None else _part(reference.values, rows),
             None,
@@ -130,7 +130,7 @@ def _part(values: FloatArray, rows: slice) -> FloatArray:
     return values if rows == slice(0, values.size) else values[rows]
 
 
-def _require_finite_within(channel: Channel, begin_s: float, end_s: float) -> None:
+def _require_finite_within(channel: ClockedChannel, begin_s: float, end_s: float) -> None:
     """Refuse a value that is not a number in a part of a channel, from its first sample."""
     assert channel.clock is not None
     timeline = channel.clock.timeline
@@ -146,13 +146,13 @@ def _require_finite_within(channel: Channel, begin_s: float, end_s: float) -> No
         channel.require_finite(slice(int(inside[0]), int(inside[-1]) + 1))
 
 
-def _is_plain(channel: Channel) -> bool:
+def _is_plain(channel: ClockedChannel) -> bool:
     """Tell whether every row is a sample of an even raster."""
     timeline = None if channel.clock is None else channel.clock.timeline
     return timeline is None or not (timeline.is_uneven or timeline.doubled or timeline.lost)
 
 
-def _share_raster(first: Channel, second: Channel) -> bool:
+def _share_raster(first: ClockedChannel, second: ClockedChannel) -> bool:
     """Tell whether two channels are known to be sampled together, or nothing else is known."""
     first_clock = first.clock
     second_clock = second.clock
@@ -168,11 +168,11 @@ def _share_raster(first: Channel, second: Channel) -> bool:
     if first_start is None or second_start is None or first_start.epoch != second_start.epoch:
         return True
     apart = (second_start.ns - first_start.ns) * 1e-9 * first_clock.clock.rate_hz
-    is_together = abs(apart) <= _SAME_PLACE + _START_ROUNDING_S * first_clock.clock.rate_hz
+    is_together = abs(apart) <= _PLACE_TOLERANCE + _START_ROUNDING_S * first_clock.clock.rate_hz
     return is_together and first.values.size == second.values.size
 
 
-def _differ_in_length(response: Channel, reference: Channel) -> InputError:
+def _differ_in_length(response: ClockedChannel, reference: ClockedChannel) -> InputError:
     return InputError(
         "The reference channel and the response differ in length.",
         expected=f"{response.values.size} samples, as the response has in {response.source.file}",
@@ -182,7 +182,7 @@ def _differ_in_length(response: Channel, reference: Channel) -> InputError:
     )
 
 
-def _on_raster(channel: Channel) -> _Raster:
+def _on_raster(channel: ClockedChannel) -> _Raster:
     """Return a channel on its even raster: doubled rows out, holes as NaN, uneven stamps evened."""
     assert channel.clock is not None
     timeline = channel.clock.timeline
@@ -199,18 +199,18 @@ def _on_raster(channel: Channel) -> _Raster:
     if timeline.lost:
         notes.append(f"{timeline.lost} samples are missing by the times: left out")
     if timeline.is_uneven:
-        from vibrident.data.resampling import DOUBTFUL, PASS_BAND, evened
+        from vibrident.data.resampling import DOUBTFUL_SAMPLES, PASS_BAND, evenly_resampled
 
         offsets = np.zeros(raster.size)
         offsets[timeline.places] = timeline.offsets
         for first, last in zip(*runs_of_true(np.isfinite(raster)), strict=True):
-            inner = slice(first + DOUBTFUL, last - DOUBTFUL)
-            if last - first > 2 * DOUBTFUL:
+            inner = slice(first + DOUBTFUL_SAMPLES, last - DOUBTFUL_SAMPLES)
+            if last - first > 2 * DOUBTFUL_SAMPLES:
                 steps = np.arange(last - first) + offsets[first:last]
-                even = evened(raster[first:last], steps)
-                raster[inner] = even[DOUBTFUL : last - first - DOUBTFUL]
-            raster[first : min(first + DOUBTFUL, last)] = np.nan
-            raster[max(last - DOUBTFUL, first) : last] = np.nan
+                even = evenly_resampled(raster[first:last], steps)
+                raster[inner] = even[DOUBTFUL_SAMPLES : last - first - DOUBTFUL_SAMPLES]
+            raster[first : min(first + DOUBTFUL_SAMPLES, last)] = np.nan
+            raster[max(last - DOUBTFUL_SAMPLES, first) : last] = np.nan
         jitter = float(np.sqrt(np.mean(timeline.offsets**2)))
         top = PASS_BAND * clock.rate_hz
         notes.append(
@@ -221,7 +221,7 @@ def _on_raster(channel: Channel) -> _Raster:
         if not np.any(np.isfinite(raster)):
             raise InputError(
                 "Too few samples lie between the gaps of an uneven record.",
-                expected=f"more than {2 * DOUBTFUL} samples in a row",
+                expected=f"more than {2 * DOUBTFUL_SAMPLES} samples in a row",
                 found=f"{values.size} samples",
                 where=channel.source.file,
                 remedy="record for longer, or at an even rate",
@@ -229,7 +229,7 @@ def _on_raster(channel: Channel) -> _Raster:
     return _Raster(channel, raster, clock, tuple(filter(None, notes)))
 
 
-def _require_repeats(channel: Channel) -> None:
+def _require_repeats(channel: ClockedChannel) -> None:
     """Refuse two different values at one time."""
     assert channel.clock is not None
     assert channel.clock.timeline is not None
@@ -248,12 +248,12 @@ def _require_repeats(channel: Channel) -> None:
         )
 
 
-def _cut_to(raster: _Raster, begin_s: float, end_s: float) -> Aligned:
+def _cut_to(raster: _Raster, begin_s: float, end_s: float) -> AlignedChannels:
     rate_hz = raster.clock.rate_hz
-    first = math.ceil(begin_s * rate_hz - _SAME_PLACE)
+    first = math.ceil(begin_s * rate_hz - _PLACE_TOLERANCE)
     last = raster.values.size
     if math.isfinite(end_s):
-        last = min(last, math.ceil(end_s * rate_hz - _SAME_PLACE))
+        last = min(last, math.ceil(end_s * rate_hz - _PLACE_TOLERANCE))
     assert raster.channel.clock is not None
     start_s = raster.channel.clock.begins_s + first / rate_hz
     values = raster.values[first:last]
@@ -266,7 +266,7 @@ def _on_one_raster(
     begin_s: float,
     end_s: float,
     apart: tuple[float, float],
-) -> Aligned:
+) -> AlignedChannels:
     """Return both channels at the instants of the slower one, within the part asked for.
 
     ``apart``: how much later the reference begins, s, and its standard uncertainty.
@@ -285,7 +285,7 @@ def _on_one_raster(
     ratio = 1.0 if is_same else faster.clock.rate_hz / rate_hz
     shift = faster_begins_s * faster.clock.rate_hz  # place of its first sample, in its own samples
     whole_shift = round(shift)
-    allowed = _SAME_PLACE + _START_ROUNDING_S * rate_hz
+    allowed = _PLACE_TOLERANCE + _START_ROUNDING_S * rate_hz
     if is_same and abs(shift - whole_shift) <= allowed:
         first = max(whole_shift, 0)
         last = min(slower.values.size, faster.values.size + whole_shift)
@@ -295,14 +295,14 @@ def _on_one_raster(
         if whole_shift:
             notes.append(f"reference begins {whole_shift:+d} samples after the response: cut")
     else:
-        from vibrident.data.resampling import PASS_BAND, lost, resampled
+        from vibrident.data.resampling import PASS_BAND, margin_samples, resampled
 
-        margin = lost(ratio)
-        own_margin = lost(1.0)
+        margin = margin_samples(ratio)
+        slower_margin = margin_samples(1.0)
         begin = math.ceil((margin + shift) / ratio)
         end = math.floor((faster.values.size - 1 - margin + shift) / ratio) + 1
-        first = max(begin, own_margin)
-        last = min(end, slower.values.size - own_margin)
+        first = max(begin, slower_margin)
+        last = min(end, slower.values.size - slower_margin)
         _require_overlap(first, last, response, reference, apart_s)
         places = np.arange(first, last, dtype=np.float64)
         at_slower = resampled(slower.values, places, 1.0)  # through the same filter
@@ -315,10 +315,10 @@ def _on_one_raster(
         )
     # of the raster, from the response's first sample
     begins_s = 0.0 if slower is response else apart_s
-    low = max(first, math.ceil((begin_s - begins_s) * rate_hz - _SAME_PLACE))
+    low = max(first, math.ceil((begin_s - begins_s) * rate_hz - _PLACE_TOLERANCE))
     high = last
     if math.isfinite(end_s):
-        high = min(last, math.ceil((end_s - begins_s) * rate_hz - _SAME_PLACE))
+        high = min(last, math.ceil((end_s - begins_s) * rate_hz - _PLACE_TOLERANCE))
     _require_overlap(low, high, response, reference, apart_s)
     rows = slice(low - first, high - first)
     pair = (at_slower[rows], at_faster[rows])
@@ -328,7 +328,7 @@ def _on_one_raster(
     return _without_holes(values, motion, rate_hz, start_s, tuple(notes), timing_u_s, response)
 
 
-def _time_between(response: Channel, reference: Channel) -> tuple[float, float]:
+def _time_between(response: ClockedChannel, reference: ClockedChannel) -> tuple[float, float]:
     """Return how much later the reference begins, s, and its standard uncertainty."""
     assert response.clock is not None
     assert reference.clock is not None
@@ -370,7 +370,7 @@ def _without_holes(
     notes: tuple[str, ...],
     timing_u_s: float,
     raster: _Raster,
-) -> Aligned:
+) -> AlignedChannels:
     """Return the channels from the first to the last complete sample, with a mask of the holes."""
     complete = np.isfinite(response)
     if reference is not None:
@@ -393,7 +393,7 @@ def _without_holes(
     assert filled[0] is not None
     start_s += rows.start / rate_hz
     holes = None if valid.all() else valid
-    return Aligned(filled[0], filled[1], holes, rate_hz, start_s, notes, timing_u_s)
+    return AlignedChannels(filled[0], filled[1], holes, rate_hz, start_s, notes, timing_u_s)
 
 
 def _filled(values: FloatArray, valid: BoolArray) -> FloatArray:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import MOST_COLUMNS, Channel, Start
+from vibrident.data.io.columns import MAX_COLUMNS, Channel, StartTime
 from vibrident.data.io.stated import StatedFile, Statement, clock_of, nearest_unit
 
 #: Fields of a compound type that is a complex number, as h5py's, MATLAB's and others' are.
@@ -22,7 +22,7 @@ _COMPLEX_FIELDS = (("real", "imag"), ("r", "i"), ("re", "im"))
 
 @dataclass(frozen=True)
 class ArrayColumn:
-    """One column of an array in a file."""
+    """Column of an array in a file."""
 
     array: str  # path of the dataset, or name of the variable
     name: str  # as a calibration file writes it
@@ -35,8 +35,11 @@ class ArrayColumn:
         """Return the name of the column whose real and imaginary parts are two channels."""
         return self.name.removesuffix(".real").removesuffix(".imag")
 
-    def of(self, array: Any) -> Any:
-        """Take the numbers of this column, shape (samples,), from an array of samples_first."""
+    def values_in(self, array: Any) -> Any:
+        """Return the numbers of this column, shape (samples,).
+
+        ``array``: the dataset or variable, of :func:`samples_first`.
+        """
         values = array.reshape(-1) if self.column is None else array[:, self.column]
         if self.field:
             values = values[self.field]
@@ -64,7 +67,7 @@ def columns_of(
         return _fields(array, name, dtype) if len(long_axes) == 1 else ()
     if len(long_axes) == 1:
         return _parts(ArrayColumn(array, name), dtype)
-    if min(shape) > MOST_COLUMNS:
+    if min(shape) > MAX_COLUMNS:
         return ()
     columns = (ArrayColumn(array, f"{name}:{place + 1}", place) for place in range(min(shape)))
     return tuple(part for column in columns for part in _parts(column, dtype))
@@ -98,7 +101,7 @@ def _parts(column: ArrayColumn, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]
 def channels_of(
     columns: Sequence[ArrayColumn], levels: Sequence[Mapping[str, Statement]], where: str
 ) -> Iterator[Channel]:
-    """Yield the channels of one array, with what is stated of them.
+    """Yield the channels of one array, with the statements about them.
 
     ``levels``: statements about the array, by itself first, then by what holds it; ``where``: the
     file, for messages.
@@ -123,7 +126,7 @@ class ArrayFile(StatedFile):
         path: Path,
         channels: Sequence[Channel],
         refused: dict[str, str],
-        starts: Mapping[str, Start],
+        starts: Mapping[str, StartTime],
     ) -> None:
         """Take channels whose handles are ArrayColumns, the refused arrays: name → reason, and
         the starts of arrays: name → start.

@@ -6,7 +6,7 @@ import difflib
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
@@ -67,7 +67,7 @@ _STANDARD = "Standard uncertainty (k = 1)."
 class SensorSection(FileSection):
     """[sensor]: the model, and free text for reports."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow")
     manufacturer: _Free = basic()
     type: _Free = basic()
     serial_number: _Free = basic()
@@ -124,7 +124,7 @@ def stated_band(section: Any) -> tuple[float, float] | None:
 
 
 class RecordsEntry(FileSection):
-    """One [[records]] entry: a file or a glob, and its excitation."""
+    """Entry [[records]]: a file or a glob, and its excitation."""
 
     file: _File = expert(default=..., about="A name or a glob.")
     excitation: Excitation = basic(default=...)
@@ -151,7 +151,7 @@ class RecordsEntry(FileSection):
 
     @property
     def circumstances(self) -> Circumstances:
-        """Under which the records of the entry were made."""
+        """Return the circumstances of the records of the entry."""
         return Circumstances(str(self.run), str(self.mounting), self.axis, self.temperature_c)
 
 
@@ -285,9 +285,9 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
     names = {"records": "[[records]] with file and excitation", "table": "[table]"}
     require_one(calibration, names, "A calibration needs either records or a table.", where)
     if calibration.interferometer is not None:
-        given = calibration.reference.model_fields_set
+        stated_keys = calibration.reference.model_fields_set
         table = calibration.table is not None
-        check_interferometer(calibration.interferometer, given, table, where)
+        check_interferometer(calibration.interferometer, stated_keys, table, where)
     if calibration.table is not None:
         _check_table(calibration.table, f"{where}, [table]")
         return
@@ -309,31 +309,32 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
 def _check_table(section: TableSection, where: str) -> None:
     """Refuse a table that has no response or two, or keys that do not go together."""
     _check_band(section, where)
-    given = section.model_fields_set
-    ways = [way for way, _ in TABLE_WAYS if given & set(way)]
+    stated_keys = section.model_fields_set
+    ways = [way for way, _ in TABLE_WAYS if stated_keys & set(way)]
     is_polar = ways == [TABLE_WAYS[0][0]]
-    if len(ways) != 1 or not given >= set(dict(TABLE_WAYS)[ways[0]]):
+    if len(ways) != 1 or not stated_keys >= set(dict(TABLE_WAYS)[ways[0]]):
         raise InputError(
             "A table gives its response in one way.",
             expected="magnitude (and phase), or real and imaginary, or complex",
-            found=" and ".join(name for way in ways for name in way if name in given) or "none",
+            found=" and ".join(name for way in ways for name in way if name in stated_keys)
+            or "none",
             where=where,
             remedy="give the keys of one way, all of them",
         )
     if section.frequency is None and section.complex is None:
         raise _missing("[table] frequency", where.removesuffix(", [table]"))
-    parts = {"real_uncertainty", "imaginary_uncertainty"} & given
-    others = {"magnitude_uncertainty", "phase_uncertainty"} & given
-    if parts and (len(parts) == 1 or is_polar or others):
+    rectangular_keys = {"real_uncertainty", "imaginary_uncertainty"} & stated_keys
+    polar_keys = {"magnitude_uncertainty", "phase_uncertainty"} & stated_keys
+    if rectangular_keys and (len(rectangular_keys) == 1 or is_polar or polar_keys):
         raise InputError(
             "The uncertainties do not fit the response of the table.",
             expected="real_uncertainty and imaginary_uncertainty, both and alone, of a response "
             "in real and imaginary part; or magnitude_uncertainty and phase_uncertainty",
-            found=", ".join(sorted(parts | others)),
+            found=", ".join(sorted(rectangular_keys | polar_keys)),
             where=where,
             remedy="give one of the two pairs",
         )
-    if "phase_uncertainty" in given and is_polar and section.phase is None:
+    if "phase_uncertainty" in stated_keys and is_polar and section.phase is None:
         raise InputError(
             "There is an uncertainty of the phase but no phase.",
             expected="phase where phase_uncertainty is given",

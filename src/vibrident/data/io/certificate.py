@@ -1,4 +1,4 @@
-"""[certificate]: what a certificate states besides the numbers, in a file of either kind."""
+"""[certificate]: the contents of a certificate besides its numbers, in a file of either kind."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.keys import Shown, key
+from vibrident.data.io.keys import FormKind, key
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import FileSection, NotNegative, Number, Positive, Text
 from vibrident.data.io.toml_text import read_toml, toml_document
@@ -27,13 +27,13 @@ DATES = ("date_of_receipt", "date_of_calibration", "date_of_issue")
 _LANGUAGES = ("English", "German", "French", "Chinese")
 
 
-def _text(value: Any) -> Any:
-    """Return a number (of a certificate, of an order) is text."""
+def _integer_as_text(value: Any) -> Any:
+    """Return an integer, such as the number of an order, as text; other values as they are."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-def _date(value: Any) -> Any:
-    """Return a date of TOML, or the same in quotes, as text."""
+def _date_as_text(value: Any) -> Any:
+    """Return a date of TOML, or one in quotes, as text."""
     if isinstance(value, datetime.date) and not isinstance(value, datetime.datetime):
         return value.isoformat()
     if isinstance(value, str):
@@ -41,35 +41,37 @@ def _date(value: Any) -> Any:
     raise ValueError("not a date")
 
 
-def _lines(value: Any) -> Any:
+def _as_list(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
-def _named(value: Any) -> Any:
+def _as_named(value: Any) -> Any:
     return {"name": value} if isinstance(value, str) else value
 
 
 # A field's description is the "expected" of its error message.
 _Text = Annotated[
-    str, BeforeValidator(_text), Field(min_length=1, description="text in quotes, not empty")
+    str,
+    BeforeValidator(_integer_as_text),
+    Field(min_length=1, description="text in quotes, not empty"),
 ]
-_Address = Annotated[_Text, Shown("lines")]
+_Address = Annotated[_Text, FormKind("lines")]
 _Date = Annotated[
     str,
-    BeforeValidator(_date),
+    BeforeValidator(_date_as_text),
     Field(description="a date such as 2025-03-31"),
-    Shown("date"),
+    FormKind("date"),
 ]
 _Lines = Annotated[
     list[Annotated[str, Field(min_length=1)]],
-    BeforeValidator(_lines),
+    BeforeValidator(_as_list),
     Field(min_length=1, description="text in quotes, or a list of such"),
 ]
 _Quantities = Annotated[
     list[Literal["magnitude", "phase"]],
-    BeforeValidator(_lines),
+    BeforeValidator(_as_list),
     Field(min_length=1, description='"magnitude", "phase" or a list of both'),
-    Shown("lines"),
+    FormKind("lines"),
 ]
 _Country = Annotated[
     str, Field(pattern="^[A-Z]{2}$", description="two capitals (ISO 3166-1), such as DE")
@@ -78,7 +80,7 @@ _Percent = Annotated[float, Field(ge=0, le=100, description="a number from 0 to 
 
 
 class InstrumentSection(FileSection):
-    """One of the instruments used, and where its own traceability is stated."""
+    """Instrument used, and where its own traceability is stated."""
 
     name: _Text
     manufacturer: _Text | None = None
@@ -110,7 +112,7 @@ class RequirementSection(FileSection):
         return self
 
 
-_Instrument = Annotated[InstrumentSection, BeforeValidator(_named)]
+_Instrument = Annotated[InstrumentSection, BeforeValidator(_as_named)]
 
 
 class CertificateSection(FileSection):
@@ -170,7 +172,7 @@ class CertificateSection(FileSection):
 
 
 class _OwnSection(CertificateSection):
-    """[certificate] of a file of its own: other files may be named, relative to it."""
+    """[certificate] of a certificate file, which may name other files, relative to it."""
 
     logo: _Text | None = None
     template: _Text | None = None
@@ -179,9 +181,9 @@ class _OwnSection(CertificateSection):
 
 
 class _SensorText(FileSection):
-    """[sensor] of a file of its own: what is to be printed of the sensor."""
+    """[sensor] of a certificate file: further text about the sensor."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, _Text] = Field(init=False)
 
 
@@ -198,7 +200,7 @@ class _Form(FileSection):
 
 @dataclass(frozen=True)
 class CertificateData:
-    """What was given for a certificate after the fit."""
+    """Data given for a certificate after the fit."""
 
     # as [certificate] of a calibration file, plain values, dates as text
     certificate: Mapping[str, Any] = field(default_factory=dict)
@@ -210,7 +212,7 @@ class CertificateData:
 
 
 def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData:
-    """Read certificate files; what a later one states replaces the same of an earlier one.
+    """Read certificate files; a later file replaces what an earlier one states.
 
     Raises:
         InputError: a file cannot be read, is not TOML, names a file that is not there, or holds a
@@ -220,14 +222,14 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
     sensor: dict[str, str] = {}
     named: dict[str, Path] = {}
     for file in map(Path, files):
-        found = validated(
+        document = validated(
             _CertificateFile, read_toml(file, "certificate"), str(file), "certificate"
         )
-        own = dict(found.certificate.stated())
-        for kind in own.keys() & {"logo", "template", "before", "fonts"}:
-            named[kind] = _existing(file.parent / own.pop(kind), kind, str(file))
-        stated |= own
-        sensor |= {name: str(text) for name, text in (found.sensor.model_extra or {}).items()}
+        section = dict(document.certificate.stated())
+        for kind in section.keys() & {"logo", "template", "before", "fonts"}:
+            named[kind] = _existing(file.parent / section.pop(kind), kind, str(file))
+        stated |= section
+        sensor |= {name: str(text) for name, text in (document.sensor.model_extra or {}).items()}
     return CertificateData(stated, sensor, **named)
 
 
@@ -237,7 +239,7 @@ def certificate_text(data: CertificateData) -> str:
 
 
 def certificate_section(values: Mapping[str, Any], where: str) -> Mapping[str, Any]:
-    """Return what a form was filled with, checked as [certificate]; ``where`` names the form."""
+    """Return the values of a form, checked as [certificate]; ``where`` names the form."""
     return validated(
         _Form, {"certificate": dict(values)}, where, "certificate"
     ).certificate.stated()

@@ -13,7 +13,7 @@ from decimal import Decimal
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.columns import Clock, ColumnFile, StartTime
 from vibrident.data.io.header_units import header, is_time, seconds_per_unit
 from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.io.timeline import Timeline, timeline_from, timeline_of
@@ -42,7 +42,7 @@ class ChannelClock:
 
 @dataclass(eq=False)
 class ClockReader:
-    """Finds the clock of each channel of a record.
+    """Reader of the clocks of a record's channels.
 
     Attributes:
         stated_hz: rate of the calibration file, or None.
@@ -60,7 +60,7 @@ class ClockReader:
     def clock_of(
         self, source: ColumnFile, position: int, channels: Sequence[int]
     ) -> ChannelClock | None:
-        """Return the clock of a channel; None where nothing states one.
+        """Return the clock of a channel; None if nothing states one.
 
         Args:
             source: the channel's file.
@@ -85,7 +85,7 @@ class ClockReader:
         if stated is not None and source is not self.main:
             stated = None  # the rate of the record's file; another file states its own
         by_stamps = None if timeline is None else timeline.clock
-        agreed = agree(
+        agreed = agreed_clock(
             [
                 ("the calibration file", stated),
                 (source.file, clock),
@@ -108,15 +108,15 @@ class ClockReader:
         self, source: ColumnFile, position: int, channels: Sequence[int]
     ) -> tuple[int | None, bool]:
         """Return the time column of a channel, and whether the calibration file names one."""
-        asked = self._asked_column(source, channels)
+        requested = self._requested_column(source, channels)
         candidates = [
             place
             for place in range(len(source.names))
             if place not in channels
             and (is_time(header(source, place)) or source.in_seconds(place))
         ]
-        if asked is not None and asked not in candidates:
-            candidates = sorted([*candidates, asked])
+        if requested is not None and requested not in candidates:
+            candidates = sorted([*candidates, requested])
         if not candidates:
             return None, False
         groups: list[list[int]] = []  # time columns side by side are one clock
@@ -126,11 +126,11 @@ class ClockReader:
             else:
                 groups.append([place])
         group = next((g for g in reversed(groups) if g[0] < position), groups[0])
-        if asked is not None and (asked in group or len(groups) == 1):
-            return asked, True
-        return group[0], asked is not None
+        if requested is not None and (requested in group or len(groups) == 1):
+            return requested, True
+        return group[0], requested is not None
 
-    def _asked_column(self, source: ColumnFile, channels: Sequence[int]) -> int | None:
+    def _requested_column(self, source: ColumnFile, channels: Sequence[int]) -> int | None:
         """Return the column that the calibration file names, in this file; None for none."""
         if self.time_column is None:
             return None
@@ -152,7 +152,7 @@ class ClockReader:
         return self._timelines[key]
 
     def _read_timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
-        """Read a column of times; None where it is no statement about a rate that is known."""
+        """Read a column of times; None if it states nothing about a rate that is known."""
         if needed:
             (times,) = source.load([column])
             return timeline_of(source, column, times)
@@ -191,7 +191,7 @@ class ClockReader:
 
 def _timeline_of_stamps(source: ColumnFile, position: int, stamps: FloatArray) -> Timeline:
     """Return the timeline of stamps that a format gives each sample of a channel, in seconds."""
-    start = source.start(position) or Start.on_own_clock(float(stamps[0]))
+    start = source.start(position) or StartTime.on_own_clock(float(stamps[0]))
     resolution_s = float(np.spacing(np.max(np.abs(stamps))))
 
     def locate(row: int) -> str:
@@ -207,16 +207,21 @@ def stated_clock(rate_hz: float) -> Clock:
     return Clock(rate_hz, max(0.5 * 10.0**exponent / rate_hz, SAME_RATE))
 
 
-def agree(statements: Sequence[tuple[str, Clock | None]], where: str, file: str) -> Clock | None:
-    """Return the rate that all statements agree on, each within its own rounding; None without any.
+def agreed_clock(
+    statements: Sequence[tuple[str, Clock | None]], where: str, file: str
+) -> Clock | None:
+    """Return the clock that all statements agree on, each within its own rounding; None if none.
 
-    An earlier one is taken unless a later one refines it. The start is that of the last which has
-    one: time stamps say more than a header.
+    The rate is that of the first statement unless a later one refines it. The start is that of the
+    last which has one: time stamps say more than a header.
 
     Args:
         statements: whose, and the clock or None.
         where: entry of the calibration file, for messages.
         file: the record's file, for messages.
+
+    Raises:
+        InputError: two statements contradict each other.
     """
     agreed: Clock | None = None
     whose = ""
@@ -231,8 +236,8 @@ def agree(statements: Sequence[tuple[str, Clock | None]], where: str, file: str)
         if apart > clock.rate_rounding + agreed.rate_rounding:
             raise InputError(
                 "The sampling rate contradicts the file.",
-                expected=f"{_plain(clock.rate_hz)!r} samples per second, as {name} states",
-                found=f"{_plain(agreed.rate_hz)!r} in {whose}",
+                expected=f"{_rounded_rate(clock.rate_hz)!r} samples per second, as {name} states",
+                found=f"{_rounded_rate(agreed.rate_hz)!r} in {whose}",
                 where=f"{where}, for {file}",
                 remedy="remove or correct rate_hz; of wrong time stamps, remove the column",
             )
@@ -244,7 +249,7 @@ def agree(statements: Sequence[tuple[str, Clock | None]], where: str, file: str)
     return agreed
 
 
-def _plain(rate_hz: float) -> float:
+def _rounded_rate(rate_hz: float) -> float:
     """Return a rate without the last digits of a regression."""
     return float(f"{rate_hz:.12g}")
 
@@ -263,7 +268,7 @@ def is_same_rate(first: Clock, second: Clock) -> bool:
 
 
 def require_even(clock: ChannelClock, source: ColumnFile, where: str) -> None:
-    """Refuse uneven, doubled or lost samples, which raw light cannot bear."""
+    """Refuse uneven, doubled or lost samples, which demodulation of raw light does not allow."""
     timeline = clock.timeline
     if timeline is not None and (timeline.is_uneven or timeline.doubled or timeline.lost):
         raise InputError(

@@ -1,4 +1,4 @@
-"""Share what all file formats have: ordered columns of numbers, and places of values.
+"""Ordered columns of numbers, and places of values in them, common to all file formats.
 
 A file of a few kilobytes can declare more numbers than any machine holds: the number is checked
 before memory is allocated.
@@ -21,9 +21,10 @@ from vibrident.base.errors import InputError, did_you_mean
 from vibrident.data.io.units import split_brackets
 from vibrident.data.records import FloatArray
 
-MOST_COLUMNS = 10_000  # of a file
-LONGEST_LINE = 1 << 18  # most characters of a line of text
-_NAMES_IN_MESSAGE, _LONGEST_NAME = 12, 100  # more names are counted, longer ones cut
+MAX_COLUMNS = 10_000  # of a file
+MAX_LINE_LENGTH = 1 << 18  # characters of a line of text
+_MAX_NAMES_IN_MESSAGE = 12  # further names are counted only
+_MAX_NAME_LENGTH = 100  # characters; longer names are cut
 _NUMBER_BYTES = 8
 
 
@@ -44,13 +45,13 @@ def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) ->
 
 
 def memory_for(file_bytes: int) -> float:
-    """Return the most bytes that the numbers of files of this size may take.
+    """Return the largest number of bytes that the numbers of files of this size may take.
 
     Raises:
         InputError: the limit in the environment is not a number.
     """
     try:
-        return memory.most_bytes(file_bytes)
+        return memory.max_bytes(file_bytes)
     except ValueError as error:
         raise InputError(
             "The limit of memory is not a number.",
@@ -62,11 +63,11 @@ def memory_for(file_bytes: int) -> float:
 
 
 def require_few(path: Path, columns: Sequence[object], what: str = "columns") -> None:
-    """Refuse a file with more than ``MOST_COLUMNS`` columns."""
-    if len(columns) > MOST_COLUMNS:
+    """Refuse a file with more than ``MAX_COLUMNS`` columns."""
+    if len(columns) > MAX_COLUMNS:
         raise InputError(
             f"The file has too many {what}.",
-            expected=f"at most {MOST_COLUMNS}",
+            expected=f"at most {MAX_COLUMNS}",
             found=str(len(columns)),
             where=str(path),
             remedy="export only the needed ones",
@@ -74,30 +75,30 @@ def require_few(path: Path, columns: Sequence[object], what: str = "columns") ->
 
 
 @dataclass(frozen=True)
-class Start:
-    """Time of a first sample. Two are comparable only if both or neither are of the epoch."""
+class StartTime:
+    """Time of a first sample; comparable only if both or neither are of the epoch."""
 
     ns: int
     epoch: bool  # since 1970-01-01 UTC; else since the file's own zero, such as its trigger
 
     @classmethod
-    def on_own_clock(cls, seconds: float) -> Start:
+    def on_own_clock(cls, seconds: float) -> StartTime:
         """Return a start in seconds from the file's own zero."""
         return cls(round(seconds * 1e9), epoch=False)
 
 
 @dataclass(frozen=True)
 class Clock:
-    """A file's statement of a column's sampling."""
+    """Sampling of a column as a file states it."""
 
     rate_hz: float  # samples per second
     rate_rounding: float = 1e-9  # relative; most that the file's rounding changes the true rate
-    start: Start | None = None  # of the first sample; None if the file states none
+    start: StartTime | None = None  # of the first sample; None if the file states none
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One column of real numbers."""
+    """Column of real numbers."""
 
     name: str  # as the calibration file uses it; "" for a column without a name
     handle: Any = None  # by which the format's library finds it
@@ -129,7 +130,7 @@ class ColumnFile(ABC):
         self._path = path
         self._channels = tuple(channels)
         self._refused = refused
-        self._kept: dict[int, FloatArray] = {}  # columns that were read whole to give a part
+        self._loaded: dict[int, FloatArray] = {}  # columns that were read to give a part of them
         require_few(path, self._channels, f"{self.word}s")
         if not self._channels:
             reasons = "; ".join(
@@ -166,7 +167,7 @@ class ColumnFile(ABC):
         """Return the time of each sample in seconds, where the format gives a channel its own."""
         return None
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
         clock = self.clock(position)
         return None if clock is None else clock.start
@@ -189,7 +190,7 @@ class ColumnFile(ABC):
 
     def length(self, position: int) -> int:
         """Return the number of samples of a column."""
-        return int(self._held([position])[0].shape[0])
+        return int(self._loaded_columns([position])[0].shape[0])
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Return samples of columns from ``start`` up to ``stop``; errors as ``load``.
@@ -197,12 +198,12 @@ class ColumnFile(ABC):
         The shape is (columns, stop − start). Formats that cannot read a part of a file keep all of
         it in memory.
         """
-        return np.stack([values[start:stop] for values in self._held(positions)])
+        return np.stack([values[start:stop] for values in self._loaded_columns(positions)])
 
-    def _held(self, positions: Sequence[int]) -> list[FloatArray]:
-        missing = [position for position in positions if position not in self._kept]
-        self._kept.update(zip(missing, self.load(missing) if missing else (), strict=True))
-        return [self._kept[position] for position in positions]
+    def _loaded_columns(self, positions: Sequence[int]) -> list[FloatArray]:
+        missing = [position for position in positions if position not in self._loaded]
+        self._loaded.update(zip(missing, self.load(missing) if missing else (), strict=True))
+        return [self._loaded[position] for position in positions]
 
     def locate(self, position: int, row: int) -> str:
         """Return the place of a value for messages; ``row`` counts samples from 0."""
@@ -312,8 +313,8 @@ class ColumnFile(ABC):
         named = [name for name in self.names if name]
         if not named:
             return f"a column number from 1 to {len(self.names)} (the file has no header)"
-        listed = ", ".join(repr(name[:_LONGEST_NAME]) for name in named[:_NAMES_IN_MESSAGE])
-        more = len(named) - _NAMES_IN_MESSAGE
+        listed = ", ".join(repr(name[:_MAX_NAME_LENGTH]) for name in named[:_MAX_NAMES_IN_MESSAGE])
+        more = len(named) - _MAX_NAMES_IN_MESSAGE
         return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
 
 
@@ -342,7 +343,7 @@ def library(name: str, extra: str, path: Path) -> Any:
 
 
 def require_regular(path: Path, what: str) -> None:
-    """Refuse what may never end; of a missing file or a folder the system's error is clearer."""
+    """Refuse a file that may never end; the system reports a missing file or a folder better."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise InputError(
             "This is not a regular file.",
@@ -355,7 +356,7 @@ def require_regular(path: Path, what: str) -> None:
 
 @contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Turn whatever a format's library raises for a damaged file into InputError.
+    """Turn any exception of a format's library about a damaged file into InputError.
 
     The file is opened and closed first, because the system's error is clearer than a library's.
     """

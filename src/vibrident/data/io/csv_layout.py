@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import LONGEST_LINE, unreadable
+from vibrident.data.io.columns import MAX_LINE_LENGTH, unreadable
 from vibrident.data.io.plain_text import BLANKS, PlainText, respelled
 from vibrident.data.io.text_head import (
     LABVIEW_END,
@@ -29,9 +29,9 @@ from vibrident.data.io.title_rows import (
     names_and_units,
 )
 
-_HEAD_BYTES = LONGEST_LINE
-_HEAD_LINES = 400
-_SAMPLE_LINES = 25
+_MAX_HEAD_BYTES = MAX_LINE_LENGTH
+_MAX_HEAD_LINES = 400
+_MAX_SAMPLE_LINES = 25
 _BOM = b"\xef\xbb\xbf"
 _COMMENT = ("#", "%")
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
@@ -106,25 +106,25 @@ def detect_layout(text: PlainText, file: str) -> CsvLayout:
     """Find the layout of a text file from its first lines; InputError without rows of numbers."""
     try:
         with text.open() as stream:
-            head = stream.read(_HEAD_BYTES)
-            whole = not stream.read(1)
+            head = stream.read(_MAX_HEAD_BYTES)
+            is_complete = not stream.read(1)
     except OSError as error:
         raise unreadable(file, error, "a text file of columns") from error
-    return _layout_of(*_head_lines(head, whole, file), head, file)
+    return _layout_of(*_head_lines(head, is_complete, file), head, file)
 
 
-def too_long_a_line(file: str, line: int) -> InputError:
+def line_too_long(file: str, line: int) -> InputError:
     """Return the error of a line that is too long for a table of numbers."""
     return InputError(
         "A line of the file is too long.",
-        expected=f"lines of at most {LONGEST_LINE} characters",
+        expected=f"lines of at most {MAX_LINE_LENGTH} characters",
         found="a longer one",
         where=f"{file}, line {line}",
         remedy="export the data with one sample a line, and only the columns that are needed",
     )
 
 
-def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
+def _head_lines(head: bytes, is_complete: bool, file: str) -> tuple[list[str], str]:
     if not head.removeprefix(_BOM).strip():
         raise InputError(
             "The file is empty.",
@@ -149,19 +149,19 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
             where=file,
             remedy="save it with the line ends of Windows or Unix",
         )
-    if not whole and b"\n" not in head:
-        raise too_long_a_line(file, 1)
-    complete = head if whole else head[: head.rfind(b"\n") + 1]
+    if not is_complete and b"\n" not in head:
+        raise line_too_long(file, 1)
+    head_of_lines = head if is_complete else head[: head.rfind(b"\n") + 1]
     try:
-        text = complete.decode("utf-8-sig")
+        text = head_of_lines.decode("utf-8-sig")
         encoding = "utf-8"
     except UnicodeDecodeError:
-        text, encoding = _national(complete)
-    return text.split("\n")[:_HEAD_LINES], encoding
+        text, encoding = _decoded_otherwise(head_of_lines)
+    return text.split("\n")[:_MAX_HEAD_LINES], encoding
 
 
-def _national(data: bytes) -> tuple[str, str]:
-    """Return the text that is not UTF-8, and its encoding: Chinese (GB 2312) or Western European."""
+def _decoded_otherwise(data: bytes) -> tuple[str, str]:
+    """Return text that is not UTF-8, and its encoding: GB 2312 (Chinese) or Latin-1."""
     try:
         text = data.decode("gb2312")
     except UnicodeDecodeError:
@@ -172,12 +172,14 @@ def _national(data: bytes) -> tuple[str, str]:
 def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
     plain = [respelled(line, ",;\t ") if _ODD.search(line) else line for line in lines]
     rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
-    sample = rows[len(rows) // 2 :][-_SAMPLE_LINES:]
+    sample = rows[len(rows) // 2 :][-_MAX_SAMPLE_LINES:]
     delimiter, decimal, fields = _dialect([plain[i] for i in sample], [plain[i] for i in rows])
     if decimal == "." and delimiter != ",":
         decimal = _decimal_of([plain[i] for i in rows], delimiter)
     cells = {i: split_line(plain[i], delimiter) for i in rows}
-    numeric = _numeric([row for i in sample if len(row := cells[i]) == fields], fields, decimal)
+    numeric = _numeric_columns(
+        [row for i in sample if len(row := cells[i]) == fields], fields, decimal
+    )
     has_comments = any(
         len(row) == fields + 1 and row[-1].lower() in COMMENTS for row in cells.values()
     )
@@ -213,13 +215,15 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
         offset = head.index(b"\n", offset) + 1
     if first == 0 and head.startswith(_BOM):
         offset = len(_BOM)
-    beside = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
+    facts_columns = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
     head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
     head_lines += keys_over_values(head_cells, columns)
     head_lines += [
-        HeadLine(i + 1, delimiter.join(cells[i][:beside])) for i in rows if i >= first and beside
+        HeadLine(i + 1, delimiter.join(cells[i][:facts_columns]))
+        for i in rows
+        if i >= first and facts_columns
     ]
-    x_column = next((i for i in numeric if TIME_NAMES.match(names[i])), beside or None)
+    x_column = next((i for i in numeric if TIME_NAMES.match(names[i])), facts_columns or None)
     known = {"delimiter": delimiter, "decimal": decimal, "width": columns, "file": file}
     read = partial(read_head, **known, numeric=numeric, x_column=x_column)
     return CsvLayout(
@@ -230,8 +234,8 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     )
 
 
-def _numeric(rows: Sequence[list[str]], fields: int, decimal: str) -> list[int]:
-    """Return the columns in most of whose cells there is a number."""
+def _numeric_columns(rows: Sequence[list[str]], fields: int, decimal: str) -> list[int]:
+    """Return the columns most of whose cells hold numbers."""
     return [
         column
         for column in range(fields)
@@ -258,7 +262,7 @@ def _first_row(
         if is_labview and row[0][:1].isalpha() and not cells[last][0]:
             continue  # a key above an empty column
         if all(numbers) or not is_statement(lines[i], delimiter):
-            return _behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
+            return _line_behind_names({j: r for j, r in cells.items() if j >= i}, numeric, decimal)
     return None
 
 
@@ -324,14 +328,14 @@ def _usual_length(sample: list[list[str]], lines: list[str], delimiter: str) -> 
 
 
 def _decimal_of(lines: list[str], delimiter: str) -> str:
-    """Tell the decimal sign from the whole head: the sample may hold integers alone."""
+    """Return the decimal sign by the whole head: the sample may hold integers alone."""
     cells = [cell for line in lines for cell in split_line(line, delimiter)]
     commas = sum(is_number(cell, ",") and _DECIMAL_COMMA.search(cell) is not None for cell in cells)
     points = sum(is_number(cell, ".") and "." in cell for cell in cells)
     return "," if commas > points else "."
 
 
-def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
+def _columns_with_text(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
     """Return the columns of numbers that hold text in this row."""
     return [
         column
@@ -342,11 +346,11 @@ def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int
     ]
 
 
-def _behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: str) -> int:
+def _line_behind_names(rows: dict[int, list[str]], numeric: Sequence[int], decimal: str) -> int:
     """Return the first data line: behind names, if each line above has text among its numbers."""
     last: list[int] = []
     for line, row in rows.items():
-        texts = _texts(row, numeric, decimal)
+        texts = _columns_with_text(row, numeric, decimal)
         if not any(row):
             continue
         if not texts:
@@ -375,7 +379,7 @@ def _refuse_mixed_first_row(
     row: Sequence[str], numeric: Sequence[int], decimal: str, where: str
 ) -> None:
     """Refuse a line that is half header, half data: dropping or using it would be a guess."""
-    text = _texts(row, numeric, decimal)
+    text = _columns_with_text(row, numeric, decimal)
     if text:
         raise InputError(
             "The first row of numbers holds text.",

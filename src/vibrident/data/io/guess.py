@@ -1,4 +1,4 @@
-"""The meaning of a data file's columns, guessed from their names, for a person to confirm."""
+"""Guess the meaning of a data file's columns from their names, for a person to confirm."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _BRACKETS = re.compile(r"[\[(]((?:\([^()]*\)|[^\])])+)[\])]")
 _CHANNEL = re.compile(
     r"(?:ch(?:an(?:nel)?)?|kanal|ai|in(?:put)?|no|nr|#)?[\s._:#/-]*\d+", re.IGNORECASE
 )
-_LONGEST_NAME = 200
+_MAX_NAME_LENGTH = 200
 _EXCITATIONS = (
     ("multisine", re.compile(r"multi", re.IGNORECASE)),
     ("sweep", re.compile(r"sweep|chirp", re.IGNORECASE)),
@@ -199,7 +199,7 @@ def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | No
 def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
     """Return two signals in quadrature, one on a carrier, or none, of columns with unique names."""
     plain = {
-        p: _BRACKETS.sub("", names[p][:_LONGEST_NAME]).strip()
+        p: _BRACKETS.sub("", names[p][:_MAX_NAME_LENGTH]).strip()
         for p in positions
         if names.count(names[p]) == 1
     }
@@ -214,8 +214,8 @@ def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...
 
 
 def _unit(names: Sequence[str], position: int | None) -> str:
-    found = [] if position is None else _BRACKETS.findall(names[position][:_LONGEST_NAME])
-    return next((text for text in map(str.strip, found) if not _CHANNEL.fullmatch(text)), "")
+    bracketed = [] if position is None else _BRACKETS.findall(names[position][:_MAX_NAME_LENGTH])
+    return next((text for text in map(str.strip, bracketed) if not _CHANNEL.fullmatch(text)), "")
 
 
 def _table(names: Sequence[str]) -> dict[str, int]:

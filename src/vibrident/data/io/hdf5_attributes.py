@@ -1,4 +1,4 @@
-"""What the attributes of an HDF5 or netCDF 4 file state about its datasets."""
+"""Read the statements of an HDF5 or netCDF 4 file's attributes about its datasets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_STATED_ITEMS = 10_000  # of an attribute or of a dataset that states someth
 
 @dataclass(frozen=True)
 class Packing:
-    """How a dataset's numbers stand for values, by the conventions of netCDF."""
+    """Packing of a dataset's numbers by the conventions of netCDF."""
 
     scale: float
     offset: float

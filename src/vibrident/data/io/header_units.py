@@ -24,11 +24,11 @@ from vibrident.data.io.units import (
     PLAIN_BRACKETS,
     QUANTITY_UNITS,
     Unit,
-    counts_rows,
     factor_between,
+    is_no_unit,
+    is_row_counter,
     parse_unit,
     quantity_of,
-    says_nothing,
     split_unit,
 )
 from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
@@ -46,7 +46,7 @@ _TIME_NAMES = frozenset(
 
 
 @dataclass(frozen=True)
-class Conversion:
+class ChannelConversion:
     """Factor from a number in a file to the unit of its channel, before ``scale``."""
 
     factor: float
@@ -84,7 +84,7 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float | None:
     parsed = parse_unit(unit)
     if parsed is not None and parsed.dimension == (("s", 1),):
         return parsed.factor
-    if counts_rows(unit) or (parsed is not None and parsed.dimension):
+    if is_row_counter(unit) or (parsed is not None and parsed.dimension):
         raise InputError(
             "The header of a column contradicts the calibration file.",
             expected="a column in seconds, or in a multiple of it",
@@ -117,7 +117,7 @@ def _unit_of_time(name: str) -> str:
     """Return the unit in the name of a column of times; "" if none."""
     short = short_name(name)
     unit = unit_in_name(short)
-    if parse_unit(unit) is not None or counts_rows(unit):
+    if parse_unit(unit) is not None or is_row_counter(unit):
         return unit
     if len(short) > 1 and _is_a_time(short):  # "seconds"
         return short
@@ -144,7 +144,7 @@ def file_unit(source: ColumnFile, position: int) -> tuple[str, bool]:
     A unit in a name is a guess: only known ones count. "" for none.
     """
     stated = source.stated_unit(position)
-    if stated and not says_nothing(stated):
+    if stated and not is_no_unit(stated):
         return stated, True
     unit = unit_in_name(header(source, position))
     return (unit if parse_unit(unit) is not None else "", False)
@@ -164,7 +164,7 @@ def reference_unit(section: ReferenceSection, first_unit: str) -> str:
 
 def reference_conversion(
     source: ColumnFile, position: int, section: ReferenceSection, unit: str
-) -> Conversion:
+) -> ChannelConversion:
     """Return the factor to the reference's ``unit``; InputError where the file contradicts it.
 
     ``[reference] unit`` may name the SI unit, which confirms it, or the unit in the file.
@@ -176,13 +176,13 @@ def reference_conversion(
     text = declared or stated
     parsed = parse_unit(text)
     if not text:
-        return Conversion(1.0, stated)
+        return ChannelConversion(1.0, stated)
     wanted = QUANTITY_UNITS[section.quantity]
     if parsed is not None and parsed.dimension == wanted.dimension:
         if declared:
-            return Conversion(declared_factor(section, source), text)
+            return ChannelConversion(declared_factor(section, source), text)
         _refuse_second_conversion(source, position, section, parsed.factor, text)
-        return Conversion(parsed.factor, text)
+        return ChannelConversion(parsed.factor, text)
     quantity = quantity_of(text)
     if quantity is not None:
         remedy = f'set quantity = "{quantity}", or correct the unit in the file'
@@ -195,7 +195,7 @@ def reference_conversion(
         raise _contradiction(
             source, position, "[reference] scale", f"a unit of {section.quantity}", text, remedy
         )
-    return Conversion(1.0, stated)
+    return ChannelConversion(1.0, stated)
 
 
 def _declared_unit(section: ReferenceSection, stated: str, source: ColumnFile) -> str:
@@ -286,7 +286,7 @@ def _is_time_like(unit: Unit) -> bool:
 
 def response_conversion(
     source: ColumnFile, position: int, section: ResponseSection, unit: str
-) -> Conversion:
+) -> ChannelConversion:
     """Return the factor to the response's ``unit``; InputError where the file contradicts it."""
     return _convert(source, position, "[response]", file_unit(source, position)[0], unit, section)
 
@@ -298,27 +298,27 @@ def _convert(
     text: str,
     unit: str,
     section: ReferenceSection | ResponseSection,
-) -> Conversion:
+) -> ChannelConversion:
     """Return the conversion of a channel that has a unit of its own."""
     parsed = parse_unit(text)
     wanted = parse_unit(unit)
     if not text or text == unit:
-        return Conversion(1.0, text)
+        return ChannelConversion(1.0, text)
     if parsed is not None and wanted is not None and parsed.dimension == wanted.dimension:
         factor = parsed.factor / wanted.factor
         if factor != 1.0 and is_same_factor(section.scale, factor):
             raise _converted_twice(source, position, key, text, section.scale)
-        return Conversion(factor, text)
+        return ChannelConversion(factor, text)
     sure = bool(source.stated_unit(position)) or (parsed is not None and not _is_time_like(parsed))
     if (
         sure
         and abs(section.scale) == 1.0
-        and not says_nothing(text)
+        and not is_no_unit(text)
         and unit != REFERENCE_UNITS["drive"]
     ):
         remedy = f'set unit = "{text}"; or set scale to {unit} per {text}; or correct the file'
         raise _contradiction(source, position, f"{key} unit", f"a multiple of {unit}", text, remedy)
-    return Conversion(1.0, text)
+    return ChannelConversion(1.0, text)
 
 
 def is_same_factor(scale: float, factor: float) -> bool:

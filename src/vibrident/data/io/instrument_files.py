@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import library
-from vibrident.data.known import DigitalFilter, KnownResponse, PolesZeros, Shape, Tabulated
+from vibrident.data.known import DigitalFilter, KnownResponse, RationalResponse, Shape, Tabulated
 from vibrident.data.records import FloatArray
 
 _ZEROS_AND_POLES = re.compile(r"^\s*(ZEROS|POLES|CONSTANT)\s+(\S+)", re.IGNORECASE)
@@ -101,15 +101,15 @@ def _read_sacpz(text: str, path: Path) -> tuple[KnownResponse, str]:
                 roots[current].append(complex(float(numbers[0]), float(numbers[1])))
     except (ValueError, IndexError) as error:
         raise _refused(path, "ZEROS, POLES and CONSTANT with numbers", str(error)[:200]) from error
-    for name, found in roots.items():  # those that are not listed lie at the origin
-        found += [0j] * (counts[name] - len(found))
+    for name, listed in roots.items():  # those that are not listed lie at the origin
+        listed += [0j] * (counts[name] - len(listed))
     known = KnownResponse.from_poles(roots["POLES"], roots["ZEROS"], constant)
     return known, f"{units['OUTPUT']}/({units['INPUT']})"
 
 
 def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) -> Any:
     """Return the only response that the file has for a channel and a time."""
-    found = []
+    responses = []
     for network in inventory:
         for station in network:
             for each in station:
@@ -119,12 +119,12 @@ def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) 
                 goes_on = moment is None or each.end_date is None or moment <= each.end_date
                 if fits and begins and goes_on and each.response is not None:
                     epoch = "" if each.start_date is None else f" from {each.start_date.date}"
-                    found.append((f"{code}{epoch}", each.response))
-    if len(found) != 1:
+                    responses.append((f"{code}{epoch}", each.response))
+    if len(responses) != 1:
         remedy = "name one by channel, and its epoch by time"
-        shown = ", ".join(name for name, _ in found[:8]) or "none"
-        raise _refused(path, "one response", f"{len(found)}: {shown}", remedy)
-    return found[0][1]
+        shown = ", ".join(name for name, _ in responses[:8]) or "none"
+        raise _refused(path, "one response", f"{len(responses)}: {shown}", remedy)
+    return responses[0][1]
 
 
 def _known(response: Any, path: Path) -> tuple[KnownResponse, str]:
@@ -205,12 +205,12 @@ def _poles(stage: Any, rate_hz: Any) -> Shape:
         factor *= turn ** (poles.size - zeros.size)
         poles = turn * poles
         zeros = turn * zeros
-    return PolesZeros(poles.astype(complex), zeros.astype(complex), factor)
+    return RationalResponse(poles.astype(complex), zeros.astype(complex), factor)
 
 
-def _gain(value: Any) -> PolesZeros:
+def _gain(value: Any) -> RationalResponse:
     none = np.zeros(0, dtype=complex)
-    return PolesZeros(none, none, float(value))
+    return RationalResponse(none, none, float(value))
 
 
 def _plain(unit: str | None) -> str:
@@ -218,11 +218,11 @@ def _plain(unit: str | None) -> str:
     return _UNITS.get(text.upper(), text)
 
 
-def _refused(path: Path, expected: str, found: str, remedy: str = "") -> InputError:
+def _refused(path: Path, expected: str, value: str, remedy: str = "") -> InputError:
     return InputError(
         "The response of an instrument cannot be taken from its file.",
         expected=expected,
-        found=found,
+        found=value,
         where=str(path),
         remedy=remedy or "correct the file, or give poles and zeros",
     )

@@ -17,8 +17,8 @@ Level = Literal["basic", "more", "expert"]
 
 
 @dataclass(frozen=True)
-class Shown:
-    """Mark of a type that does not say by itself how it is asked for; ``kind`` as of a key."""
+class FormKind:
+    """Kind of form field of a type that does not imply it; ``kind`` as of a key."""
 
     kind: str
 
@@ -81,8 +81,8 @@ class Key:
         """Return the unit in which a form asks beside the other keys, and its number in one."""
         if self.in_form_by is None:
             return self.in_form
-        other, units = self.in_form_by
-        return units.get(row.get(other) or "", ("", 1.0))
+        other_key, units = self.in_form_by
+        return units.get(row.get(other_key) or "", ("", 1.0))
 
     def applies(self, row: Mapping[str, Any]) -> bool:
         """Return whether the key has a meaning beside the values of the others."""
@@ -129,7 +129,7 @@ def _key(name: str, field: FieldInfo) -> Key:
 
 def _kind(parts: list[Any], section: bool, choices: bool) -> str:
     several = any(typing.get_origin(part) is list for part in parts)
-    marked = next((part.kind for part in parts if isinstance(part, Shown)), None)
+    marked = next((part.kind for part in parts if isinstance(part, FormKind)), None)
     if marked or choices:
         return marked or "choice"
     if several:

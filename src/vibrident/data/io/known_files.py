@@ -1,4 +1,4 @@
-"""The known responses of a calibration file → one for each channel, in its units.
+"""Combine the known responses of a calibration file to one for each channel, in its units.
 
 Entries are a chain from the recorder to the motion. The unit of each leads on: with the channel in
 V, ``V/pC`` leads to pC, and ``pC/(m/s^2)`` to m/s². A reference's chain ends at a unit of motion;
@@ -21,7 +21,7 @@ from vibrident.data.io.known_section import KnownResponseEntry
 from vibrident.data.io.reader import sha256
 from vibrident.data.io.table_file import read_table
 from vibrident.data.io.units import QUANTITY_UNITS, factor_between, parse_unit, quantity_of
-from vibrident.data.known import KnownResponse, PolesZeros
+from vibrident.data.known import KnownResponse, RationalResponse
 from vibrident.data.known.unsure import flat_effects
 from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
 
@@ -34,13 +34,7 @@ _TABLE_KEYS = (
 
 @dataclass(frozen=True)
 class KnownChannel:
-    """What is known of a channel, and the units at both ends of its chain.
-
-    Attributes:
-        response: None where nothing is stated.
-        held: unit of what the channel holds.
-        measured: unit of what it measures.
-    """
+    """Known response of a channel, and the units at both ends of its chain."""
 
     response: KnownResponse | None
     held: str
@@ -50,31 +44,27 @@ class KnownChannel:
 def known_channel(
     document: CalibrationFile, name: ChannelName, folder: Path, where: str
 ) -> KnownChannel:
-    """Return what a calibration file states of a channel.
-
-    Raises:
-        InputError: a file cannot be used, or the units do not lead from the channel to the motion.
-    """
+    """Return the known response of a channel that a calibration file states."""
     section = getattr(document, name)
     quantity = document.reference.quantity
     target = REFERENCE_UNITS[quantity] if quantity != "drive" else document.reference.unit
     if not section.known_response:
         return KnownChannel(None, section.unit, target if name == "reference" else section.unit)
     held = unit = section.unit or "V"
-    whole: KnownResponse | None = None
+    chain: KnownResponse | None = None
     for number, entry in enumerate(section.known_response, start=1):
         here = f"{where}, [[{name}.known_response]] entry {number}"
         wanted = f"{unit}/({target})" if name == "reference" and quantity != "drive" else "1"
-        part, stated = _read(entry, unit, wanted, folder, here)
-        factor, unit = _led_on(unit, stated, here)
-        part = replace(part, channel_unit=held)
-        part = _scaled(part, factor)
-        whole = part if whole is None else whole.times(part)
-    assert whole is not None
+        response, stated = _read(entry, unit, wanted, folder, here)
+        factor, unit = _factor_and_input_unit(unit, stated, here)
+        response = replace(response, channel_unit=held)
+        response = _scaled(response, factor)
+        chain = response if chain is None else chain.times(response)
+    assert chain is not None
     if name == "reference" and quantity != "drive":
-        whole = _per_motion(whole, unit, quantity, f"{where}, [[reference.known_response]]")
+        chain = _per_motion(chain, unit, quantity, f"{where}, [[reference.known_response]]")
         unit = target
-    return KnownChannel(whole, held, unit)
+    return KnownChannel(chain, held, unit)
 
 
 def as_channels(document: CalibrationFile) -> CalibrationFile:
@@ -162,12 +152,12 @@ def _of_table(
             where=where,
             remedy="add phase = …, the column that holds it",
         )
-    given = {k: getattr(entry, k) for k in _TABLE_KEYS if k in entry.model_fields_set}
+    stated_keys = {k: getattr(entry, k) for k in _TABLE_KEYS if k in entry.model_fields_set}
     document = CalibrationFile.model_validate(
         {
             "reference": {"quantity": quantity, "unit": "" if quantity != "drive" else below},
             "response": {"unit": above},
-            "table": TableSection.model_validate({"file": entry.file, **given}),
+            "table": TableSection.model_validate({"file": entry.file, **stated_keys}),
         }
     )
     table = read_table(document, folder, where)
@@ -186,7 +176,7 @@ def _of_table(
     return known, f"{above}/({REFERENCE_UNITS[quantity] if quantity in QUANTITY_UNITS else below})"
 
 
-def _led_on(unit: str, stated: str, where: str) -> tuple[float, str]:
+def _factor_and_input_unit(unit: str, stated: str, where: str) -> tuple[float, str]:
     """Return the factor to a channel's ``unit`` and what a response of unit ``stated`` leads to."""
     if stated.strip() == "1":
         return 1.0, unit
@@ -210,7 +200,7 @@ def _scaled(known: KnownResponse, factor: float) -> KnownResponse:
     if factor == 1.0:
         return known
     none = np.zeros(0, dtype=complex)
-    return replace(known, shapes=(*known.shapes, PolesZeros(none, none, factor)))
+    return replace(known, shapes=(*known.shapes, RationalResponse(none, none, factor)))
 
 
 def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
@@ -233,5 +223,5 @@ def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> K
     poles, zeros = (origin, none) if steps > 0 else (none, origin)
     if steps == 0 and math.isclose(parsed.factor, 1.0):
         return known
-    shape = PolesZeros(poles, zeros, 1.0 / parsed.factor)
+    shape = RationalResponse(poles, zeros, 1.0 / parsed.factor)
     return replace(known, shapes=(*known.shapes, shape))

@@ -1,4 +1,4 @@
-"""[[reference.known_response]] and [[response.known_response]]: what is known of a channel."""
+"""[[reference.known_response]] and [[response.known_response]]: known responses of channels."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _ANY = {"unit", "standard_uncertainty", "phase_standard_uncertainty"}
 
 
 class KnownResponseEntry(FileSection):
-    """One known response of a channel; several are a chain, from the recorder to the motion."""
+    """Known response of a channel; several are a chain, from the recorder to the motion."""
 
     file: Text | None = expert(
         about="A table; StationXML, RESP or SACPZ; or the result.json of the reference sensor."
@@ -80,8 +80,8 @@ def check_known(entries: list[KnownResponseEntry], where: str) -> None:
     """Refuse an entry that states its response in no way or two, or keys of another way."""
     for number, entry in enumerate(entries, start=1):
         here = f"{where} entry {number}"
-        given = entry.model_fields_set
-        ways = [way for way, (needed, _) in WAYS.items() if given & set(needed)]
+        stated_keys = entry.model_fields_set
+        ways = [way for way, (needed, _) in WAYS.items() if stated_keys & set(needed)]
         if len(ways) != 1:
             raise InputError(
                 "A known response is stated in one way.",
@@ -90,12 +90,12 @@ def check_known(entries: list[KnownResponseEntry], where: str) -> None:
                 where=here,
                 remedy="give the keys of one way; a chain has an entry for each of its parts",
             )
-        needed, others = WAYS[ways[0]]
-        odd = sorted(given - {*needed, *others} - _ANY)
+        needed, optional = WAYS[ways[0]]
+        odd = sorted(stated_keys - {*needed, *optional} - _ANY)
         if odd:
             raise InputError(
                 f"A key does not belong to {ways[0]}.",
-                expected=f"one of {', '.join((*needed, *others, *sorted(_ANY)))}",
+                expected=f"one of {', '.join((*needed, *optional, *sorted(_ANY)))}",
                 found=", ".join(odd),
                 where=here,
                 remedy=f"remove {', '.join(odd)}",

@@ -41,15 +41,15 @@ _MAX_ITEMS = 100_000  # cells, or structures of an array
 
 
 @dataclass(frozen=True)
-class Other:
-    """A variable that is neither numbers nor text nor one structure."""
+class UnsupportedVariable:
+    """Variable that is neither numbers nor text nor one structure."""
 
     kind: str
 
 
 @dataclass(frozen=True)
 class _Head:
-    """What stands in front of the contents of a variable."""
+    """Head of a variable, in front of its contents."""
 
     name: str
     kind: int  # class
@@ -110,31 +110,32 @@ class Element:
 def variables(path: Path) -> dict[str, Any]:
     """Return name → variable: Numbers, text, a list of texts, a dictionary of fields, or Other.
 
-    Arrays of numbers, but for single ones, are not read beyond their heads. Errors as ``whole``.
+    Arrays of numbers, but for single ones, are not read beyond their heads. Errors as
+    ``variable_at``.
     """
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for element, begin, size in _elements(path):
         head = _head(element, 0)
         if head.kind in _NUMERIC and math.prod(head.shape) != 1:
-            found[head.name] = Numbers(head.shape, head.is_complex, element, head.end)
+            by_name[head.name] = Numbers(head.shape, head.is_complex, element, head.end)
         else:
-            found[head.name] = _contents(whole(path, element.order, begin, size), 0)
-    return found
+            by_name[head.name] = _contents(variable_at(path, element.order, begin, size), 0)
+    return by_name
 
 
 def numbers_of(path: Path, names: list[str]) -> Any:
     """Return the array at a path of names through the structures of a file."""
     for element, begin, size in _elements(path):
         if _head(element, 0).name == names[0]:
-            value = _contents(whole(path, element.order, begin, size), 0)
+            value = _contents(variable_at(path, element.order, begin, size), 0)
             for name in names[1:]:
                 value = value[name]
             return value.array()
     raise ValueError(f"no variable {names[0]!r}")
 
 
-def whole(path: Path, order: str, begin: int, size: int) -> Element:
-    """Return a variable whose element is at a place; InputError where it unpacks to too much."""
+def variable_at(path: Path, order: str, begin: int, size: int) -> Element:
+    """Return the variable whose element is at a place; InputError if it unpacks to too much."""
     limit = memory_for(path.stat().st_size)
     with path.open("rb") as stream:
         stream.seek(begin)
@@ -204,12 +205,18 @@ def _contents(element: Element, at: int, depth: int = 0) -> Any:
         return dict(zip(fields, _matrices(element, at, len(fields), depth), strict=True))
     if head.kind == _CELL and 0 < count <= _MAX_ITEMS:
         cells = list(_matrices(element, at, count, depth))
-        return cells if all(isinstance(cell, str) for cell in cells) else Other("cell")
-    return Other(_CLASSES.get(head.kind, f"class {head.kind}"))
+        return (
+            cells if all(isinstance(cell, str) for cell in cells) else UnsupportedVariable("cell")
+        )
+    return UnsupportedVariable(_CLASSES.get(head.kind, f"class {head.kind}"))
 
 
 def _matrices(element: Element, at: int, count: int, depth: int) -> Iterator[Any]:
     """Yield the values of matrices one behind the other."""
     for _ in range(count):
         _, begin, end, at = element.tag(at)
-        yield _contents(element, begin, depth + 1) if end > begin else Other("empty array")
+        yield (
+            _contents(element, begin, depth + 1)
+            if end > begin
+            else UnsupportedVariable("empty array")
+        )

@@ -8,28 +8,33 @@ import numpy as np
 
 from vibrident.data.effects import SystematicEffect
 from vibrident.data.interferometer.demodulation import Demodulated
-from vibrident.data.interferometer.effects import Answer, Cyclic, significant
+from vibrident.data.interferometer.effects import CyclicError, PhaseErrorResponse, significant
 from vibrident.data.interferometer.setting import FloatArray, Interferometer
 
 
-def cyclic_errors(made: Sequence[Demodulated], setting: Interferometer) -> list[Cyclic | None]:
+def cyclic_errors(
+    demodulated: Sequence[Demodulated], setting: Interferometer
+) -> list[CyclicError | None]:
     """Return the significant cyclic error of each record.
 
-    It is one of the set-up; beside a carrier, whose phase begins anew, each record has its own.
+    Quadrature signals share the error of their set-up. The phase of a carrier begins anew in each
+    record, so that each heterodyne record has an error of its own.
     """
-    measured = [found.answer.cyclic for found in made]
+    measured = [each.answer.cyclic for each in demodulated]
     if setting.kind == "quadrature":
-        return [significant(measured)] * len(made)
-    return [significant([one]) for one in measured]
+        return [significant(measured)] * len(demodulated)
+    return [significant([error]) for error in measured]
 
 
-def left_of(
-    errors: Sequence[Cyclic | None], answers: Sequence[Answer], setting: Interferometer
-) -> list[tuple[Sequence[Answer], FloatArray]]:
+def remaining_covariances(
+    errors: Sequence[CyclicError | None],
+    answers: Sequence[PhaseErrorResponse],
+    setting: Interferometer,
+) -> list[tuple[Sequence[PhaseErrorResponse], FloatArray]]:
     """Return the covariances of what remains of cyclic errors.
 
-    That is the uncertainty of those taken out, and beside a carrier those that a record does not
-    show, of the size of the others' and of unknown phase.
+    For errors that were removed, it is that of their estimates. Heterodyne records whose error is
+    not significant get an error of unknown phase and of the size of the others'.
     """
     known = [error for error in errors if error is not None]
     if not known:
@@ -41,20 +46,20 @@ def left_of(
     power = np.sum(shown**2, axis=(0, 2)) / np.maximum(
         np.sum(np.any(shown != 0.0, axis=2), axis=0), 1
     )
-    found: list[tuple[Sequence[Answer], FloatArray]] = []
+    remaining: list[tuple[Sequence[PhaseErrorResponse], FloatArray]] = []
     for error, answer in zip(errors, answers, strict=True):
         waves = np.zeros(shown[0].size) if error is None else error.waves
         unknown = np.diag(np.where(waves == 0.0, np.repeat(0.5 * power, 2), 0.0))
-        found.append(([answer], unknown if error is None else unknown + error.covariance))
-    return found
+        remaining.append(([answer], unknown if error is None else unknown + error.covariance))
+    return remaining
 
 
 def stated_effects(setting: Interferometer) -> list[SystematicEffect]:
     """Return the effects that the calibration file states."""
     wavelength = setting.wavelength_relative_uncertainty
     delay_s = setting.delay_standard_uncertainty_s
-    found = [
+    effects = [
         SystematicEffect("wavelength of the interferometer", "gain", wavelength),
         SystematicEffect("delay of the interferometer", "timing", delay_s),
     ]
-    return [effect for effect in found if effect.standard_uncertainty > 0]
+    return [effect for effect in effects if effect.standard_uncertainty > 0]

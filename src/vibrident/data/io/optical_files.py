@@ -14,16 +14,21 @@ from vibrident.base.errors import InputError
 from vibrident.data.effects import SystematicEffect
 from vibrident.data.interferometer import alignment
 from vibrident.data.interferometer.carrier import (
-    MOST_OF_ALL,
-    MOST_OF_SHOCK,
-    mixed_down,
-    turned_back,
+    MAX_LEAST_BAND,
+    MAX_LEAST_BAND_OF_SHOCK,
+    mix_down,
+    without_residual_carrier,
 )
-from vibrident.data.interferometer.choice import Choice, choose, of_carrier
+from vibrident.data.interferometer.choice import EllipseChoice, carrier_choice, choose
 from vibrident.data.interferometer.demodulation import Demodulated, demodulate
 from vibrident.data.interferometer.effects import effects
-from vibrident.data.interferometer.rough import highest_frequency, rough_frequency, slower
-from vibrident.data.interferometer.setting import FloatArray, Interferometer, Signals, held
+from vibrident.data.interferometer.rough import at_needed_rate, highest_frequency, rough_frequency
+from vibrident.data.interferometer.setting import (
+    FloatArray,
+    Interferometer,
+    SampledSignals,
+    signals_in_memory,
+)
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, survey
 from vibrident.data.io.alignment import REPAIR
@@ -31,53 +36,57 @@ from vibrident.data.io.calibration_file import CalibrationFile
 from vibrident.data.io.clocks import ChannelClock, ClockReader, require_even
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import response_conversion
-from vibrident.data.io.optical_effects import cyclic_errors, left_of, stated_effects
+from vibrident.data.io.optical_effects import cyclic_errors, remaining_covariances, stated_effects
 from vibrident.data.io.optical_motion import (
-    clocks_apart,
-    part_outside,
+    clock_findings,
+    power_share_outside,
     require_motion,
     require_pulse,
 )
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import (
-    Part,
+    RecordPart,
     clock_reader,
+    missing_rate,
     named_parts,
-    no_rate,
     read_record,
-    scaled,
+    scaled_limit,
 )
 from vibrident.data.io.sampling import SAME_RATE, cut
 from vibrident.data.io.sections import InterferometerSection
 from vibrident.data.records import Provenance, Quantity, Record
 
 #: Samples of filtered signals that are kept in memory, of all records together.
-MOST_HELD = 1 << 23
+MAX_SAMPLES_IN_MEMORY = 1 << 23
 #: Optical signals may begin this far from the response, in samples of it; 1 % is a phase error of
 #: 0.7° at a fifth of the rate.
 MAX_APART_SAMPLES = 0.01
-#: A shock is kept at a rate that leaves no more of its response's power to the ends of the record.
-WELL_INSIDE = 2e-3
+#: A shock is kept at a rate that leaves at most this share of its response's power to the ends of
+#: the record.
+MAX_SHARE_OUTSIDE = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class _Opened:
-    """A record's signals before demodulation; ``beside`` if sampled together."""
+class _OpticalRecord:
+    """Signals of a record before demodulation.
 
-    part: Part
+    ``sampled_together``: whether the optical signals and the response share their samples.
+    """
+
+    part: RecordPart
     name: str
-    optical: Signals
-    response: Signals
+    optical: SampledSignals
+    response: SampledSignals
     step: str  # the response's, for the history
     clock: ChannelClock
-    beside: bool
+    sampled_together: bool
     doubts: tuple[OpticalFinding, ...]
     carrier_hz: float | None = None
     factor: float = 1.0  # of the response's unit, before scale
 
 
-class Optical(NamedTuple):
-    """Records whose reference is an interferometer's signals, and what is known of them."""
+class OpticalRecords(NamedTuple):
+    """Records whose reference is an interferometer's signals, with their unit and effects."""
 
     records: tuple[Record, ...]
     quantity: Quantity
@@ -85,7 +94,7 @@ class Optical(NamedTuple):
     effects: tuple[SystematicEffect, ...]
 
 
-def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Optical:
+def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> OpticalRecords:
     """Read records whose reference is an interferometer's signals; arguments as `named_parts`.
 
     Raises:
@@ -100,14 +109,14 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         for part, name in parts
         if part.entry.excitation != "decay"
     ]
-    # said once: the rate is that of all
+    # Report the doubt once: the rate is that of all records.
     doubted = next((raw.name for raw in opened if raw.doubts), "")
     opened = [raw if raw.name == doubted else replace(raw, doubts=()) for raw in opened]
-    opened, seen, choices = _looked_at(opened, setting)
+    opened, surveys, choices = _with_ellipses(opened, setting)
     moving = any(raw.part.entry.excitation != "sine" for raw in opened)
     results = [
-        _record(raw, look, choice, setting, calibration, folder, moving=moving)
-        for raw, look, choice in zip(opened, seen, choices, strict=True)
+        _record(raw, survey, choice, setting, calibration, folder, moving=moving)
+        for raw, survey, choice in zip(opened, surveys, choices, strict=True)
     ]
     errors = cyclic_errors([demodulated for demodulated, _ in results], setting)
     for index, error in enumerate(errors):
@@ -115,11 +124,11 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
             raw = opened[index]
             demodulated = results[index][0]
             if demodulated.carrier is not None:
-                turned = turned_back(raw.optical, demodulated.carrier)
-                raw = replace(raw, optical=turned, carrier_hz=demodulated.summary.carrier_hz)
+                signals = without_residual_carrier(raw.optical, demodulated.carrier)
+                raw = replace(raw, optical=signals, carrier_hz=demodulated.summary.carrier_hz)
             choice = replace(choices[index], error=error.waves)
             results[index] = _record(
-                raw, seen[index], choice, setting, calibration, folder, moving=moving
+                raw, surveys[index], choice, setting, calibration, folder, moving=moving
             )
     records = {raw.name: record for raw, (_, record) in zip(opened, results, strict=True)}
     ordered = [
@@ -129,59 +138,67 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     answers = [demodulated.answer for demodulated, _ in results]
     all_effects = (
         *stated_effects(setting),
-        *(effects(answers, left_of(errors, answers, setting)) if results else ()),
+        *(effects(answers, remaining_covariances(errors, answers, setting)) if results else ()),
     )
     kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
-    return Optical(tuple(ordered), *kind, all_effects)
+    return OpticalRecords(tuple(ordered), *kind, all_effects)
 
 
-def _looked_at(
-    opened: Sequence[_Opened], setting: Interferometer
-) -> tuple[list[_Opened], list[Survey], list[Choice]]:
+def _with_ellipses(
+    opened: Sequence[_OpticalRecord], setting: Interferometer
+) -> tuple[list[_OpticalRecord], list[Survey], list[EllipseChoice]]:
     """Return the records with their surveys and ellipses.
 
-    Signals of a small motion are filtered to a lower rate, without needless noise.
+    Signals of a small motion are filtered to a lower rate, which removes noise.
     """
-    opened = _held(opened)
-    seen = [_surveyed(raw) for raw in opened]
+    opened = _loaded(opened)
+    surveys = [_survey_of(raw) for raw in opened]
     if setting.kind == "heterodyne":
-        return opened, seen, [of_carrier(look, index) for index, look in enumerate(seen)]
-    slowed = [
-        None if look.whole else slower(raw.optical) for raw, look in zip(opened, seen, strict=True)
+        return (
+            opened,
+            surveys,
+            [carrier_choice(survey, index) for index, survey in enumerate(surveys)],
+        )
+    lower_rate = [
+        None if survey.covers_fringe else at_needed_rate(raw.optical)
+        for raw, survey in zip(opened, surveys, strict=True)
     ]
-    slow = _held(
-        [replace(raw, optical=to) if to else raw for raw, to in zip(opened, slowed, strict=True)]
+    filtered = _loaded(
+        [
+            replace(raw, optical=to) if to else raw
+            for raw, to in zip(opened, lower_rate, strict=True)
+        ]
     )
-    seen = [
-        look if raw is was else replace(_surveyed(raw), at_limit=look.at_limit)
-        for raw, was, look in zip(slow, opened, seen, strict=True)
+    surveys = [
+        survey if raw is before else replace(_survey_of(raw), at_limit=survey.at_limit)
+        for raw, before, survey in zip(filtered, opened, surveys, strict=True)
     ]
-    return slow, seen, choose(seen, [raw.name for raw in opened])
+    return filtered, surveys, choose(surveys, [raw.name for raw in opened])
 
 
-def _held(opened: Sequence[_Opened]) -> list[_Opened]:
+def _loaded(opened: Sequence[_OpticalRecord]) -> list[_OpticalRecord]:
     """Return the records with filtered signals in memory, as many as have room."""
-    room = MOST_HELD
+    room = MAX_SAMPLES_IN_MEMORY
     loaded = []
     for raw in opened:
         signals = raw.optical
         if signals.first_s > 0.0 and signals.samples <= room:
-            with _named(raw):
+            with _errors_located(raw):
                 values = signals.block(0, signals.samples)
-            raw = replace(raw, optical=held(values, signals.rate_hz, signals.first_s))
+            raw = replace(raw, optical=signals_in_memory(values, signals.rate_hz, signals.first_s))
             room -= signals.samples
         loaded.append(raw)
     return loaded
 
 
-def _surveyed(raw: _Opened) -> Survey:
-    with _named(raw):
+def _survey_of(raw: _OpticalRecord) -> Survey:
+    with _errors_located(raw):
         return survey(raw.optical)
 
 
 @contextmanager
-def _named(raw: _Opened) -> Iterator[None]:
-    """Let errors name the record's place in the calibration file."""
+def _errors_located(raw: _OpticalRecord) -> Iterator[None]:
+    """Add the record's place in the calibration file to errors."""
     try:
         yield
     except InputError as error:
@@ -189,12 +206,12 @@ def _named(raw: _Opened) -> Iterator[None]:
 
 
 def _open(
-    part: Part,
+    part: RecordPart,
     name: str,
     calibration: CalibrationFile,
     section: InterferometerSection,
     folder: Path,
-) -> _Opened:
+) -> _OpticalRecord:
     main = open_columns(folder / part.file)
     optical_file = (
         main
@@ -208,12 +225,12 @@ def _open(
     beside_response = [at, *places] if optical_file is main else [at]
     clock = clock_reader(part, calibration, main).clock_of(main, at, beside_response)
     if clock is None:
-        raise no_rate(part.where)
+        raise missing_rate(part.where)
     sampling = clock.clock
     require_even(clock, main, part.where)
     optical_hz = _optical_rate(section, calibration, optical_file, places, clock, part)
-    optical = _of_file(optical_file, places, optical_hz, part)
-    response = _of_file(main, (at,), sampling.rate_hz, part)
+    optical = _signals_of(optical_file, places, optical_hz, part)
+    response = _signals_of(main, (at,), sampling.rate_hz, part)
     together = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
     if together and optical.samples != response.samples:
         raise InputError(
@@ -225,21 +242,26 @@ def _open(
             "sampled faster",
         )
     lasting = optical_file.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
-    doubts = () if together else clocks_apart(*lasting, name)
+    doubts = () if together else clock_findings(*lasting, name)
     carrier_hz = section.carrier_hz
     if carrier_hz is not None:
-        most = MOST_OF_SHOCK if part.entry.excitation == "shock" else MOST_OF_ALL
-        optical, carrier_hz = mixed_down(optical, carrier_hz, sampling.rate_hz, part.where, most)
+        most = MAX_LEAST_BAND_OF_SHOCK if part.entry.excitation == "shock" else MAX_LEAST_BAND
+        optical, carrier_hz = mix_down(optical, carrier_hz, sampling.rate_hz, part.where, most)
     to = calibration.response
     conversion = response_conversion(main, at, to, to.unit)
     step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
-    return _Opened(
+    return _OpticalRecord(
         part, name, optical, response, step, clock, together, doubts, carrier_hz, conversion.factor
     )
 
 
-def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: Part) -> Signals:
-    """Return columns of a file to be read block by block; refuse values that are not finite."""
+def _signals_of(
+    source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: RecordPart
+) -> SampledSignals:
+    """Return columns of a file as signals to be read block by block.
+
+    Values that are not finite are refused.
+    """
     rows = cut(
         source.length(positions[0]), rate_hz, part.entry.start_s, part.entry.stop_s, part.where
     )
@@ -251,7 +273,7 @@ def _of_file(source: ColumnFile, positions: tuple[int, ...], rate_hz: float, par
                 source.require_finite(position, column, rows.start + start, REPAIR)
         return values
 
-    return Signals(rows.stop - rows.start, rate_hz, block)
+    return SampledSignals(rows.stop - rows.start, rate_hz, block)
 
 
 def _optical_rate(
@@ -260,7 +282,7 @@ def _optical_rate(
     optical_file: ColumnFile,
     places: Sequence[int],
     response: ChannelClock,
-    part: Part,
+    part: RecordPart,
 ) -> float:
     """Return the rate of the optical signals; InputError for one that contradicts or is too low."""
     time_column = calibration.sampling.time_column if section.rate_hz is None else None
@@ -292,15 +314,15 @@ def _optical_rate(
     return rate_hz
 
 
-def _begins_s(raw: _Opened) -> float:
+def _begins_s(raw: _OpticalRecord) -> float:
     stated = raw.part.entry.start_time_s
     return raw.clock.begins_s if stated is None else stated
 
 
 def _record(
-    raw: _Opened,
-    look: Survey,
-    choice: Choice,
+    raw: _OpticalRecord,
+    survey: Survey,
+    choice: EllipseChoice,
     setting: Interferometer,
     calibration: CalibrationFile,
     folder: Path,
@@ -310,27 +332,39 @@ def _record(
     entry = raw.part.entry
     sine = raw.part.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(raw.optical, choice)) if sine else None
-    coarse = alignment.finer(raw.optical.rate_hz, raw.response.rate_hz)
+    coarse = alignment.optical_factor(raw.optical.rate_hz, raw.response.rate_hz)
     top, broken = (near, False) if near else highest_frequency(raw.optical, choice, coarse)
-    fewest = alignment.OF_SINE if sine else alignment.BESIDE_GAPS if broken else alignment.OF_OTHERS
-    every = alignment.thinning(raw.response.samples, raw.response.rate_hz, top, fewest)
-    least = alignment.no_finer(raw.response.rate_hz, raw.optical.rate_hz)
+    fewest = (
+        alignment.MIN_SAMPLES_OF_SINE
+        if sine
+        else alignment.MIN_SAMPLES_BESIDE_GAPS
+        if broken
+        else alignment.MIN_SAMPLES_OF_OTHERS
+    )
+    every = alignment.thinning_factor(raw.response.samples, raw.response.rate_hz, top, fewest)
+    least = alignment.min_thinning_factor(raw.response.rate_hz, raw.optical.rate_hz)
     every = max(every, least)
 
-    def demodulate_every(every: int) -> tuple[Demodulated, alignment.Aligned]:
-        alike = raw.beside and raw.optical.first_s == 0.0
+    def demodulate_every(every: int) -> tuple[Demodulated, alignment.AlignedDisplacement]:
+        alike = raw.sampled_together and raw.optical.first_s == 0.0
         factor = (
-            every if alike else alignment.finer(raw.optical.rate_hz, raw.response.rate_hz / every)
+            every
+            if alike
+            else alignment.optical_factor(raw.optical.rate_hz, raw.response.rate_hz / every)
         )
         demodulated = demodulate(
-            raw.optical, setting, look, choice, factor, raw.name, near, top, raw.carrier_hz
+            raw.optical, setting, survey, choice, factor, raw.name, near, top, raw.carrier_hz
         )
-        aligned = alignment.together(demodulated, raw.optical, raw.response, every, setting.delay_s)
+        aligned = alignment.aligned_channels(
+            demodulated, raw.optical, raw.response, every, setting.delay_s
+        )
         return demodulated, aligned.accelerated if moving else aligned
 
     demodulated, aligned = demodulate_every(every)
     if entry.excitation == "shock":
-        while (outside := part_outside(raw.response, aligned)) > WELL_INSIDE and every > least:
+        while (
+            outside := power_share_outside(raw.response, aligned)
+        ) > MAX_SHARE_OUTSIDE and every > least:
             every = max(int(0.8 * every), least)
             demodulated, aligned = demodulate_every(every)
         require_pulse(aligned, outside, raw.name)
@@ -358,7 +392,7 @@ def _record(
         valid=aligned.valid,
         start_time_s=_begins_s(raw) + raw.part.start_s + aligned.start_s,
         provenance=Provenance(raw.part.file, sha256(folder / raw.part.file), history),
-        response_full_scale=scaled(calibration.response.full_scale, to_response),
+        response_full_scale=scaled_limit(calibration.response.full_scale, to_response),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,
         band_hz=entry.band_hz,

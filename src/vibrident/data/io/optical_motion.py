@@ -1,63 +1,63 @@
-"""Refuse records of raw light whose motion lies in stretches that are left out."""
+"""Refuse records of raw light whose motion falls into samples that are left out."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.interferometer.alignment import Aligned
-from vibrident.data.interferometer.setting import Signals
+from vibrident.data.interferometer.alignment import AlignedDisplacement
+from vibrident.data.interferometer.setting import SampledSignals
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import BLOCK
 
-#: Largest part of a response's power that may fall into stretches that are left out.
-MOST_LOST = 0.5
+#: Largest share of a response's power that may fall into samples that are left out.
+MAX_LOST_POWER = 0.5
 #: The same of a shock, of which the pulse is all.
-MOST_LOST_OF_SHOCK = 0.1
-#: A channel that lasts 2 to so many times as long as the other has another clock …
-MOST_TIMES = 10
-#: … if the ratio is a whole number to this part.
-SAME_TIME = 5e-3
-#: Least mean square of a shock's acceleration over that of its noise, less one.
-LEAST_ABOVE = 1.5
+MAX_LOST_POWER_OF_SHOCK = 0.1
+#: A channel that lasts 2 to MAX_DURATION_RATIO times as long as the other has another clock …
+MAX_DURATION_RATIO = 10
+#: … if the ratio is a whole number within this relative tolerance.
+DURATION_TOLERANCE = 5e-3
+#: Smallest mean square of a shock's acceleration over that of its noise, less one.
+MIN_SHOCK_TO_NOISE = 1.5
 #: A response is the shock's above this multiple of its median power: 3 standard deviations of
 #: noise.
-LOUD = 20.0
-#: Samples beside these that tell nothing either: a fit interpolates the reference from so many on
-#: either side …
-BESIDE = 32
-#: … and from so many at the ends of a record, where the state of the sensor is an unknown, too.
-ENDS = 48
+MIN_PULSE_TO_MEDIAN = 20.0
+#: Samples beside these that a fit cannot use either: it interpolates the reference from this many
+#: on either side …
+UNSEEN_NEIGHBOURS = 32
+#: … and this many at the ends of a record, where the state of the sensor is an unknown, too.
+UNSEEN_END_SAMPLES = 48
 
 
-def clocks_apart(optical_s: float, response_s: float, name: str) -> tuple[OpticalFinding, ...]:
-    """Return a doubt where one channel lasts a whole number of times as long as the other."""
+def clock_findings(optical_s: float, response_s: float, name: str) -> tuple[OpticalFinding, ...]:
+    """Return a finding if one channel lasts a whole number of times as long as the other."""
     times = max(optical_s, response_s) / max(min(optical_s, response_s), 1e-300)
-    ratio = round(min(times, MOST_TIMES + 1.0))
-    if not 2 <= ratio <= MOST_TIMES or abs(times / ratio - 1.0) > SAME_TIME:
+    ratio = round(min(times, MAX_DURATION_RATIO + 1.0))
+    if not 2 <= ratio <= MAX_DURATION_RATIO or abs(times / ratio - 1.0) > DURATION_TOLERANCE:
         return ()
     text = (
         f"{name}: the optical signals last {optical_s:.6g} s, the response {response_s:.6g} s. "
-        f"If both were recorded together, rate_hz of [interferometer] or of [sampling] is wrong "
+        "If both were recorded together, rate_hz of [interferometer] or of [sampling] is wrong "
         f"by a factor of {ratio}."
     )
     return (OpticalFinding("clock_suspect", text),)
 
 
-def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
-    """Refuse a record whose motion falls into stretches that are left out.
+def require_motion(aligned: AlignedDisplacement, excitation: str, name: str) -> None:
+    """Refuse a record whose motion falls into samples that are left out.
 
-    What is beside the pulse of a shock tells nothing of the sensor.
+    The record beside the pulse of a shock does not determine the sensor.
     """
-    most = MOST_LOST_OF_SHOCK if excitation == "shock" else MOST_LOST
+    max_lost_power = MAX_LOST_POWER_OF_SHOCK if excitation == "shock" else MAX_LOST_POWER
     power = (aligned.response - np.mean(aligned.response)) ** 2
-    unseen = np.convolve(~aligned.valid, np.ones(2 * BESIDE + 1), "same") > 0.5
+    unseen = np.convolve(~aligned.valid, np.ones(2 * UNSEEN_NEIGHBOURS + 1), "same") > 0.5
     lost = float(np.sum(power[unseen])) / max(float(np.sum(power)), 1e-300)
-    if lost > most:
+    if lost > max_lost_power:
         raise InputError(
             "The light is lost while the sensor moves (fringe_slip).",
-            expected=f"at least {100 * (1 - most):.0f} % of the response's power outside the "
-            "stretches left out",
+            expected=f"at least {100 * (1 - max_lost_power):.0f} % of the response's power "
+            "outside the stretches left out",
             found=f"{100 * (1 - lost):.2g} %; {100 * float(np.mean(~aligned.valid)):.2g} % of the "
             "time is left out",
             where=name,
@@ -65,11 +65,11 @@ def require_motion(aligned: Aligned, excitation: str, name: str) -> None:
         )
 
 
-def part_outside(response: Signals, seen: Aligned) -> float:
-    """Return the part of a response's power so near to its ends that no fit sees it."""
-    margin_s = ENDS / seen.rate_hz
-    first_s = seen.start_s + margin_s
-    last_s = seen.start_s + seen.response.shape[0] / seen.rate_hz - margin_s
+def power_share_outside(response: SampledSignals, aligned: AlignedDisplacement) -> float:
+    """Return the share of a response's power so near to its ends that no fit uses it."""
+    margin_s = UNSEEN_END_SAMPLES / aligned.rate_hz
+    first_s = aligned.start_s + margin_s
+    last_s = aligned.start_s + aligned.response.shape[0] / aligned.rate_hz - margin_s
     first = int(first_s * response.rate_hz)
     last = int(last_s * response.rate_hz)
     sums = np.zeros((2, 3))
@@ -82,27 +82,27 @@ def part_outside(response: Signals, seen: Aligned) -> float:
     return float(1.0 - within / max(total, 1e-300))
 
 
-def require_pulse(seen: Aligned, outside: float, name: str) -> None:
-    """Refuse a shock that is not seen.
+def require_pulse(aligned: AlignedDisplacement, outside: float, name: str) -> None:
+    """Refuse a shock that the displacement does not show.
 
-    Too near to an end only free ringing remains, which any sensitivity explains; of one too weak
-    the differences of a displacement are noise of the phase.
+    Too near to an end only free ringing remains, which any sensitivity explains. If the shock is
+    too weak, the differences of the displacement are noise of the phase.
     """
-    if outside > MOST_LOST_OF_SHOCK:
+    if outside > MAX_LOST_POWER_OF_SHOCK:
         raise InputError(
             "The shock is too near to an end of the record.",
-            expected=f"at least {100 * (1 - MOST_LOST_OF_SHOCK):.0f} % of the response's power "
-            "where the displacement can be differentiated",
+            expected=f"at least {100 * (1 - MAX_LOST_POWER_OF_SHOCK):.0f} % of the response's "
+            "power where the displacement can be differentiated",
             found=f"{100 * (1 - outside):.2g} %",
             where=name,
             remedy="record more before and after the shock",
         )
-    above = _above_noise(seen)
-    if above < LEAST_ABOVE:
+    above = _pulse_to_noise(aligned)
+    if above < MIN_SHOCK_TO_NOISE:
         raise InputError(
             "The shock is hidden by the noise of the interferometer's phase.",
             expected="an acceleration whose mean square during the shock exceeds that of its "
-            f"noise {LEAST_ABOVE:g} times, at {seen.rate_hz:.6g} Hz",
+            f"noise {MIN_SHOCK_TO_NOISE:g} times, at {aligned.rate_hz:.6g} Hz",
             found=f"{above:.2g} times",
             where=name,
             remedy="shock harder, reduce the noise of the optical signals, or record more before "
@@ -111,15 +111,15 @@ def require_pulse(seen: Aligned, outside: float, name: str) -> None:
         )
 
 
-def _above_noise(seen: Aligned) -> float:
+def _pulse_to_noise(aligned: AlignedDisplacement) -> float:
     """Return the mean square of a shock's acceleration over that of its noise, less one."""
-    power = (seen.response - np.median(seen.response)) ** 2
-    square = seen.displacement_m**2
-    energy = np.cumsum(np.where(power > LOUD * np.median(power), power, 0.0))
+    power = (aligned.response - np.median(aligned.response)) ** 2
+    square = aligned.displacement_m**2
+    energy = np.cumsum(np.where(power > MIN_PULSE_TO_MEDIAN * np.median(power), power, 0.0))
     begin, middle, end = np.searchsorted(energy, np.array([0.01, 0.5, 0.999]) * energy[-1])
-    still = seen.valid.copy()
+    still = aligned.valid.copy()
     still[max(begin - 8, 0) : end] = False
-    noise = float(np.mean(square[still])) if np.count_nonzero(still) >= ENDS else 0.0
+    noise = float(np.mean(square[still])) if np.count_nonzero(still) >= UNSEEN_END_SAMPLES else 0.0
     return (
         float(np.mean(square[max(begin - 2, 0) : middle + 1])) / noise - 1.0
         if noise > 0.0

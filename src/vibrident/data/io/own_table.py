@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.alignment import Channel, align
+from vibrident.data.io.alignment import ClockedChannel, align
 from vibrident.data.io.calibration_file import ResponseSection
 from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import library
@@ -35,7 +35,7 @@ def read_signal(
         unit: of the response.
 
     Raises:
-        InputError: nothing tells the sampling rate, or the file contradicts rate or unit.
+        InputError: nothing states the sampling rate, or the file contradicts rate or unit.
     """
     source = open_columns(path)
     place = source.position_of(_key(column), "⟦correct.column⟧")
@@ -52,7 +52,7 @@ def read_signal(
             remedy="give one of the two",
         )
     conversion = response_conversion(source, place, ResponseSection(scale=scale, unit=unit), unit)
-    aligned = align(Channel(source, place, values, clock), None, None, None, str(path))
+    aligned = align(ClockedChannel(source, place, values, clock), None, None, None, str(path))
     if aligned.response.size != values.size or aligned.valid is not None:
         raise InputError(
             "The rows of the table are not even in time.",

@@ -59,7 +59,7 @@ class PlainText:
             size = stream.seek(0, 2)
             stream.seek(max(0, size - TAIL_BYTES))
             tail = stream.read()
-        self.wide = _wide_encoding(head)  # "utf-16" and its relatives; "" for others
+        self.wide: str = _wide_encoding(head)  # "utf-16" and its relatives; "" for others
         self._is_odd = bool(self.wide) or len(_without_end(tail)) < len(tail)
 
     def open(self) -> BinaryIO:

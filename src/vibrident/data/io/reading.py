@@ -15,7 +15,7 @@ from vibrident.data.io.header_units import file_unit, reference_unit, response_u
 from vibrident.data.io.known_files import as_channels, known_channel, known_files
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
-    Part,
+    RecordPart,
     data_files,
     named_parts,
     read_record,
@@ -37,16 +37,16 @@ _SECONDS_PER_BYTE = 1e-6
 GivenCalibration = Calibration | str | os.PathLike[str]
 
 
-def as_calibration(given: GivenCalibration) -> Calibration:
+def as_calibration(calibration: GivenCalibration) -> Calibration:
     """Return a calibration, read from its file where a path is given.
 
     Args:
-        given: a calibration, or the path of a calibration file.
+        calibration: a calibration, or the path of a calibration file.
 
     Raises:
         InputError: the file or its data cannot be used.
     """
-    return given if isinstance(given, Calibration) else read(given)
+    return calibration if isinstance(calibration, Calibration) else read(calibration)
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
@@ -91,6 +91,13 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 
     Raises:
         InputError: the file or the data cannot be used.
+
+    Examples:
+        >>> import vibrident
+        >>> path = vibrident.simulate(frequencies_hz=[160, 400, 650], samples=2000).save("bench")
+        >>> calibration = vibrident.read(path)
+        >>> len(calibration.records), calibration.units
+        (3, {'reference': 'm/s^2', 'response': 'V'})
     """
     file = Path(path)
     return calibration_of(read_calibration_file(file), file.parent, str(file))
@@ -147,7 +154,7 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     )
 
 
-def _first_unit(document: CalibrationFile, part: Part, folder: Path) -> str:
+def _first_unit(document: CalibrationFile, part: RecordPart, folder: Path) -> str:
     """Return the unit that the first file states of a drive; "" for none, or another quantity."""
     column = document.reference.column
     if document.reference.quantity != "drive" or column is None or part.entry.excitation == "decay":

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.effects import SystematicEffect
-from vibrident.data.io.alignment import Channel, align
+from vibrident.data.io.alignment import ClockedChannel, align
 from vibrident.data.io.calibration_file import (
     CalibrationFile,
     RecordsEntry,
@@ -23,7 +23,11 @@ from vibrident.data.io.calibration_file import (
 )
 from vibrident.data.io.clocks import ClockReader
 from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import Conversion, reference_conversion, response_conversion
+from vibrident.data.io.header_units import (
+    ChannelConversion,
+    reference_conversion,
+    response_conversion,
+)
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.records import FloatArray, Provenance, Record
 
@@ -31,8 +35,8 @@ _GLOB_SIGNS = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True)
-class Part:
-    """One record to read: a file and the entry that asks for it."""
+class RecordPart:
+    """Record to read: a file and the entry that asks for it."""
 
     entry: RecordsEntry
     file: str  # relative to the calibration file
@@ -54,7 +58,9 @@ class Part:
         return [] if name is None else [f"reference from {name}, SHA-256 {sha256(folder / name)}"]
 
 
-def named_parts(calibration: CalibrationFile, folder: Path, where: str) -> list[tuple[Part, str]]:
+def named_parts(
+    calibration: CalibrationFile, folder: Path, where: str
+) -> list[tuple[RecordPart, str]]:
     """Return the part to read for each record, and the record's name, in natural order.
 
     ``folder``: where relative paths start; ``where``: the calibration file, for messages.
@@ -78,11 +84,13 @@ def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[s
     if calibration.table is not None:
         return [calibration.table.file]
     parts = list(_parts(calibration.records, folder, where))
-    others = [part.entry.reference_file for part in parts if part.entry.reference_file is not None]
-    return list(dict.fromkeys([*(part.file for part in parts), *others]))
+    reference_files = [
+        part.entry.reference_file for part in parts if part.entry.reference_file is not None
+    ]
+    return list(dict.fromkeys([*(part.file for part in parts), *reference_files]))
 
 
-def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[Part]:
+def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[RecordPart]:
     for number, entry in enumerate(entries, start=1):
         here = f"{where}, [[records]] entry {number}"
         files = _files(entry.file, folder, here)
@@ -95,7 +103,7 @@ def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterato
                     where=f"{here}, {key}",
                     remedy="write one [[records]] entry a file",
                 )
-        yield from (Part(entry, file, here) for file in files)
+        yield from (RecordPart(entry, file, here) for file in files)
 
 
 def _files(pattern: str, folder: Path, where: str) -> list[str]:
@@ -111,15 +119,15 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
             where=f"{where}, file",
             remedy="check the pattern; it is relative to the calibration file's folder",
         )
-    return sorted(matches, key=natural)
+    return sorted(matches, key=natural_sort_key)
 
 
-def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
+def _refuse_overlaps(parts: Sequence[RecordPart], folder: Path) -> None:
     """Refuse samples in two entries, which would count twice."""
-    seen: dict[Path, list[Part]] = {}
+    parts_of_file: dict[Path, list[RecordPart]] = {}
     for part in parts:
-        others = seen.setdefault((folder / part.file).resolve(), [])
-        for earlier in others:
+        earlier_parts = parts_of_file.setdefault((folder / part.file).resolve(), [])
+        for earlier in earlier_parts:
             if part.start_s < earlier.stop_s and earlier.start_s < part.stop_s:
                 raise InputError(
                     "Two [[records]] entries contain the same samples.",
@@ -129,10 +137,10 @@ def _refuse_overlaps(parts: Sequence[Part], folder: Path) -> None:
                     remedy="narrow the glob, or give each entry its own part with start_s and "
                     "stop_s",
                 )
-        others.append(part)
+        earlier_parts.append(part)
 
 
-def _record_names(parts: Sequence[Part]) -> list[str]:
+def _record_names(parts: Sequence[RecordPart]) -> list[str]:
     files = [part.file for part in parts]
     names: list[str] = []
     for part in parts:
@@ -140,12 +148,12 @@ def _record_names(parts: Sequence[Part]) -> list[str]:
         if part.entry.name is None and files.count(part.file) > 1:
             name += f" from {part.start_s:g} s"
         if name in names:
-            raise same_name(name, f"{part.where}, name")
+            raise duplicate_name(name, f"{part.where}, name")
         names.append(name)
     return names
 
 
-def same_name(name: str, where: str) -> InputError:
+def duplicate_name(name: str, where: str) -> InputError:
     """Return the error of two records of one name."""
     return InputError(
         "Two records have the same name.",
@@ -165,7 +173,7 @@ class ReadRecord:
 
 
 def read_record(
-    part: Part, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str
+    part: RecordPart, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str
 ) -> ReadRecord:
     """Read one record of a calibration file; InputError where its file cannot be used.
 
@@ -209,8 +217,8 @@ def read_record(
         valid=aligned.valid,
         start_time_s=begins_s,
         provenance=Provenance(part.file, sha256(folder / part.file), (*steps, *aligned.notes)),
-        reference_full_scale=scaled(calibration.reference.full_scale, to_reference),
-        response_full_scale=scaled(calibration.response.full_scale, to_response),
+        reference_full_scale=scaled_limit(calibration.reference.full_scale, to_reference),
+        response_full_scale=scaled_limit(calibration.response.full_scale, to_response),
         circumstances=entry.circumstances,
         band_hz=entry.band_hz,
     )
@@ -227,8 +235,8 @@ def timing_effects(readings: Sequence[ReadRecord]) -> tuple[SystematicEffect, ..
 
 def _step(
     name: str,
-    channel: Channel,
-    conversion: Conversion,
+    channel: ClockedChannel,
+    conversion: ChannelConversion,
     section: ReferenceSection | ResponseSection,
     unit: str,
 ) -> str:
@@ -239,7 +247,9 @@ def _step(
     return f"{name}: column {channel.position + 1}{label}{factor} × {section.scale!r} → {unit}"
 
 
-def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Channel, Channel | None]:
+def _load(
+    part: RecordPart, calibration: CalibrationFile, folder: Path
+) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Load the response and, but for a decay, the reference, each with its clock."""
     main = open_columns(folder / part.file)
     wanted = [(main, calibration.response.column, "[response] column")]
@@ -247,12 +257,12 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Chann
         reference_file = part.entry.reference_file
         source = main if reference_file is None else open_columns(folder / reference_file)
         wanted.append((source, calibration.reference.column, "[reference] column"))
-    channels: list[Channel] = []
+    channels: list[ClockedChannel] = []
     for source, column, key in wanted:
         assert column is not None  # checked with the calibration file
         position = source.position_of(column, key)
         source.require_over_time(position, key)
-        channels.append(Channel(source, position, np.empty(0)))
+        channels.append(ClockedChannel(source, position, np.empty(0)))
     for source in dict.fromkeys(channel.source for channel in channels):  # each file once
         places = [n for n, channel in enumerate(channels) if channel.source is source]
         columns = source.load([channels[n].position for n in places])
@@ -263,8 +273,11 @@ def _load(part: Part, calibration: CalibrationFile, folder: Path) -> tuple[Chann
 
 
 def _with_clocks(
-    part: Part, calibration: CalibrationFile, main: ColumnFile, channels: Sequence[Channel]
-) -> tuple[Channel, Channel | None]:
+    part: RecordPart,
+    calibration: CalibrationFile,
+    main: ColumnFile,
+    channels: Sequence[ClockedChannel],
+) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Return response and reference with their clocks; a file without one has the other's."""
     reader = clock_reader(part, calibration, main)
     clocks = []
@@ -273,7 +286,7 @@ def _with_clocks(
         clocks.append(reader.clock_of(channel.source, channel.position, channel_columns))
     known = next((clock for clock in clocks if clock is not None), None)
     if known is None:
-        raise no_rate(part.where)
+        raise missing_rate(part.where)
     timed = [
         replace(channel, clock=known if clock is None else clock)
         for channel, clock in zip(channels, clocks, strict=True)
@@ -281,8 +294,8 @@ def _with_clocks(
     return timed[0], timed[1] if len(timed) > 1 else None
 
 
-def clock_reader(part: Part, calibration: CalibrationFile, main: ColumnFile) -> ClockReader:
-    """Return what finds the clocks of the channels of a part."""
+def clock_reader(part: RecordPart, calibration: CalibrationFile, main: ColumnFile) -> ClockReader:
+    """Return the reader of the clocks of a part's channels."""
     stated_hz = part.entry.rate_hz
     time_column = None
     if stated_hz is None:
@@ -291,7 +304,7 @@ def clock_reader(part: Part, calibration: CalibrationFile, main: ColumnFile) -> 
     return ClockReader(stated_hz, time_column, part.where, main)
 
 
-def no_rate(where: str) -> InputError:
+def missing_rate(where: str) -> InputError:
     """Return the error of a record whose sampling rate nothing states."""
     return InputError(
         "The sampling rate is not given.",
@@ -302,7 +315,7 @@ def no_rate(where: str) -> InputError:
     )
 
 
-def scaled(full_scale: float | None, scale: float) -> float | None:
+def scaled_limit(full_scale: float | None, scale: float) -> float | None:
     """Return a channel's full scale in its unit; None where it is not stated."""
     return None if full_scale is None else full_scale * abs(scale)
 
@@ -318,7 +331,7 @@ def _scaled(values: FloatArray, factor: float) -> FloatArray:
     return product
 
 
-def _check_frequency(part: Part, rate_hz: float, file: str) -> None:
+def _check_frequency(part: RecordPart, rate_hz: float, file: str) -> None:
     frequency_hz = part.entry.frequency_hz
     if frequency_hz is not None and frequency_hz >= rate_hz / 2:
         raise InputError(
@@ -335,7 +348,7 @@ def _check_frequency(part: Part, rate_hz: float, file: str) -> None:
 _PIECE = re.compile(r"(\d+)(?:(?:[._,p](\d+))?[ _-]?(k?)hz)?|\D+", re.IGNORECASE)
 
 
-def natural(name: str) -> tuple[tuple[tuple[int, float, str], ...], str]:
+def natural_sort_key(name: str) -> tuple[tuple[tuple[int, float, str], ...], str]:
     """Return a sort key: "2 Hz" before "10 Hz", "0_05hz" before "0_5hz", "500 Hz" before 1 kHz."""
     pieces: list[tuple[int, float, str]] = []
     for match in _PIECE.finditer(name):

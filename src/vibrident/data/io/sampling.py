@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, Start
+from vibrident.data.io.columns import Clock, StartTime
 
 _ROUNDING_SAMPLES = 1e-6  # in sampling intervals: a cut this close to a sample is at it
 SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
@@ -41,7 +41,7 @@ def cut(
     return slice(first, last)
 
 
-def plainest_clock(interval_s: float, half_unit_s: float, start: Start | None = None) -> Clock:
+def plainest_clock(interval_s: float, half_unit_s: float, start: StartTime | None = None) -> Clock:
     """Return the clock of a file that rounds its interval: the rate of fewest digits that agrees.
 
     9.76562e-06 s in a file means some rate from 102399.99 to 102400.11 Hz; the plain reciprocal may

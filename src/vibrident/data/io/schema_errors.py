@@ -1,4 +1,4 @@
-"""A file's keys checked by pydantic, and its findings as an InputError."""
+"""Check a file's keys by pydantic, and turn its findings into an InputError."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str)
     if finding["type"] == "extra_forbidden" and section is not None:
         name = str(finding["loc"][-1])
         problem = f"The key {name!r} is not known here."
-        found = name
+        value = name
         expected = f"one of {', '.join(section.model_fields)}"
         remedy = _likely(name, section, root)
     elif finding["type"] == "missing":
         *place, name = place
         problem = f"The key {name!r} is missing."
-        found = "nothing"
+        value = "nothing"
         remedy = f"add {name} = …"
     else:
         problem = f"A value in the {what} file cannot be used."
         remedy = "correct the value"
-        found = repr(finding["input"])[:60]
+        value = repr(finding["input"])[:60]
         if place and isinstance(place[-1], str):
-            found = f"{place[-1]} = {found}"
+            value = f"{place[-1]} = {value}"
     where = f"{file}, {_words(place, keys)}"
     expected = expected or finding["msg"]
-    return InputError(problem, expected=expected, found=found, where=where, remedy=remedy)
+    return InputError(problem, expected=expected, found=value, where=where, remedy=remedy)
 
 
 def _walk(
@@ -77,7 +77,11 @@ def _likely(name: str, section: type[BaseModel], root: type[BaseModel]) -> str:
     """Return what to do about an unknown key: the nearest one, or the sections that have it."""
     nearest = difflib.get_close_matches(name, section.model_fields, n=1, cutoff=0.0)[0]
     sections = [key for key in keys_of(root).values() if key.section]
-    elsewhere = [key.heading for key in sections if name in keys_of(key.section)]  # type: ignore[arg-type]
+    elsewhere = [
+        key.heading
+        for key in sections
+        if name in keys_of(key.section)  # type: ignore[arg-type]
+    ]
     if not elsewhere or difflib.SequenceMatcher(None, name, nearest).ratio() >= 0.75:
         return f"did you mean {nearest!r}?"
     return f"{name!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"

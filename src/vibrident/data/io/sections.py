@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -16,13 +16,13 @@ from vibrident.base.errors import InputError
 from vibrident.data.effects import Capability, StatedKind, SystematicEffect
 from vibrident.data.interferometer.setting import Interferometer
 from vibrident.data.interferometer.setting import Kind as Signals
-from vibrident.data.io.keys import Shown, basic, expert, key
+from vibrident.data.io.keys import FormKind, basic, expert, key
 
 
 class FileSection(BaseModel):
     """A section: no other keys than its own, no conversion of types."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 def _column(value: int | str) -> int | str:
@@ -36,7 +36,7 @@ Column = Annotated[
     int | str,
     AfterValidator(_column),
     Field(description="a column number from 1, or a header name"),
-    Shown("column"),
+    FormKind("column"),
 ]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a finite number above 0")]
 NotNegative = Annotated[
@@ -65,26 +65,27 @@ def require_one(
 
 
 def require_only_with(
-    section: Any, name: str, other: str, value: str, problem: str, where: str, *, needed: bool
+    section: Any, name: str, other_key: str, value: str, problem: str, where: str, *, needed: bool
 ) -> None:
-    """Refuse a key unless ``other`` has this value; where it is needed, its absence then."""
-    fits = getattr(section, other) == value
+    """Refuse a key unless ``other_key`` has this value; where it is needed, its absence then."""
+    fits = getattr(section, other_key) == value
     stated = getattr(section, name) is not None
     if stated != fits and (stated or needed):
         raise InputError(
             problem,
-            expected=f'{name} with {other} = "{value}" alone',
-            found=f"{other} = {getattr(section, other)!r}, {name} = {getattr(section, name)!r}",
+            expected=f'{name} with {other_key} = "{value}" alone',
+            found=f"{other_key} = {getattr(section, other_key)!r}, "
+            f"{name} = {getattr(section, name)!r}",
             where=where,
-            remedy=f"add {name} = …" if fits else f"remove {name}, or correct {other}",
+            remedy=f"add {name} = …" if fits else f"remove {name}, or correct {other_key}",
         )
 
 
 #: Keys of [reference] that are not allowed beside [interferometer].
 CHANNEL_KEYS = ("column", "quantity", "scale", "unit", "full_scale")
 #: Shortest and longest wavelength of a laser, m: from excimer to CO2 lasers, with room.
-_SHORTEST = 1e-7
-_LONGEST = 2e-5
+_MIN_WAVELENGTH_M = 1e-7
+_MAX_WAVELENGTH_M = 2e-5
 
 
 class InterferometerSection(FileSection):
@@ -98,7 +99,7 @@ class InterferometerSection(FileSection):
     columns: Annotated[
         list[Column],
         Field(min_length=1, max_length=2, description="a list of column numbers or names"),
-        Shown("columns"),
+        FormKind("columns"),
     ] = basic("Signals", default=..., about="Of two, cos comes before sin.")
     wavelength_m: Positive = basic(
         "Wavelength in the medium", "m", default=..., in_form=("nm", 1e9)
@@ -137,12 +138,12 @@ def check_interferometer(
             remedy="keep one of the two",
         )
     _require_light(section.wavelength_m, here)
-    taken = [name for name in CHANNEL_KEYS if name in reference]
-    if taken:
+    channel_keys = [name for name in CHANNEL_KEYS if name in reference]
+    if channel_keys:
         raise InputError(
             "The reference is given twice.",
             expected="[interferometer], and in [reference] at most standard_uncertainty",
-            found=", ".join(f"[reference] {name}" for name in taken),
+            found=", ".join(f"[reference] {name}" for name in channel_keys),
             where=here,
             remedy="remove these keys, or [interferometer]",
         )
@@ -160,16 +161,16 @@ def check_interferometer(
 
 
 def _require_light(wavelength_m: float, here: str) -> None:
-    if _SHORTEST <= wavelength_m <= _LONGEST:
+    if _MIN_WAVELENGTH_M <= wavelength_m <= _MAX_WAVELENGTH_M:
         return
     meant = [
         f"{wavelength_m * unit:.9g}"
         for unit in (1e-9, 1e-6)
-        if _SHORTEST <= wavelength_m * unit <= _LONGEST
+        if _MIN_WAVELENGTH_M <= wavelength_m * unit <= _MAX_WAVELENGTH_M
     ]
     raise InputError(
         "The wavelength is not that of light.",
-        expected=f"wavelength_m in metres, from {_SHORTEST:g} to {_LONGEST:g}",
+        expected=f"wavelength_m in metres, from {_MIN_WAVELENGTH_M:g} to {_MAX_WAVELENGTH_M:g}",
         found=f"wavelength_m = {wavelength_m!r}",
         where=f"{here} wavelength_m",
         remedy=f"write wavelength_m = {meant[0]}"
@@ -178,14 +179,14 @@ def _require_light(wavelength_m: float, here: str) -> None:
     )
 
 
-_EDGE = 1e-9  # relative width of the edge of a band
+_EDGE_OCTAVES = 1e-9  # relative width of the edge of a band
 _Table = Annotated[
     list[Annotated[list[NotNegative], Field(min_length=2, max_length=2)]],
     Field(
         min_length=1,
         description="pairs of frequency in Hz and value, such as [[10, 0.002], [1000, 0.004]]",
     ),
-    Shown("pairs"),
+    FormKind("pairs"),
 ]
 
 
@@ -196,12 +197,7 @@ _DEGREES = ("°", 180.0 / math.pi)
 
 
 class UncertaintyEntry(FileSection):
-    """One [[uncertainty]] entry: a systematic contribution, common to all points.
-
-    Its size is ``standard_uncertainty``, over a band where ``from_hz`` or ``to_hz`` is stated, or
-    a ``table`` over frequency, linear between its rows and constant outside. With ``from_c`` or
-    ``to_c`` it holds at these temperatures alone.
-    """
+    """Entry [[uncertainty]]: a systematic contribution, common to all points."""
 
     source: Text = basic("Source", default=..., about="What it comes from, in words.")
     kind: StatedKind = basic(
@@ -243,17 +239,17 @@ class UncertaintyEntry(FileSection):
 
     @property
     def _shape(self) -> list[tuple[float, float]]:
-        """Return the frequency and size of the rows of a table, or of a band of one; empty for neither."""
+        """Return frequency and size of the rows of a table or a band; empty for neither."""
         if self.table:
             return [(float(f), float(u)) for f, u in self.table]
         low = self.from_hz
         high = self.to_hz
-        below = [] if low is None else [(low * (1.0 - _EDGE), 0.0), (low, 1.0)]
-        return below + ([] if high is None else [(high, 1.0), (high * (1.0 + _EDGE), 0.0)])
+        below = [] if low is None else [(low * (1.0 - _EDGE_OCTAVES), 0.0), (low, 1.0)]
+        return below + ([] if high is None else [(high, 1.0), (high * (1.0 + _EDGE_OCTAVES), 0.0)])
 
 
 class CapabilityEntry(FileSection):
-    """One [[cmc]] entry: the least expanded uncertainty (k = 2) that the laboratory may state."""
+    """Entry [[cmc]]: the smallest expanded uncertainty (k = 2) that the laboratory may state."""
 
     quantity: Literal["magnitude", "phase"] = key(
         "Of", default="magnitude", words=("the magnitude", "the phase")
@@ -296,7 +292,7 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
             )
         rows = [row[0] for row in entry.table or ()]
         frequencies = rows or [f for f in (entry.from_hz, entry.to_hz) if f is not None]
-        rising = all(one < other for one, other in itertools.pairwise([0.0, *frequencies]))
+        rising = all(lower < upper for lower, upper in itertools.pairwise([0.0, *frequencies]))
         if not rising:
             raise InputError(
                 "The frequencies of a contribution do not rise.",

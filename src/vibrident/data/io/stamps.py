@@ -16,9 +16,10 @@ from vibrident.data.records import FloatArray
 
 _DAY_NS = 86_400 * 10**9
 _SECOND_NS = 10**9
-_DIGITS = 9  # of a fraction that count: nanoseconds
+_FRACTION_DIGITS = 9  # of a fraction that count: nanoseconds
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_FIRST_YEAR, _LAST_YEAR = 1678, 2261  # whole years of 64-bit nanoseconds since 1970
+_FIRST_YEAR = 1678  # first whole year that 64-bit nanoseconds since 1970 can express
+_LAST_YEAR = 2261  # last one
 _STAMP = re.compile(
     r"(?:(?P<date>\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4}"
     r"|\d\d?[- ][A-Za-z]{3}[- ]\d{4})(?:,? +|T))?"
@@ -62,7 +63,7 @@ def parse_stamps(
 
     Args:
         cells: of the column, stripped.
-        missing: what stands for no value.
+        missing: texts that stand for no value.
         locate: description of a row's place, for messages.
 
     Raises:
@@ -113,11 +114,11 @@ def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) 
         return True
     for date, (first, second) in pairs.items():
         if first != second and 0 not in (first, second):
-            one = f"{first} {_MONTHS[second - 1].title()}"
+            month_day = f"{first} {_MONTHS[second - 1].title()}"
             raise InputError(
                 "A date has two readings.",
                 expected="dates such as 2026-11-22, or with a day above 12 in one row",
-                found=f"{date}: {one}, or {second} {_MONTHS[first - 1].title()}",
+                found=f"{date}: {month_day}, or {second} {_MONTHS[first - 1].title()}",
                 where=locate(slashed[date]),
                 remedy="export the times with dates as year-month-day, or give rate_hz",
             )
@@ -130,7 +131,9 @@ def _days(date: str, month_first: bool) -> int | None:
     parts = re.split("[-/. ]", date.lower())
     year, month, day = parts if len(parts[0]) == 4 else parts[::-1]
     if month_first and "/" in date and len(parts[0]) < 4:
-        month, day = day, month
+        day_of_month = month
+        month = day
+        day = day_of_month
     if month in _MONTHS:
         month = _MONTHS.index(month) + 1
     try:
@@ -152,7 +155,7 @@ def _nanoseconds(match: re.Match[str], month_first: bool) -> int | None:
     days = _days(match["date"], month_first) if match["date"] else 0
     if days is None or hour > 23 or minute > 59 or second > 59:
         return None
-    fraction = (match["fraction"] or "")[:_DIGITS].ljust(_DIGITS, "0")
+    fraction = (match["fraction"] or "")[:_FRACTION_DIGITS].ljust(_FRACTION_DIGITS, "0")
     seconds = 3600 * hour + 60 * minute + second - _ahead_s(match["zone"] or "+00")
     return days * _DAY_NS + seconds * _SECOND_NS + int(fraction)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.columns import Clock, ColumnFile, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
 from vibrident.data.io.units import factor_between
@@ -60,9 +60,9 @@ class Statement:
 class StatedFile(ColumnFile):
     """A file that may state a column's start without its rate."""
 
-    _starts: Mapping[int, Start]  # by position
+    _starts: Mapping[int, StartTime]  # by position
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample."""
         return super().start(position) or self._starts.get(position)
 
@@ -121,19 +121,19 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
     rate_hz = numbers["rate"]
     difference = abs(rate_hz * numbers.get("interval", 1.0 / rate_hz) - 1.0)
     if difference > _MAX_ROUNDING:
-        found = [
+        clocks = [
             f"{stated.name} = {stated.value!r}" for stated in map(level.get, numbers) if stated
         ]
         raise _unusable(
             "The file states two sampling rates.",
             f"{level['interval'].name} to be 1/{level['rate'].name}",
-            " and ".join(found),
+            " and ".join(clocks),
             where,
         )
     return Clock(rate_hz, max(SAME_RATE, difference, spacing["rate"] / rate_hz), start)
 
 
-def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
+def start_of(levels: Sequence[Mapping[str, Statement]]) -> StartTime | None:
     """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
     stated = next((level["start"] for level in levels if "start" in level), None)
     value = None if stated is None else scalar(stated.value)
@@ -142,10 +142,10 @@ def start_of(levels: Sequence[Mapping[str, Statement]]) -> Start | None:
     if isinstance(value, str) and (start := _date(value)):
         return start
     seconds = _number(value) * stated.factor
-    return Start.on_own_clock(seconds) if math.isfinite(seconds) else None
+    return StartTime.on_own_clock(seconds) if math.isfinite(seconds) else None
 
 
-def _date(text: str) -> Start | None:
+def _date(text: str) -> StartTime | None:
     """Return the start of a date of ISO 8601, UTC where it names no zone; None for no date."""
     date = _DATE.fullmatch(text.strip())
     if date is None:
@@ -156,10 +156,10 @@ def _date(text: str) -> Start | None:
     except ValueError:
         return None
     east_minutes = int(f"{hours[0]}{60 * int(hours[1:]) + int(minutes)}") if hours else 0
-    return Start(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
+    return StartTime(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
 
 
-def seconds_since(unit: str) -> tuple[float, Start] | None:
+def seconds_since(unit: str) -> tuple[float, StartTime] | None:
     """Return seconds per unit and the start of "milliseconds since 2024-05-01 12:00", else None."""
     amount, _, day = unit.partition(" since ")
     factor = factor_between(amount, "s")
@@ -184,7 +184,7 @@ def unit_of(level: Mapping[str, Statement], index: int = 0, count: int = 1) -> s
 
 def nearest_unit(
     name: str,
-    own: Mapping[str, Statement],
+    own_statements: Mapping[str, Statement],
     outer: Mapping[str, Statement],
     index: int = 0,
     count: int = 1,
@@ -194,7 +194,7 @@ def nearest_unit(
     The unit of a group, a structure or a file is that of its columns, but for times and
     frequencies. ``index``, ``count``: as ``unit_of``.
     """
-    unit = unit_of(own, index, count)
+    unit = unit_of(own_statements, index, count)
     if unit or is_time(name) or is_frequency(name, ""):
         return unit
     return unit_of(outer, index, count)
@@ -203,7 +203,9 @@ def nearest_unit(
 def is_frequency(name: str, unit: str) -> bool:
     """Return whether an axis of this name and unit is one of frequencies."""
     word = name.strip().lower()
-    known = any(factor_between(unit, other) is not None for other in ("Hz", "rad/s"))
+    known = any(
+        factor_between(unit, frequency_unit) is not None for frequency_unit in ("Hz", "rad/s")
+    )
     return known or word.startswith("freq") or word == "f"
 
 
@@ -230,21 +232,21 @@ def _number(value: Any) -> float:
 
 def _positive(stated: Statement, where: str) -> float:
     """Return a stated rate or interval in Hz or s; InputError where it is no number above 0."""
-    found = scalar(stated.value)
-    value = _number(found) * stated.factor
+    single_value = scalar(stated.value)
+    value = _number(single_value) * stated.factor
     if math.isfinite(value) and value > 0 and math.isfinite(1.0 / value):
         return value
     raise _unusable(
         "The sampling rate in the file's metadata cannot be used.",
         f"{stated.name} to be a finite number above 0",
-        repr(stated.value if found is None else found)[:_MAX_NAME_LENGTH],
+        repr(stated.value if single_value is None else single_value)[:_MAX_NAME_LENGTH],
         where,
     )
 
 
-def _unusable(problem: str, expected: str, found: str, where: str) -> InputError:
+def _unusable(problem: str, expected: str, value: str, where: str) -> InputError:
     remedy = "correct the metadata, or write the file without it and give rate_hz"
-    return InputError(problem, expected=expected, found=found, where=where, remedy=remedy)
+    return InputError(problem, expected=expected, found=value, where=where, remedy=remedy)
 
 
 def _half_spacing(stated: Statement) -> float:

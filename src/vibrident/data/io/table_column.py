@@ -14,8 +14,8 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.header_units import header, last_name, short_name
 from vibrident.data.io.units import (
+    is_no_unit,
     parse_unit,
-    says_nothing,
     split_unit,
     without_brackets,
 )
@@ -53,22 +53,22 @@ class TableColumn:
 
     @property
     def header(self) -> str:
-        """Name and unit of the column, as the file has them."""
+        """Return name and unit of the column, as the file has them."""
         return header(self.source, self.position)
 
     @property
     def name(self) -> str:
-        """Name without its path and without "k = 2"; "" for a very long one."""
+        """Return the name without its path and without "k = 2"; "" for a very long one."""
         return _COVERAGE.sub("", short_name(last_name(self.source, self.position)))
 
     @property
     def stated_unit(self) -> str:
         """Return the unit that the file states beside the name; "" for none."""
         text = self.source.stated_unit(self.position)
-        return "" if says_nothing(text) else without_brackets(text.strip())
+        return "" if is_no_unit(text) else without_brackets(text.strip())
 
     def units(self) -> Iterator[tuple[str, bool]]:
-        """Give the texts that may be the unit, likeliest first, and whether each is surely one."""
+        """Yield the texts that may be the unit, likeliest first, and whether each is surely one."""
         unit = self.stated_unit or split_unit(self.name)[1]
         number = _NUMBER_BEFORE.match(unit)
         if number and parse_unit(unit) is None and parse_unit(unit[number.end() :]) is not None:
@@ -89,9 +89,9 @@ class TableColumn:
         if match is None:
             return None
         text = _without_odd_bracket(match.group(0))
-        found = _REFERENCE_OF_LEVEL.fullmatch(text)
-        assert found is not None
-        unit = _without_odd_bracket(found["unit"])
+        reference = _REFERENCE_OF_LEVEL.fullmatch(text)
+        assert reference is not None
+        unit = _without_odd_bracket(reference["unit"])
         if unit == "m" or (unit and parse_unit(unit) is None):  # dBm is a power
             raise self.refused(
                 "dB re a known unit",
@@ -99,14 +99,14 @@ class TableColumn:
                 "write the reference as a unit, such as dB re 1 V/(m/s²); or dB alone, and as "
                 "[response] scale what 0 dB stands for",
             )
-        return Level(text, float((found["number"] or "1").replace(",", ".")), unit)
+        return Level(text, float((reference["number"] or "1").replace(",", ".")), unit)
 
-    def refused(self, expected: str, found: str, remedy: str) -> InputError:
+    def refused(self, expected: str, value: str, remedy: str) -> InputError:
         """Return the error of a header that says otherwise than the calibration file."""
         return InputError(
             "The header of a column contradicts the calibration file.",
             expected=expected,
-            found=f"{self.header!r}, which names {found!r}",
+            found=f"{self.header!r}, which names {value!r}",
             where=f"{self.source.file}, asked for by [table] {self.key}",
             remedy=remedy,
         )

@@ -1,4 +1,4 @@
-"""From the [table] section to a ResponseTable."""
+"""Read the file of the [table] section into a ResponseTable."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibrident.data.io.columns import ColumnFile
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.table_column import TableColumn
 from vibrident.data.io.table_units import (
-    Conversion,
+    ColumnConversion,
     frequency_conversion,
     phase_conversion,
     require_coverage,
@@ -160,29 +160,29 @@ def _require_complex(section: TableSection, source: ColumnFile) -> None:
 
 def _conversions(
     calibration: CalibrationFile, source: ColumnFile, positions: Mapping[str, int]
-) -> dict[str, Conversion]:
+) -> dict[str, ColumnConversion]:
     """Return what leads from the numbers of each column to the table's units."""
     section = calibration.table
     assert section is not None
     columns = {key: TableColumn(source, position, key) for key, position in positions.items()}
-    found = {"frequency": frequency_conversion(columns["frequency"])}
+    conversions = {"frequency": frequency_conversion(columns["frequency"])}
     for key in _RESPONSE:
         if key in columns:
-            found[key] = sensitivity_conversion(columns[key], calibration)
-    if "real" in found:
-        require_same_unit(columns["real"], found["real"], found["imaginary"])
-        require_same_unit(columns["imaginary"], found["imaginary"], found["real"])
+            conversions[key] = sensitivity_conversion(columns[key], calibration)
+    if "real" in conversions:
+        require_same_unit(columns["real"], conversions["real"], conversions["imaginary"])
+        require_same_unit(columns["imaginary"], conversions["imaginary"], conversions["real"])
     if "phase" in columns:
-        found["phase"] = phase_conversion(columns["phase"], section)
+        conversions["phase"] = phase_conversion(columns["phase"], section)
     for key in _DEVIATIONS:
         if key in columns:
-            of = found.get(key.removesuffix("_uncertainty")) or found["real"]
-            found[key] = uncertainty_conversion(columns[key], calibration, of)
+            of = conversions.get(key.removesuffix("_uncertainty")) or conversions["real"]
+            conversions[key] = uncertainty_conversion(columns[key], calibration, of)
     if "phase_uncertainty" in columns:
         column = columns["phase_uncertainty"]
         require_coverage(column, section.coverage_factor)
-        found[column.key] = phase_conversion(column, section, found.get("phase"))
-    return found
+        conversions[column.key] = phase_conversion(column, section, conversions.get("phase"))
+    return conversions
 
 
 def _load(
@@ -250,7 +250,7 @@ def _history(
     calibration: CalibrationFile,
     source: ColumnFile,
     positions: Mapping[str, int],
-    conversions: Mapping[str, Conversion],
+    conversions: Mapping[str, ColumnConversion],
 ) -> list[str]:
     """Return what was done with each column, in words."""
     scale = calibration.response.scale / calibration.reference.scale
@@ -261,18 +261,24 @@ def _history(
     unit = f"{calibration.response.unit} per unit of {calibration.reference.quantity}"
     for key in _RESPONSE:
         if key in conversions:
-            found = conversions[key]
-            step = f"{key} × {found.factor * scale!r} → {unit}"
-            history.append(step + (f"; the file states {found.unit}" if found.unit else ""))
-            if found.kind == "level":
-                history.append(f"{key} read in {found.unit}, 20 lg; re 1 unit where none is stated")
+            conversion = conversions[key]
+            step = f"{key} × {conversion.factor * scale!r} → {unit}"
+            history.append(
+                step + (f"; the file states {conversion.unit}" if conversion.unit else "")
+            )
+            if conversion.kind == "level":
+                history.append(
+                    f"{key} read in {conversion.unit}, 20 lg; re 1 unit where none is stated"
+                )
     frequency = conversions["frequency"]
     if frequency.factor != 1.0:
         history.append(f"frequency × {frequency.factor!r} → Hz; the file states {frequency.unit}")
     for key in ("phase", "phase_uncertainty"):
         if key in conversions:
-            found = conversions[key]
-            history.append(f"{key} read in {found.unit or 'deg, assumed: nothing states its unit'}")
+            conversion = conversions[key]
+            history.append(
+                f"{key} read in {conversion.unit or 'deg, assumed: nothing states its unit'}"
+            )
     for key in _DEVIATIONS:
         if key in conversions and conversions[key].kind != "linear":
             history.append(f"{key} read in {conversions[key].unit}, relative")

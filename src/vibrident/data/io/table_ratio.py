@@ -113,7 +113,7 @@ def _quotient(text: str) -> tuple[str, Unit | None]:
 
     "" and None where there are none, as in "V/m/s^2", which is not V/(m/s^2).
     """
-    whole = parse_unit(text)
+    unit = parse_unit(text)
     text = text.strip().translate(PLAIN_BRACKETS).replace(" per ", "/")
     depth = 0
     for place, sign in enumerate(text):
@@ -126,9 +126,7 @@ def _quotient(text: str) -> tuple[str, Unit | None]:
         denominator = parse_unit(below)
         if not above or denominator is None or not (quantity_of(below) or _output_of(below)):
             continue
-        if whole is None or (
-            numerator and numerator.over(denominator).dimension == whole.dimension
-        ):
+        if unit is None or (numerator and numerator.over(denominator).dimension == unit.dimension):
             is_bracketed = above.startswith("(") and above.endswith(")")
             return (above[1:-1] if is_bracketed else above), denominator
     return "", None
@@ -140,8 +138,8 @@ def _output_of(text: str) -> str:
     if unit is None:
         return ""
     bases = [base for base, exponent in unit.dimension if base in _OUTPUTS and exponent == 1]
-    others = {base for base, _ in unit.dimension} - set(bases)
-    return bases[0] if len(bases) == 1 and others <= {"m", "s"} else ""
+    other_bases = {base for base, _ in unit.dimension} - set(bases)
+    return bases[0] if len(bases) == 1 and other_bases <= {"m", "s"} else ""
 
 
 def _factor(text: str, unit: str, si: Unit | None) -> float | None:

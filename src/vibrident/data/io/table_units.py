@@ -25,7 +25,7 @@ from vibrident.data.io.units import (
     MAX_NAME_LENGTH,
     PLAIN_BRACKETS,
     Unit,
-    counts_rows,
+    is_row_counter,
     parse_unit,
     split_unit,
 )
@@ -47,8 +47,8 @@ _RELATIVE = re.compile(r"(?<![^\W_])rel(?:ative?|ativ)?(?![^\W_])", re.IGNORECAS
 
 
 @dataclass(frozen=True)
-class Conversion:
-    """What leads from the numbers of a column to the unit of the table, before ``scale``."""
+class ColumnConversion:
+    """Conversion of the numbers of a column to the unit of the table, before ``scale``."""
 
     factor: float = 1.0
     #: level: in dB re ``factor``, 20 lg; relative: to the value that an uncertainty belongs to
@@ -81,7 +81,7 @@ def stated_sensitivity(column: TableColumn) -> tuple[str, str]:
     return label, quantity_below(text, label)
 
 
-def frequency_conversion(column: TableColumn) -> Conversion:
+def frequency_conversion(column: TableColumn) -> ColumnConversion:
     """Return the conversion of frequencies to Hz; InputError for a unit of another kind.
 
     Without a unit they are in Hz; "omega" is in rad/s.
@@ -95,16 +95,20 @@ def frequency_conversion(column: TableColumn) -> Conversion:
             in_radians = parsed.dimension == _RADIANS_PER_SECOND or (
                 is_angular and not _CYCLES.search(text)
             )
-            return Conversion(parsed.factor / (2 * math.pi if in_radians else 1.0), unit=text)
-        if is_sure and ((parsed is not None and parsed.dimension) or counts_rows(text)):
+            return ColumnConversion(parsed.factor / (2 * math.pi if in_radians else 1.0), unit=text)
+        if is_sure and ((parsed is not None and parsed.dimension) or is_row_counter(text)):
             remedy = "write the frequencies in Hz, and Hz into the header"
             raise column.refused("Hz, or a multiple of it", text, remedy)
-    return Conversion(0.5 / math.pi, unit="rad/s, by its name") if is_angular else Conversion()
+    return (
+        ColumnConversion(0.5 / math.pi, unit="rad/s, by its name")
+        if is_angular
+        else ColumnConversion()
+    )
 
 
 def phase_conversion(
-    column: TableColumn, section: TableSection, phase: Conversion | None = None
-) -> Conversion:
+    column: TableColumn, section: TableSection, phase: ColumnConversion | None = None
+) -> ColumnConversion:
     """Return the conversion of phases, or of their uncertainties, to rad.
 
     ``phase``: for uncertainties, the conversion of the phase, if a column holds it. It holds where
@@ -117,14 +121,14 @@ def phase_conversion(
     text, parsed = _angle(column, stated)
     if parsed is None:
         degrees = section.phase_unit == "deg"
-        return phase or Conversion(math.pi / 180 if degrees else 1.0, unit=stated)
+        return phase or ColumnConversion(math.pi / 180 if degrees else 1.0, unit=stated)
     if column.key == "phase" and stated and parse_unit(stated) != parsed:
         remedy = "remove phase_unit, or correct the header"
         raise column.refused(f'phase_unit = "{stated}"', text, remedy)
     if phase is not None and not phase.unit and parsed.factor != phase.factor:
         remedy = 'state phase_unit = "deg" or "rad", the unit of the phase'
         raise column.refused("the unit of the phase, which nothing states", text, remedy)
-    return Conversion(parsed.factor, unit=text)
+    return ColumnConversion(parsed.factor, unit=text)
 
 
 def _angle(column: TableColumn, phase_unit: str) -> tuple[str, Unit | None]:
@@ -144,7 +148,7 @@ def _angle(column: TableColumn, phase_unit: str) -> tuple[str, Unit | None]:
     return "", None
 
 
-def sensitivity_conversion(column: TableColumn, calibration: CalibrationFile) -> Conversion:
+def sensitivity_conversion(column: TableColumn, calibration: CalibrationFile) -> ColumnConversion:
     """Return the conversion of a magnitude, real or imaginary part.
 
     It leads to the response's unit per SI unit of the reference; InputError for a contradiction.
@@ -162,19 +166,19 @@ def sensitivity_conversion(column: TableColumn, calibration: CalibrationFile) ->
             raise column.refused('a level, for magnitude_unit = "dB"', text, remedy)
         factor = sensitivity_factor(column, text, calibration)
         if section.magnitude_unit == "dB":
-            return Conversion(factor, "level", "dB")
-        return Conversion(factor, unit=text)
+            return ColumnConversion(factor, "level", "dB")
+        return ColumnConversion(factor, unit=text)
     if column.key != "magnitude":
         raise column.refused(
             "a linear part of the response", level.text, "correct the header, or use magnitude"
         )
     factor = level.number * sensitivity_factor(column, level.unit, calibration)
-    return Conversion(factor, "level", level.text)
+    return ColumnConversion(factor, "level", level.text)
 
 
 def uncertainty_conversion(
-    column: TableColumn, calibration: CalibrationFile, of: Conversion
-) -> Conversion:
+    column: TableColumn, calibration: CalibrationFile, of: ColumnConversion
+) -> ColumnConversion:
     """Return the conversion of standard uncertainties of values that have the conversion ``of``.
 
     In %, ppm and dB they are relative; without a unit they have that of the values.
@@ -182,12 +186,12 @@ def uncertainty_conversion(
     assert calibration.table is not None
     require_coverage(column, calibration.table.coverage_factor)
     if level := column.level():
-        return Conversion(1.0, "level", level.text)
+        return ColumnConversion(1.0, "level", level.text)
     text = sensitivity_unit(column)
     if text.lower() in RELATIVE_UNITS:
-        return Conversion(RELATIVE_UNITS[text.lower()], "relative", text)
+        return ColumnConversion(RELATIVE_UNITS[text.lower()], "relative", text)
     if text:
-        conversion = Conversion(sensitivity_factor(column, text, calibration), unit=text)
+        conversion = ColumnConversion(sensitivity_factor(column, text, calibration), unit=text)
         require_same_unit(column, conversion, of)
         return conversion
     if word := _RELATIVE.search(column.name):
@@ -196,7 +200,9 @@ def uncertainty_conversion(
     return replace(of, unit="" if of.kind == "linear" else of.unit)
 
 
-def require_same_unit(column: TableColumn, conversion: Conversion, of: Conversion) -> None:
+def require_same_unit(
+    column: TableColumn, conversion: ColumnConversion, of: ColumnConversion
+) -> None:
     """Refuse a unit with another factor than that of values whose unit nothing states."""
     if conversion.unit and not of.unit and conversion.factor != of.factor:
         remedy = "write the unit of the response's column into its header, too"
@@ -212,12 +218,12 @@ def require_coverage(column: TableColumn, stated: float) -> None:
     factor = _COVERAGE.search(name)
     expanded = _EXPANDED.search(name)
     if factor is not None and float(factor.group(1).replace(",", ".")) != stated:
-        found = f"k = {factor.group(1)}"
+        coverage = f"k = {factor.group(1)}"
         number = factor.group(1)
     elif factor is None and expanded is not None and stated == 1.0:
-        found = expanded.group(0)
+        coverage = expanded.group(0)
         number = "k"
     else:
         return
     remedy = f"state coverage_factor = {number}; or divide it by {number}, and correct the header"
-    raise column.refused(f"uncertainties of k = {stated:g}", found, remedy)
+    raise column.refused(f"uncertainties of k = {stated:g}", coverage, remedy)

@@ -49,14 +49,16 @@ def _without_heads(content: bytes, layout: CsvLayout, file: str) -> bytes:
         following = layout.read_head([*head, HeadLine(0, LABVIEW_END)])
         names = split_line(lines[end + 1], layout.delimiter)
         if names[: len(layout.names)] != [*layout.names] or following.units != facts.units:
-            found = "other channels or units than those above"
+            difference = "other channels or units than those above"
         else:
-            found = _gap(facts, following, sum(bool(line.strip()) for line in lines[begin:top]))
-        if found:
+            difference = _gap(
+                facts, following, sum(bool(line.strip()) for line in lines[begin:top])
+            )
+        if difference:
             raise InputError(
                 "A segment of the file does not go on where the one before ends.",
                 expected="the same channels, without a gap in time",
-                found=found,
+                found=difference,
                 where=f"{file}, line {number}",
                 remedy="write each segment into a file of its own, one record each",
             )

@@ -1,4 +1,4 @@
-"""What the lines above the data of a text file state: rate, interval, start and units of columns.
+"""Read the lines above the data of a text file: rate, interval, start and units of columns.
 
 One rule for all makers: a line holds a key and its values, and the key is sought in one table, in
 the usual languages.
@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, Start
+from vibrident.data.io.columns import Clock, StartTime
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.sampling import plainest_clock
 from vibrident.data.io.stamps import has_fraction, is_stamp, parse_stamps
-from vibrident.data.io.units import Unit, parse_unit, says_nothing, without_brackets
+from vibrident.data.io.units import Unit, is_no_unit, parse_unit, without_brackets
 
 #: Keys of a statement, by what they state; a blank stands for "_", "-", "." and blanks, or none.
 _KEYS = {
@@ -76,15 +76,15 @@ _LABVIEW_EPOCH_S = -2_082_844_800  # 1904-01-01 since 1970-01-01
 
 @dataclass(frozen=True)
 class HeadLine:
-    """A line above the data: its number from 1, and its text."""
+    """Line above the data: its number from 1, and its text."""
 
     number: int
     text: str
 
 
 @dataclass(frozen=True)
-class Statement:
-    """A key and its values in a line."""
+class HeadStatement:
+    """Key and its values in a line."""
 
     kind: str
     values: tuple[str, ...]  # behind the key, without quotes and blanks around them
@@ -104,28 +104,28 @@ class HeadFacts:
 
 
 @dataclass
-class _Column:
+class _ColumnClocks:
     """Clocks of one column as stated, each with its line."""
 
     is_numeric: bool
     clocks: list[tuple[Clock, HeadLine]] = field(default_factory=list)
     unit: str = ""
-    start: Start | None = None
+    start: StartTime | None = None
     is_over_frequency: bool = False
 
 
-def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
-    """Give the statements of a line."""
+def statements(line: HeadLine, delimiter: str) -> Iterator[HeadStatement]:
+    """Yield the statements of a line."""
     text = line.text.replace('"', "").rstrip("\r\n")
     for match in _STATEMENT.finditer(text):
         kind = next(kind for kind in _KEYS if match[kind.replace(" ", "_")] is not None)
         is_row = match[0].endswith(delimiter) and delimiter != BLANKS
-        rest = text[match.end() :] if is_row else text[match.end() :].lstrip(_SEPARATORS + " ")
+        remainder = text[match.end() :] if is_row else text[match.end() :].lstrip(_SEPARATORS + " ")
         is_word = kind in ("units", "time unit", "dimension")
         gap = delimiter if is_row or (delimiter not in (BLANKS, ",") and not is_word) else "[,;\t]"
-        if is_word and not re.search(gap, rest):
+        if is_word and not re.search(gap, remainder):
             gap = r"\s+"
-        values = _trimmed([cell.strip() for cell in re.split(gap, rest)])
+        values = _trimmed([cell.strip() for cell in re.split(gap, remainder)])
         unit = (match["bracket"] or match["word"] or "").strip()
         numbers = [_NUMBER.match(value) for value in values]
         is_bare = match[0].strip(_SEPARATORS + "|({/#%*! ").lower() in _OF_ANYTHING and not (
@@ -133,7 +133,7 @@ def statements(line: HeadLine, delimiter: str) -> Iterator[Statement]:
         )
         is_unit = kind == "dimension" or any(parse_unit(value) is not None for value in values)
         if (is_word and is_unit) or (not is_word and any(numbers) and not is_bare):
-            yield Statement(kind, tuple(values), unit, is_row, match.start() == 0, line)
+            yield HeadStatement(kind, tuple(values), unit, is_row, match.start() == 0, line)
 
 
 def _trimmed(values: list[str]) -> list[str]:
@@ -177,22 +177,22 @@ def read_head(
     Raises:
         InputError: a rate or interval has no usable number or unit, or two contradict each other.
     """
-    found = [s for line in lines for s in statements(line, delimiter)]
-    columns = [_Column(index in numeric) for index in range(width)]
-    time_unit = next((s.values[0] for s in found if s.kind == "time unit"), "")
+    statements_of_head = [s for line in lines for s in statements(line, delimiter)]
+    columns = [_ColumnClocks(index in numeric) for index in range(width)]
+    time_unit = next((s.values[0] for s in statements_of_head if s.kind == "time unit"), "")
     abscissa = parse_unit(time_unit)
     for column in columns:
         column.is_over_frequency = abscissa is not None and abscissa.dimension == (("s", -1),)
-    for statement in found:
+    for statement in statements_of_head:
         if statement.kind == "dimension":
             for column, value in _by_column(statement, columns):
                 column.is_over_frequency = value.lower().startswith("freq")
-    for statement in found:
+    for statement in statements_of_head:
         if statement.kind == "units":
             _take_units(statement, columns, x_column)
         elif statement.kind in ("rate", "interval"):
             _take_clock(statement, columns, decimal, time_unit, file)
-    _take_starts(found, lines, columns, delimiter, decimal)
+    _take_starts(statements_of_head, lines, columns, delimiter, decimal)
     return HeadFacts(
         tuple(column.unit for column in columns),
         tuple(_agreed(column, file) for column in columns),
@@ -200,8 +200,10 @@ def read_head(
     )
 
 
-def _by_column(statement: Statement, columns: Sequence[_Column]) -> Iterator[tuple[_Column, str]]:
-    """Give each column with its value: one for all, one for each, or for each but the first."""
+def _by_column(
+    statement: HeadStatement, columns: Sequence[_ColumnClocks]
+) -> Iterator[tuple[_ColumnClocks, str]]:
+    """Yield each column with its value: one for all, one for each, or for each but the first."""
     values = statement.values
     if len(values) == 1:
         yield from ((column, values[0] if column.is_numeric else "") for column in columns)
@@ -211,19 +213,21 @@ def _by_column(statement: Statement, columns: Sequence[_Column]) -> Iterator[tup
         yield from zip(columns[1:], values, strict=False)
 
 
-def _take_units(statement: Statement, columns: list[_Column], x_column: int | None) -> None:
+def _take_units(
+    statement: HeadStatement, columns: list[_ColumnClocks], x_column: int | None
+) -> None:
     """Set the units of columns; a single one is of a single ordinate."""
     pairs = list(_by_column(statement, columns))
     if len(statement.values) == 1:
         pairs = [pair for n, pair in enumerate(pairs) if pair[0].is_numeric and n != x_column]
         pairs = pairs if len(pairs) == 1 else []
     for column, value in pairs:
-        if not says_nothing(value):
+        if not is_no_unit(value):
             column.unit = column.unit or without_brackets(value)
 
 
 def _take_clock(
-    statement: Statement, columns: list[_Column], decimal: str, time_unit: str, file: str
+    statement: HeadStatement, columns: list[_ColumnClocks], decimal: str, time_unit: str, file: str
 ) -> None:
     """Add the clock of a rate or an interval to the columns that it is of."""
     values = statement.values
@@ -240,7 +244,7 @@ def _take_clock(
             column.clocks.append((clock, statement.line))
 
 
-def _clock(statement: Statement, value: str, decimal: str, time_unit: str, file: str) -> Clock:
+def _clock(statement: HeadStatement, value: str, decimal: str, time_unit: str, file: str) -> Clock:
     """Return the clock of a rate or interval; its unit decides which it is."""
     written = _NUMBER.match(value)
     text = written[1].rstrip(".,'") if written else ""
@@ -263,12 +267,12 @@ def _clock(statement: Statement, value: str, decimal: str, time_unit: str, file:
 
 def _number(text: str, decimal: str) -> float | None:
     """Return a number of a head; None for one that has two readings."""
-    other = "." if decimal == "," else ","
+    other_sign = "." if decimal == "," else ","
     if _GROUPED.fullmatch(text) and not re.fullmatch(rf"[+-]?\d+{re.escape(decimal)}\d+", text):
         return None
     text = text.replace(",", ".") if decimal == "," else text
     try:
-        return None if other == "," and "," in text else float(text)
+        return None if other_sign == "," and "," in text else float(text)
     except ValueError:
         return None
 
@@ -291,7 +295,7 @@ def _unit(text: str) -> Unit | None:
     return parsed if parsed and parsed.dimension in ((("s", 1),), (("s", -1),)) else None
 
 
-def _agreed(column: _Column, file: str) -> Clock | None:
+def _agreed(column: _ColumnClocks, file: str) -> Clock | None:
     """Return the least rounded of the clocks; InputError where two contradict each other."""
     if not column.clocks or column.is_over_frequency:
         return None
@@ -308,7 +312,7 @@ def _agreed(column: _Column, file: str) -> Clock | None:
     return Clock(best.rate_hz, best.rate_rounding, column.start)
 
 
-def _unusable(statement: Statement, expected: str, file: str) -> InputError:
+def _unusable(statement: HeadStatement, expected: str, file: str) -> InputError:
     return InputError(
         f"The sampling {statement.kind} in the head of the file cannot be used.",
         expected=expected,
@@ -319,14 +323,14 @@ def _unusable(statement: Statement, expected: str, file: str) -> InputError:
 
 
 def _take_starts(
-    found: Sequence[Statement],
+    statements_of_head: Sequence[HeadStatement],
     lines: Sequence[HeadLine],
-    columns: list[_Column],
+    columns: list[_ColumnClocks],
     delimiter: str,
     decimal: str,
 ) -> None:
     """Set the start of each column: in seconds, or as a time of day to fractions of a second."""
-    for statement in found:
+    for statement in statements_of_head:
         if statement.kind != "start":
             continue
         stamp = " ".join(statement.values)
@@ -341,12 +345,14 @@ def _take_starts(
             number = _number(written[1].rstrip(".,'"), decimal) if written else None
             unit = _unit((written[2] if written else "") or statement.unit or "s")
             if number is not None and unit is not None and abs(number) < _MAX_RATE_HZ:
-                column.start = Start.on_own_clock(number * unit.factor)
+                column.start = StartTime.on_own_clock(number * unit.factor)
     if any(line.text.strip().startswith(LABVIEW_END) for line in lines):
         _take_labview_starts(lines, columns, delimiter)
 
 
-def _take_labview_starts(lines: Sequence[HeadLine], columns: list[_Column], delimiter: str) -> None:
+def _take_labview_starts(
+    lines: Sequence[HeadLine], columns: list[_ColumnClocks], delimiter: str
+) -> None:
     """Add the date and time that X0 of a LabVIEW measurement counts from, or 1904 (Time_Pref)."""
     gap = None if delimiter == BLANKS else delimiter
     cells = [[cell.strip() for cell in line.text.rstrip().split(gap)] for line in lines]
@@ -361,15 +367,15 @@ def _take_labview_starts(lines: Sequence[HeadLine], columns: list[_Column], deli
         stamp = f"{cell('date', index)} {cell('time', index)}"
         begin = _epoch(stamp) if is_stamp(stamp) else None
         if x0_ns and cell("time_pref", index).lower() == "absolute":
-            column.start = Start(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
+            column.start = StartTime(x0_ns + _LABVIEW_EPOCH_S * 10**9, epoch=True)
         elif begin is not None:
-            column.start = Start(begin.ns + x0_ns, epoch=True)
+            column.start = StartTime(begin.ns + x0_ns, epoch=True)
 
 
-def _epoch(stamp: str) -> Start | None:
+def _epoch(stamp: str) -> StartTime | None:
     """Return the start that a single stamp states; None for a date with two readings."""
     try:
         parsed = parse_stamps([stamp], frozenset(), lambda row: "")
     except InputError:
         return None
-    return Start(int(parsed.ns[0]), epoch=parsed.dated)
+    return StartTime(int(parsed.ns[0]), epoch=parsed.dated)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, Start
+from vibrident.data.io.columns import Clock, ColumnFile, StartTime
 from vibrident.data.io.header_units import header, seconds_per_unit
 from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.records import FloatArray
@@ -105,7 +105,7 @@ def timeline_of(
     start = source.start(position)
     if start is None or not source.in_seconds(position):
         first_s = float(times[0]) * seconds
-        start = Start(round(first_s * 1e9), epoch=_EPOCH_S[0] <= first_s < _EPOCH_S[1])
+        start = StartTime(round(first_s * 1e9), epoch=_EPOCH_S[0] <= first_s < _EPOCH_S[1])
     resolution = float(np.spacing(np.max(np.abs(times))))
     return timeline_from((times - times[0]) * seconds, resolution * seconds, start, locate, note)
 
@@ -113,7 +113,7 @@ def timeline_of(
 def timeline_from(
     elapsed_s: FloatArray,
     resolution_s: float,
-    start: Start,
+    start: StartTime,
     locate: Callable[[int], str],
     note: str = "",
 ) -> Timeline:
@@ -146,7 +146,7 @@ def timeline_from(
     offsets = np.zeros(times_s.size) if is_even else deviation / interval
     worst = float(np.max(np.abs(deviation - deviation.mean())))
     spread = max(3.0 * worst / interval / times_s.size, SAME_RATE) if is_even else SAME_RATE
-    begin = Start(start.ns + round(origin * 1e9), start.epoch)
+    begin = StartTime(start.ns + round(origin * 1e9), start.epoch)
     clock = Clock(1.0 / interval, spread, begin)
     return Timeline(clock, rows, places, offsets, max(rounding_s, resolution_s), note)
 
@@ -156,7 +156,7 @@ def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock
     if times_s.size < 2:
         return None
     resolution_s = float(np.spacing(np.max(np.abs(times_s))))
-    start = Start.on_own_clock(float(times_s[0]))
+    start = StartTime.on_own_clock(float(times_s[0]))
     return timeline_from(times_s - times_s[0], resolution_s, start, locate).clock
 
 
@@ -244,5 +244,5 @@ def _plausible_unit(
     return 1.0, ""
 
 
-def _uneven(problem: str, found: str, where: str) -> InputError:
-    return InputError(problem, expected=_EXPECTED, found=found, where=where, remedy=_REMEDY)
+def _uneven(problem: str, value: str, where: str) -> InputError:
+    return InputError(problem, expected=_EXPECTED, found=value, where=where, remedy=_REMEDY)

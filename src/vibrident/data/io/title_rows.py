@@ -1,4 +1,4 @@
-"""Rows of names and units above the columns of a text file, and what makers write beside them."""
+"""Read the rows of names and units above the columns of a text file, as makers write them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from vibrident.data.io.plain_text import BLANKS
 from vibrident.data.io.text_head import HeadLine, is_key
-from vibrident.data.io.units import counts_rows, parse_unit, says_nothing
+from vibrident.data.io.units import is_no_unit, is_row_counter, parse_unit
 
 #: Names above a column that the rows do not have (LabVIEW).
 COMMENTS = frozenset({"comment", "comments", "kommentar", "commentaire"})
@@ -39,14 +39,14 @@ def columns_of(data: Sequence[list[str]], above: Sequence[list[str]], fields: in
 
 def keys_over_values(rows: dict[int, list[str]], columns: int) -> list[HeadLine]:
     """Return statements by keys beside the names, with their values in s below (Rigol)."""
-    found = []
+    head_lines = []
     for (i, row), (_, below) in pairwise(rows.items()):
-        found += [
+        head_lines += [
             HeadLine(i + 1, f"{key}: {value} s")
             for key, value in zip(row[columns:], below[columns:], strict=False)
             if is_key(key) and value
         ]
-    return found
+    return head_lines
 
 
 def names_and_units(
@@ -84,8 +84,8 @@ def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
     for cell, name in zip(row, names, strict=True):
         if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
             known += 1
-        elif counts_rows(cell) or (cell and cell.lower() in name.lower()):
+        elif is_row_counter(cell) or (cell and cell.lower() in name.lower()):
             unknown += 1
-        elif not says_nothing(cell):
+        elif not is_no_unit(cell):
             return False
     return known > unknown

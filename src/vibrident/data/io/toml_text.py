@@ -15,7 +15,7 @@ from vibrident.data.io.columns import require_regular, unreadable
 
 #: Most characters of a calibration file: ten thousand [[records]] entries. The standard parser
 #: takes a second for it.
-MOST_BYTES = 1_000_000
+MAX_TOML_BYTES = 1_000_000
 #: A long chain of dotted keys; the parser's time and memory grow as the square of their number.
 _JOINED = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*){32}""")
 
@@ -29,13 +29,13 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
     require_regular(path, kind)
     try:
         with path.open("rb") as stream:
-            text = stream.read(4 * MOST_BYTES + 4).decode("utf-8-sig")
-        if len(text) > MOST_BYTES or (joined := _JOINED.search(text)):
+            text = stream.read(4 * MAX_TOML_BYTES + 4).decode("utf-8-sig")
+        if len(text) > MAX_TOML_BYTES or (joined := _JOINED.search(text)):
             raise InputError(
                 f"This is not a {what} file.",
-                expected=f"at most {MOST_BYTES} characters, and keys of one or two levels",
+                expected=f"at most {MAX_TOML_BYTES} characters, and keys of one or two levels",
                 found=f"{len(text)} characters"
-                if len(text) > MOST_BYTES
+                if len(text) > MAX_TOML_BYTES
                 else f"{joined.group()[:40]!r} and so on",
                 where=str(path),
                 remedy="name data files under [[records]] file, many of them with a glob",

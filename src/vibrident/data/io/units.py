@@ -75,30 +75,12 @@ _PREFIX_WORDS = {
 }  # fmt: skip
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
-#: What programs write where there is no unit.
-# fmt: skip
-_NO_UNIT = frozenset(
-    (
-        "",
-        "-",
-        "--",
-        "none",
-        "n/a",
-        "unknown",
-        "unit",
-        "units",
-        "eu",
-        "arb",
-        "a.u.",
-        "au",
-        "raw",
-        "?",
-        "[]",
-        "()",
-        "1",
-    )
-)
-#: Of what numbers the rows, in place of a unit.
+#: Texts that programs write in place of a missing unit.
+_NO_UNIT = frozenset((
+    "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
+    "?", "[]", "()", "1",
+))  # fmt: skip
+#: Names of row numbers that stand in place of a unit.
 _COUNTERS = frozenset((
     "#", "sample", "samples", "smp", "point", "points", "tick", "ticks", "count", "counts", "index",
     "sequence", "number", "no", "no.", "nr", "nr.", "bin", "bins", "line", "lines",
@@ -124,27 +106,27 @@ class Unit:
     factor: float
     dimension: tuple[tuple[str, int], ...]
 
-    def over(self, other: Unit) -> Unit:
+    def over(self, divisor: Unit) -> Unit:
         """Return this unit divided by another."""
         exponents = Counter(dict(self.dimension))
-        exponents.subtract(dict(other.dimension))
-        return Unit(self.factor / other.factor, _sorted(exponents))
+        exponents.subtract(dict(divisor.dimension))
+        return Unit(self.factor / divisor.factor, _sorted(exponents))
 
-    def times(self, other: Unit) -> Unit:
+    def times(self, factor: Unit) -> Unit:
         """Return the product of two units."""
-        return self.over(Unit(1.0 / other.factor, tuple((b, -e) for b, e in other.dimension)))
+        return self.over(Unit(1.0 / factor.factor, tuple((b, -e) for b, e in factor.dimension)))
 
 
 def _sorted(exponents: Counter[str]) -> tuple[tuple[str, int], ...]:
     return tuple(sorted((base, exponent) for base, exponent in exponents.items() if exponent))
 
 
-def says_nothing(text: str) -> bool:
+def is_no_unit(text: str) -> bool:
     """Tell whether a stated unit is one of the words for none, such as "-" or "n/a"."""
     return text.strip().lower() in _NO_UNIT
 
 
-def counts_rows(text: str) -> bool:
+def is_row_counter(text: str) -> bool:
     """Tell whether a text in place of a unit says that a column numbers the rows."""
     return text.strip().lower() in _COUNTERS
 
@@ -153,7 +135,7 @@ def counts_rows(text: str) -> bool:
 def parse_unit(text: str) -> Unit | None:
     """Return the unit that a text names; None where it names none that is known."""
     plain = text.strip().translate(PLAIN_SIGNS).replace("-^", "^-")  # as s⁻² becomes s-^2
-    if says_nothing(plain) or len(plain) > MAX_UNIT_LENGTH:
+    if is_no_unit(plain) or len(plain) > MAX_UNIT_LENGTH:
         return None
     plain = _RUN_TOGETHER.sub(r"(m/s^\1)", plain)
     if plain.lower() in _WORDS:

@@ -1,4 +1,4 @@
-"""A calibration as files that ``read`` takes back: calibration.toml, and a CSV file a record."""
+"""Write a calibration as files that ``read`` takes back: calibration.toml and CSV files."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.base.files import unwritable, whole
-from vibrident.data.io.record_files import same_name
+from vibrident.base.files import atomic_write, unwritable
+from vibrident.data.io.record_files import duplicate_name
 from vibrident.data.io.toml_text import toml_document
 from vibrident.data.records import (
     Calibration,
@@ -37,7 +37,7 @@ _UNSAFE = re.compile(r"[^\w.+-]+")
 #: Devices of Windows, with any ending.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 #: Bytes of a name: with a number and an ending, every file system takes it.
-_MOST_BYTES = 120
+_MAX_NAME_BYTES = 120
 
 
 def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) -> Path:
@@ -69,9 +69,9 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     try:
         target.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as written:  # which renames the first one last
-            main = written.enter_context(whole(target / CALIBRATION_FILE))
+            main = written.enter_context(atomic_write(target / CALIBRATION_FILE))
             for file, columns in zip(files, tables, strict=True):
-                _write_columns(written.enter_context(whole(target / file)), columns)
+                _write_columns(written.enter_context(atomic_write(target / file)), columns)
             main.write_text(toml_document(_document(calibration, files)), encoding="utf-8")
     except OSError as error:
         if new:
@@ -96,14 +96,16 @@ def _refuse_unwritable(calibration: Calibration) -> None:
                 remedy="write the calibration before samples are left out",
             )
         if names.count(record.name) > 1:
-            raise same_name(record.name, "calibration to be written")
+            raise duplicate_name(record.name, "calibration to be written")
 
 
 def record_files(records: list[str]) -> list[str]:
     """Return a unique CSV file name for each record, valid on every system."""
     stems: list[str] = []
     for record in records:
-        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
+        stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[
+            -_MAX_NAME_BYTES:
+        ]
         stem = stem.decode(errors="ignore").strip("._") or "record"
         stem = f"record_{stem}" if _RESERVED.match(stem) or stem.startswith("-") else stem
         used = {name.casefold() for name in stems}
@@ -121,7 +123,7 @@ def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
 
 
 def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
-    """Return the columns that the table has, by their names in the file, which are those of its fields."""
+    """Return the columns that the table has, by their names in the file, those of its fields."""
     return {
         name: values
         for name in _TABLE_KEYS.values()
@@ -178,8 +180,8 @@ def _document(calibration: Calibration, files: list[str]) -> dict[str, Any]:
         document["records"] = [_entry(*each, rate_hz) for each in zip(records, files, strict=True)]
     document["uncertainty"] = [_effect(effect) for effect in calibration.effects]
     document["cmc"] = [
-        {key: value for key, value in asdict(one).items() if value not in (0.0, math.inf)}
-        for one in calibration.capabilities
+        {key: value for key, value in asdict(capability).items() if value not in (0.0, math.inf)}
+        for capability in calibration.capabilities
     ]
     return document | {"certificate": calibration.certificate or []}
 

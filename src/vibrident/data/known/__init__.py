@@ -1,6 +1,13 @@
-"""What is known of a channel: its complex response over frequency, with its uncertainty."""
+"""Known responses of channels: complex, over frequency, with their uncertainty."""
 
 from vibrident.data.known.response import KnownResponse, refuse_known
-from vibrident.data.known.shapes import DigitalFilter, PolesZeros, Shape, Tabulated
+from vibrident.data.known.shapes import DigitalFilter, RationalResponse, Shape, Tabulated
 
-__all__ = ["DigitalFilter", "KnownResponse", "PolesZeros", "Shape", "Tabulated", "refuse_known"]
+__all__ = [
+    "DigitalFilter",
+    "KnownResponse",
+    "RationalResponse",
+    "Shape",
+    "Tabulated",
+    "refuse_known",
+]

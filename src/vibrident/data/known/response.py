@@ -1,4 +1,4 @@
-"""What is known of a channel, whatever states it: one complex response and what is unsure of it."""
+"""Known response of a channel, from a table, poles, a filter, corners, or a result."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vibrident.data.known.shapes import (
     ComplexArray,
     DigitalFilter,
     FloatArray,
-    PolesZeros,
+    RationalResponse,
     Shape,
     Tabulated,
 )
@@ -30,7 +30,7 @@ from vibrident.data.known.unsure import (
     tabulated_effects,
 )
 
-#: Error between the points of a table, of log response, from which it is a source of uncertainty.
+#: An error of log response between the points of a table counts as uncertainty above this.
 MIN_BETWEEN_POINTS = 1e-5
 
 
@@ -44,13 +44,19 @@ class KnownResponse:
     chain.
 
     Attributes:
-        shapes: whose product it is; none where it was taken out of the data already.
+        shapes: factors of the response; none if it was taken out of the data already.
         channel_unit: unit of what the channel holds, for messages.
         band_hz: lowest and highest frequency at which it is known.
         effects: systematic effects, with their changes of log response over frequency; each is
             common to all frequencies, different ones are independent.
         source: what states it, in words.
         files: name and SHA-256 of each file that states it.
+
+    Examples:
+        >>> import vibrident
+        >>> amplifier = vibrident.KnownResponse.from_corners(highpass_hz=[0.5], gain=0.01)
+        >>> abs(amplifier.value([0.5, 160.0])).round(5).tolist()
+        [0.00707, 0.01]
     """
 
     shapes: tuple[Shape, ...]
@@ -86,30 +92,30 @@ class KnownResponse:
         stacked = np.stack([np.concatenate([c.real, c.imag]) for c in columns], axis=1)
         return np.asarray(stacked @ stacked.T)
 
-    def times(self, other: KnownResponse) -> KnownResponse:
-        """Return the response of both in a chain; this one stands next to the recorder."""
-        low = max(self.band_hz[0], other.band_hz[0])
-        high = min(self.band_hz[1], other.band_hz[1])
+    def times(self, outer: KnownResponse) -> KnownResponse:
+        """Return the response of both in a chain; this one is nearer to the recorder."""
+        low = max(self.band_hz[0], outer.band_hz[0])
+        high = min(self.band_hz[1], outer.band_hz[1])
         if not low < high:
             raise InputError(
                 "The known responses of a channel have no band in common.",
                 expected="bands that overlap",
                 found=f"{self.band_hz[0]:g} to {self.band_hz[1]:g} Hz and "
-                f"{other.band_hz[0]:g} to {other.band_hz[1]:g} Hz",
+                f"{outer.band_hz[0]:g} to {outer.band_hz[1]:g} Hz",
                 where="known response",
                 remedy="correct one of the two",
             )
         return replace(
             self,
-            shapes=(*self.shapes, *other.shapes),
+            shapes=(*self.shapes, *outer.shapes),
             band_hz=(low, high),
-            effects=(*self.effects, *other.effects),
-            source=f"{self.source}, {other.source}",
-            files=(*self.files, *other.files),
+            effects=(*self.effects, *outer.effects),
+            source=f"{self.source}, {outer.source}",
+            files=(*self.files, *outer.files),
         )
 
     def taken_out(self) -> KnownResponse:
-        """Return the same after the data were freed of it: its effects alone are left."""
+        """Return the response that remains after correcting the data: one, with its uncertainty."""
         return replace(self, shapes=())
 
     @classmethod
@@ -125,9 +131,9 @@ class KnownResponse:
         channel_unit: str = "V",
         source: str = "known response",
     ) -> KnownResponse:
-        """Return the response of a table, such as a certificate's; known between its ends alone.
+        """Return the response of a table, such as a certificate's; known between its ends only.
 
-        What a spline may miss between its points is a source of uncertainty of its own.
+        The interpolation error between its points is an uncertainty of its own.
 
         Args:
             frequency_hz: rising, shape (n,).
@@ -189,15 +195,17 @@ class KnownResponse:
         Raises:
             InputError: a pole is unstable, or a number cannot be used.
         """
-        shape = PolesZeros(np.asarray(poles, complex), np.asarray(zeros, complex), float(gain))
+        shape = RationalResponse(
+            np.asarray(poles, complex), np.asarray(zeros, complex), float(gain)
+        )
         effects = flat_effects(source, standard_uncertainty, phase_uncertainty_rad)
         return cls((shape,), channel_unit, effects=effects, source=source)
 
     @classmethod
     def from_result(cls, result: Any, quantity: str | None = None) -> KnownResponse:
-        """Return the response of a sensor that vibrident identified, of a result or its file.
+        """Return the response of a sensor that vibrident identified.
 
-        Its parameters' covariance is its uncertainty; it is known in the band of their data.
+        The parameters' covariance is its uncertainty; it is known in the band of their data.
 
         Args:
             result: of an identification, or the path of a ``result.json``.
@@ -206,8 +214,8 @@ class KnownResponse:
         Raises:
             InputError: the file cannot be read, or the result states no uncertainty.
         """
-        found: KnownResponse = bound("known_response")(result, quantity)
-        return found
+        response: KnownResponse = bound("known_response")(result, quantity)
+        return response
 
     @classmethod
     def from_filter(
@@ -266,7 +274,7 @@ class KnownResponse:
             )
         rates = 2.0 * np.pi * np.array(corners)
         gain = float(gain * np.prod(rates[len(highpass_hz) :]))
-        shape = PolesZeros(-rates.astype(complex), np.zeros(len(highpass_hz), complex), gain)
+        shape = RationalResponse(-rates.astype(complex), np.zeros(len(highpass_hz), complex), gain)
         effects = flat_effects(source, standard_uncertainty, 0.0)
         if corner_uncertainty > 0.0:
             sides = [(hz, True) for hz in highpass_hz] + [(hz, False) for hz in lowpass_hz]
@@ -277,7 +285,7 @@ class KnownResponse:
 
 
 def refuse_known(stated: Mapping[str, object], what: str, where: str) -> None:
-    """Refuse known responses, by channel, where ``what`` does not take them out of the data."""
+    """Refuse known responses, by channel, as ``what`` does not take them out of the data."""
     channels = [f"[{name}]" for name, known in stated.items() if known]
     if channels:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Complex functions of frequency that state a response: poles and zeros, a digital filter, a table.
+"""Complex responses as functions of frequency: poles and zeros, a digital filter, a table.
 
 All are for e^{+jωt}. They hold arrays and numbers alone, so that they travel between processes.
 """
@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
 
-#: Logarithm of the factor of frequency over which a table goes on beyond its ends.
-CONTINUED = np.log(4.0)
-#: Points from which a table tells the error between them.
-MIN_FOR_ERROR = 7
+#: Logarithm of the factor of frequency by which a table is extrapolated beyond its ends.
+MAX_EXTRAPOLATION = np.log(4.0)
+#: Fewest points of a table from which the error between them is estimated.
+MIN_POINTS_FOR_ERROR = 7
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class PolesZeros:
-    """gain · Π(s − zeros) / Π(s − poles) · e^{−s delay}.
+class RationalResponse:
+    """Response gain · Π(s − zeros) / Π(s − poles) · e^{−s delay}.
 
     Attributes:
         poles, zeros: rad/s, shapes (p,) and (z,).
@@ -47,7 +47,7 @@ class PolesZeros:
         _require_numbers("gain", [self.gain], zero=False)
         unstable = self.poles[self.poles.real > 0.0]
         if unstable.size:
-            raise _refused(
+            raise _shape_error(
                 "A pole lies in the right half plane: the channel would be unstable.",
                 "poles whose real part is zero or below, in rad/s for e^{+jωt}",
                 f"{unstable[0]:.6g} rad/s",
@@ -71,7 +71,7 @@ class PolesZeros:
 
 @dataclass(frozen=True, eq=False)
 class DigitalFilter:
-    """Σ b_k z^{−k} / Σ a_k z^{−k} · e^{+jω advance} with z = e^{jω/rate}.
+    """Digital filter Σ b_k z^{−k} / Σ a_k z^{−k} · e^{+jω advance} with z = e^{jω/rate}.
 
     Attributes:
         numerator, denominator: b and a, by ascending powers of 1/z.
@@ -93,7 +93,7 @@ class DigitalFilter:
             object.__setattr__(self, name, values)
             _require_numbers(name, values, zero=False)
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise _refused(
+            raise _shape_error(
                 "A digital filter needs the rate at its input.",
                 "a positive number of samples per second",
                 f"rate_hz = {self.rate_hz!r}",
@@ -102,7 +102,7 @@ class DigitalFilter:
         leading = self.denominator[0]
         poles = np.roots(self.denominator) if leading != 0.0 else np.array([np.inf])
         if np.any(np.abs(poles) >= 1.0):
-            raise _refused(
+            raise _shape_error(
                 "The digital filter is not stable.",
                 "poles inside the unit circle, coefficients by ascending powers of 1/z",
                 f"a pole of magnitude {np.max(np.abs(poles)):.6g}",
@@ -124,9 +124,9 @@ class DigitalFilter:
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """A cubic spline of log magnitude and phase over log frequency, straight outside.
+    """Cubic spline of log magnitude and phase over log frequency, linear outside.
 
-    It goes on for two octaves, so that a filter has no kink at the ends of what is known.
+    It is extrapolated by two octaves, so that a filter has no kink at the ends of the table.
 
     Attributes:
         frequency_hz: rising, shape (n,).
@@ -148,21 +148,21 @@ class Tabulated:
             _require_numbers(name, values, zero=True)
         sizes = self.frequency_hz.shape, self.magnitude.shape, self.phase_rad.shape
         if len(set(sizes)) > 1:
-            raise _refused(
+            raise _shape_error(
                 "The columns of the table differ in length.",
                 "one magnitude and one phase for each frequency",
                 " and ".join(str(size[0]) for size in sizes),
                 "give every column the same number of rows",
             )
         if np.any(self.magnitude <= 0.0):
-            raise _refused(
+            raise _shape_error(
                 "A magnitude is not positive.",
                 "magnitudes above zero; a reversed polarity is 180° of phase",
                 f"{np.min(self.magnitude):.6g}",
                 "correct the table",
             )
         if self.frequency_hz[0] <= 0.0 or np.any(np.diff(self.frequency_hz) <= 0.0):
-            raise _refused(
+            raise _shape_error(
                 "The frequencies of the table are out of order.",
                 "frequencies above zero, each above the one before",
                 ", ".join(f"{hz:g}" for hz in self.frequency_hz[:6]),
@@ -180,7 +180,7 @@ class Tabulated:
             x = np.log(self.frequency_hz)
             spline = _spline(x, columns)
             inside = np.clip(place, x[0], x[-1])
-            beyond = np.clip(place - inside, -CONTINUED, CONTINUED)
+            beyond = np.clip(place - inside, -MAX_EXTRAPOLATION, MAX_EXTRAPOLATION)
             logarithm = spline(inside) + beyond[..., None] * spline(inside, 1)
         return np.asarray(np.exp(logarithm[..., 0] + 1j * logarithm[..., 1]))
 
@@ -190,29 +190,29 @@ class Tabulated:
         return float(self.frequency_hz[-1])
 
     def between_points(self) -> ComplexArray:
-        """Return by how much log response may be off between points, at the points, shape (n,).
+        """Return the estimated error of log response between points, at the points, shape (n,).
 
-        A fourth of what a spline through every second point misses at the others. The error of a
-        cubic spline falls with the fourth power of the distance, to a sixteenth; less where the
-        points are few for the shape. Zero for fewer than seven points.
+        A fourth of the error, at every second point, of a spline through the others. The error of a
+        cubic spline falls with the fourth power of the distance, to a sixteenth; less if the points
+        are few for the shape. Zero for fewer than seven points.
         """
         error = np.zeros(self.frequency_hz.size, dtype=complex)
-        if error.size < MIN_FOR_ERROR:
+        if error.size < MIN_POINTS_FOR_ERROR:
             return error
         places = np.arange(error.size)
         for first in (0, 1):
-            kept = places[first::2]
+            fitted = places[first::2]
             columns = (
-                column[kept] for column in (self.frequency_hz, self.magnitude, self.phase_rad)
+                column[fitted] for column in (self.frequency_hz, self.magnitude, self.phase_rad)
             )
             coarse = Tabulated(*columns)
-            others = np.setdiff1d(places[kept[0] : kept[-1]], kept)
-            there = self.magnitude[others] * np.exp(1j * self.phase_rad[others])
-            error[others] = np.log(coarse.at(self.frequency_hz[others]) / there) / 4.0
+            omitted = np.setdiff1d(places[fitted[0] : fitted[-1]], fitted)
+            true_response = self.magnitude[omitted] * np.exp(1j * self.phase_rad[omitted])
+            error[omitted] = np.log(coarse.at(self.frequency_hz[omitted]) / true_response) / 4.0
         return error
 
 
-Shape = PolesZeros | DigitalFilter | Tabulated
+Shape = RationalResponse | DigitalFilter | Tabulated
 
 
 def _spline(x: FloatArray, columns: FloatArray) -> Any:
@@ -226,7 +226,7 @@ def _require_pairs(name: str, roots: ComplexArray) -> None:
     _require_numbers(name, np.abs(roots), zero=True)
     lone = np.sort_complex(roots) - np.sort_complex(roots.conj())
     if roots.size and np.max(np.abs(lone)) > 1e-6 * np.max(np.abs(roots)):
-        raise _refused(
+        raise _shape_error(
             f"The {name} are not those of a real channel.",
             f"complex {name} in conjugate pairs",
             ", ".join(f"{root:.6g}" for root in roots[:6]),
@@ -237,7 +237,7 @@ def _require_pairs(name: str, roots: ComplexArray) -> None:
 def _require_numbers(name: str, values: Any, *, zero: bool) -> None:
     array = np.asarray(values, dtype=float)
     if not np.all(np.isfinite(array)) or (not zero and not np.any(array != 0.0)):
-        raise _refused(
+        raise _shape_error(
             f"The {name} of a known response cannot be used.",
             "finite numbers" if zero else "finite numbers, not all zero",
             ", ".join(f"{value:g}" for value in array[:6]) or "none",
@@ -245,7 +245,7 @@ def _require_numbers(name: str, values: Any, *, zero: bool) -> None:
         )
 
 
-def _refused(problem: str, expected: str, found: str, remedy: str) -> InputError:
+def _shape_error(problem: str, expected: str, value: str, remedy: str) -> InputError:
     return InputError(
-        problem, expected=expected, found=found, where="known response", remedy=remedy
+        problem, expected=expected, found=value, where="known response", remedy=remedy
     )

@@ -1,4 +1,4 @@
-"""Uncertainty of a known response → systematic effects: how log K may be off over frequency."""
+"""Systematic effects of a known response's uncertainty: errors of log K over frequency."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vibrident.data.effects import SystematicEffect
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 ErrorKind = Literal["gain", "phase"]
-#: Part of the variance of correlated errors that the effects may leave out; rows make up for it.
-LEFT_OUT = 1e-4
-#: Octaves from a corner to which its effect is tabulated, and rows an octave.
+#: Share of the variance of correlated errors that effects may omit; the others are scaled up.
+MAX_OMITTED_VARIANCE = 1e-4
+#: Octaves from a corner to which its effect is tabulated, and rows per octave.
 CORNER_OCTAVES = 14
-ROWS_AN_OCTAVE = 8
+ROWS_PER_OCTAVE = 8
 
 
 def effect_of(
@@ -32,7 +32,7 @@ def effect_of(
 
 
 def flat_effects(source: str, relative: float, phase_rad: float) -> tuple[SystematicEffect, ...]:
-    """Return effects of a gain and of a phase that are off alike at all frequencies."""
+    """Return effects of a gain error and of a phase error that are equal at all frequencies."""
     sizes: list[tuple[ErrorKind, float]] = [("gain", relative), ("phase", phase_rad)]
     for name, size in sizes:
         _require_sizes(name, np.array([size]))
@@ -53,7 +53,7 @@ def corner_effect(
     source: str, corner_hz: float, relative: float, *, highpass: bool
 ) -> SystematicEffect:
     """Return the effect of a first-order corner that is off by ``relative``."""
-    octaves = np.linspace(-CORNER_OCTAVES, CORNER_OCTAVES, 2 * CORNER_OCTAVES * ROWS_AN_OCTAVE + 1)
+    octaves = np.linspace(-CORNER_OCTAVES, CORNER_OCTAVES, 2 * CORNER_OCTAVES * ROWS_PER_OCTAVE + 1)
     ratio = 2.0**octaves
     change = relative * (-1.0 if highpass else 1j * ratio) / (1.0 + 1j * ratio)
     return effect_of(f"{source}, corner at {corner_hz:g} Hz", "gain", corner_hz * ratio, change)
@@ -87,14 +87,14 @@ def tabulated_effects(
 
 
 def _columns(frequency_hz: FloatArray, correlation_octaves: float | None) -> list[FloatArray]:
-    """Return columns c with Σ c cᵀ the correlation of errors; ones alone for a common error."""
+    """Return columns c with Σ c cᵀ the correlation of errors; ones only for a common error."""
     if correlation_octaves is None:
         return [np.ones(frequency_hz.shape)]
     _require_sizes("correlation", np.array([correlation_octaves]))
     distance = np.subtract.outer(*2 * (np.log2(frequency_hz),)) / max(correlation_octaves, 1e-9)
     values, vectors = np.linalg.eigh(np.exp(-0.5 * distance**2))
-    kept = values > LEFT_OUT * np.sum(values) / values.size
-    columns = vectors[:, kept] * np.sqrt(values[kept])
+    significant = values > MAX_OMITTED_VARIANCE * np.sum(values) / values.size
+    columns = vectors[:, significant] * np.sqrt(values[significant])
     columns /= np.sqrt(np.sum(columns**2, axis=1, keepdims=True))
     return list(columns.T[::-1])
 

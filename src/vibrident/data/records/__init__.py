@@ -1,9 +1,9 @@
-"""What was measured, in physical units: records, tabulated responses, the calibration that holds them. Validated."""
+"""Measured data in physical units, validated: records, tabulated responses, calibrations."""
 
 from vibrident.data.effects import Capability, Circumstances, SystematicEffect
 from vibrident.data.records.basis import (
     EXCITATIONS,
-    LARGEST,
+    MAX_CHANNEL_VALUE,
     QUANTITIES,
     REFERENCE_UNITS,
     STANDARD_GRAVITY,
@@ -19,7 +19,7 @@ from vibrident.data.records.record import Record, ResponseTable
 
 __all__ = [
     "EXCITATIONS",
-    "LARGEST",
+    "MAX_CHANNEL_VALUE",
     "QUANTITIES",
     "REFERENCE_UNITS",
     "STANDARD_GRAVITY",

@@ -1,4 +1,4 @@
-"""What the channels may be, where data came from, and arrays that stay as they are."""
+"""Quantities and units of channels, the provenance of data, and read-only arrays."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(
     {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "drive": "drive unit"}
 )
 
-LARGEST = 1e30  # of a channel's largest value in its unit; the least is one over it
+#: Upper limit of a channel's largest value, in its unit; the lower limit is the reciprocal.
+MAX_CHANNEL_VALUE = 1e30
 STANDARD_GRAVITY = 9.80665  # standard acceleration of free fall, m/s² (CGPM 1901; ISO 80000-3)
-USUAL_MODEL = "accelerometer"  # the sensor model of a calibration that names no model
+USUAL_MODEL = "accelerometer"  # sensor model of a calibration that names none
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
 def frozen(values: object) -> FloatArray:
-    """Return a copy that cannot be written to; the same array where it is one already, as another record's is."""
+    """Return a read-only copy; the array itself if it is read-only already."""
     if (
         type(values) is np.ndarray
         and values.dtype == np.float64
@@ -46,7 +47,10 @@ def frozen(values: object) -> FloatArray:
 
 
 def distinct(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the different values, rising, none of them NaN; ``np.unique`` would load NumPy's masked arrays."""
+    """Return the different values in rising order, none of them NaN.
+
+    ``np.unique`` would load NumPy's masked arrays.
+    """
     ordered = np.sort(values, axis=None)
     return np.concatenate([ordered[:1], ordered[1:][ordered[1:] != ordered[:-1]]])
 
@@ -58,9 +62,9 @@ def runs_of_true(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np
 
 
 def span_of(flags: NDArray[np.bool_]) -> slice:
-    """From the first True to the last; empty without any."""
-    there = np.flatnonzero(flags)
-    return slice(int(there[0]), int(there[-1]) + 1) if there.size else slice(0, 0)
+    """Return the slice from the first True to the last; empty if there is none."""
+    indices = np.flatnonzero(flags)
+    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 0)
 
 
 def resolution(values: FloatArray) -> float:
@@ -71,12 +75,17 @@ def resolution(values: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where data came from and what was done to them.
+    """Origin of data, and what was done to them.
 
     Attributes:
         file: file name, as given by the user; empty for data made in memory.
         sha256: hex digest of the file's bytes; empty for data made in memory.
         history: what was done, oldest first, in words.
+
+    Examples:
+        >>> import vibrident
+        >>> vibrident.Provenance("160.csv").then("scaled by 9.80665").history
+        ('scaled by 9.80665',)
     """
 
     file: str = ""
@@ -93,8 +102,8 @@ class Provenance:
 def check_size(what: str, values: FloatArray, where: str) -> None:
     """Refuse values of a size that no unit explains."""
     largest = float(np.max(np.abs(values)))
-    span = f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
-    if largest != 0.0 and not 1.0 / LARGEST <= largest <= LARGEST:
+    span = f"a largest value between {1.0 / MAX_CHANNEL_VALUE:g} and {MAX_CHANNEL_VALUE:g}"
+    if largest != 0.0 and not 1.0 / MAX_CHANNEL_VALUE <= largest <= MAX_CHANNEL_VALUE:
         text = f"{what} holds values of a size that no unit explains."
         raise InputError(
             text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale"

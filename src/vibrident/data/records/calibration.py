@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vibrident.base.amounts import pretty
+from vibrident.base.binding import bound
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
@@ -29,7 +32,7 @@ from vibrident.data.records.record import Record, ResponseTable
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """All that is known of one sensor's calibration: records or a table, and what the channels mean.
+    """Calibration of one sensor: records or a table, and what the channels mean.
 
     Attributes:
         records: the recordings; empty where a table is given.
@@ -44,15 +47,24 @@ class Calibration:
         source: path of the calibration file; empty for data made in memory.
         certificate: what a certificate needs besides the data (customer, laboratory, conditions,
             …), as given; keys as in the calibration file, plain values, dates as ISO text.
-        capabilities: below which no U of the sensitivity is stated.
-        reference_known_response: what is known of the reference's channel. The records then hold
-            what that channel says, a table what the response says per unit of it; ``quantity`` and
+        capabilities: smallest expanded uncertainties of the sensitivity that are stated.
+        reference_known_response: known response of the reference's channel. The records then hold
+            the output of that channel, a table the response per unit of it; ``quantity`` and
             ``reference_unit`` are of the motion.
-        response_known_response: what is known of the response's channel; ``response_unit`` is of
+        response_known_response: known response of the response's channel; ``response_unit`` is of
             the sensor's output.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> time = np.arange(4000) / 51200.0
+        >>> motion = np.array([9.8 * np.sin(2 * np.pi * hz * time) for hz in (160.0, 400.0)])
+        >>> calibration = vibrident.Calibration.from_arrays(motion, 0.1 * motion, 51200.0)
+        >>> [record.name for record in calibration.records]
+        ['record 1', 'record 2']
     """
 
     records: tuple[Record, ...] = ()
@@ -84,7 +96,7 @@ class Calibration:
             )
         if self.quantity not in QUANTITIES:
             raise unknown("The reference quantity is not known.", self.quantity, QUANTITIES, where)
-        # NumPy's own strings are no static argument
+        # NumPy's string type is no static argument
         object.__setattr__(self, "quantity", str(self.quantity))
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(
@@ -93,21 +105,20 @@ class Calibration:
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
         object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))
 
-    def __reduce__(
-        self,
-    ) -> tuple[object, ...]:  # views of mappings do not travel to another process
-        own = {each.name: getattr(self, each.name) for each in fields(self)}
-        own |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
-        return functools.partial(Calibration, **own), ()
+    def __reduce__(self) -> tuple[object, ...]:
+        # Views of mappings cannot be pickled for another process.
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
+        return functools.partial(Calibration, **values), ()
 
     def within(self, band_hz: tuple[float, float] | None) -> Calibration:
-        """Return the calibration of which a fit takes a band alone; itself without one.
+        """Return the calibration for fits of a band alone; itself without one.
 
         Args:
             band_hz: lowest and highest frequency, Hz, both included.
 
         Raises:
-            InputError: it is no band, or no point of a table is in it.
+            InputError: the band is not valid, or no point of a table is in it.
         """
         if band_hz is None:
             return self
@@ -182,15 +193,30 @@ class Calibration:
         ]
         return cls(tuple(records), quantity=quantity, **more)
 
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write a calibration file and its data files, and return the path of the calibration file.
+
+        Args:
+            folder: created if missing; files of the same names are replaced, others stay.
+
+        Returns:
+            The path of ``calibration.toml``, which :func:`vibrident.read` reads back exactly.
+
+        Raises:
+            InputError: the folder cannot be written, or a record leaves samples out, which CSV cannot
+                represent.
+        """
+        return bound("write_calibration")(folder, self)
+
     @property
     def units(self) -> dict[str, str]:
-        """Return the unit of each channel, by its label: of what it holds."""
-        held = {name: known.channel_unit for name, known in self.known_responses.items()}
-        return {"reference": self.reference_unit, "response": self.response_unit} | held
+        """Return the unit of each channel's values, by its label."""
+        channel_units = {name: known.channel_unit for name, known in self.known_responses.items()}
+        return {"reference": self.reference_unit, "response": self.response_unit} | channel_units
 
     @property
     def known_responses(self) -> dict[str, KnownResponse]:
-        """Return what is known of each channel, by its label; empty where nothing is."""
+        """Return the known responses of channels by their labels; empty if none is stated."""
         stated = {
             "reference": self.reference_known_response,
             "response": self.response_known_response,
@@ -198,14 +224,18 @@ class Calibration:
         return {name: known for name, known in stated.items() if known is not None}
 
     def refuse_known_responses(self, what: str) -> None:
-        """Refuse a calibration that states known responses where ``what`` does not take them out."""
+        """Refuse a calibration with known responses, which ``what`` cannot take out of the data."""
         refuse_known(self.known_responses, what, self.source or "calibration in memory")
 
     def require_response(self, unit: str, without_records: str) -> None:
-        """Check that there are records, and that their response is in the unit of a result that is applied to them.
+        """Check that there are records, and that their response is in the unit of a result.
 
-        ``unit``: of the response of the result; ``without_records``: the problem that a table is,
-        in words.
+        Args:
+            unit: unit of the response of the result that is applied to the records.
+            without_records: message where the calibration holds a table.
+
+        Raises:
+            InputError: the calibration holds a table, or the unit differs.
         """
         where = self.source or "calibration in memory"
         if self.table is not None:
@@ -227,13 +257,13 @@ class Calibration:
 
 
 def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
-    """Return the arrays of a channel, one a record: a single one where the elements are numbers."""
-    whole = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
-    return whole if whole and np.ndim(whole[0]) > 0 else [channel]
+    """Return the arrays of a channel, one a record: a single one if the elements are numbers."""
+    elements = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
+    return elements if elements and np.ndim(elements[0]) > 0 else [channel]
 
 
 def describe(calibration: Calibration) -> list[dict[str, Any]]:
-    """Return one row a record, or one row for the table; labels state the units."""
+    """Return a table row for each record, or one row for the table; labels state the units."""
     if calibration.table is not None:
         return [
             _table_row(
@@ -258,7 +288,7 @@ def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
 
 
 def _channel(name: str, values: FloatArray | None, unit: str) -> dict[str, float]:
-    """Return the size of the motion, and the constant beside it."""
+    """Return the rms of a channel's motion and its offset, by labels."""
     if values is None:
         return {}
     rms = float(np.std(values))

@@ -1,4 +1,4 @@
-"""One recording of reference and response, and a tabulated response. Validated."""
+"""Records of reference and response, and tabulated responses, validated."""
 
 from __future__ import annotations
 
@@ -40,6 +40,16 @@ class ResponseTable:
 
     Raises:
         InputError: shapes differ, or a value is not finite or not positive where it must be.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> table = vibrident.ResponseTable(
+        ...     np.array([100.0, 160.0]), np.array([0.102, 0.104]), np.deg2rad([-1.1, -1.7])
+        ... )
+        >>> calibration = vibrident.Calibration(table=table)
+        >>> calibration.table.points
+        2
     """
 
     frequency_hz: FloatArray
@@ -57,13 +67,13 @@ class ResponseTable:
         Raises:
             InputError: no point is in it.
         """
-        kept = in_band(self.frequency_hz, band_hz)
-        if not np.any(kept):
+        inside = in_band(self.frequency_hz, band_hz)
+        if not np.any(inside):
             raise nothing_in_band(
                 band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}"
             )
         columns = {
-            name: None if (column := getattr(self, name)) is None else column[kept]
+            name: None if (column := getattr(self, name)) is None else column[inside]
             for name in (
                 "frequency_hz",
                 "magnitude",
@@ -72,7 +82,7 @@ class ResponseTable:
                 "phase_uncertainty_rad",
             )
         }
-        step = f"{int(np.sum(kept))} of {kept.size} points: {band_hz[0]:g} to {band_hz[1]:g} Hz"
+        step = f"{int(np.sum(inside))} of {inside.size} points: {band_hz[0]:g} to {band_hz[1]:g} Hz"
         return replace(self, **columns, provenance=self.provenance.then(step))
 
     def __post_init__(self) -> None:
@@ -119,7 +129,7 @@ class ResponseTable:
 
     @property
     def response(self) -> NDArray[np.complex128]:
-        """Return the complex response, shape (points,); real and positive where the table has no phase."""
+        """Return the complex response, shape (points,); real and positive if there is no phase."""
         if self.phase_rad is None:
             return self.magnitude.astype(np.complex128)
         return np.asarray(self.magnitude * np.exp(1j * self.phase_rad), dtype=np.complex128)
@@ -127,7 +137,7 @@ class ResponseTable:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One simultaneous recording of the reference and the response, equally spaced in time.
+    """Simultaneous recording of the reference and the response, equally spaced in time.
 
     Attributes:
         name: short name for tables and messages (the file name, usually).
@@ -136,7 +146,7 @@ class Record:
         response: shape (samples,), in the calibration's response unit.
         sampling_rate_hz: samples per second.
         excitation: kind of motion.
-        frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
+        frequency_hz: start value for a sine's frequency; None if the data determine it.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
         reference_valid: shape (samples,), where the reference may be used as the sensor's input,
             though the response is not valid there; None: as ``valid``.
@@ -144,11 +154,11 @@ class Record:
         reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its
             unit; None if unknown.
         provenance: file, hash and history.
-        reference_noise_order: the reference's own noise grows with this power of frequency (in
-            power): 4 for an acceleration that was made of a displacement with white noise; 0 for
-            white noise.
-        optical: what the signals of an interferometer said, from which the reference was made; None
-            for others.
+        reference_noise_order: the noise power of the reference grows with this power of frequency:
+            4 for an acceleration that was made of a displacement with white noise; 0 for white
+            noise.
+        optical: quality of the interferometer's signals that the reference was made from; None for
+            other references.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
         circumstances: run, mounting, axis and temperature, as far as stated.
         band_hz: lowest and highest frequency that a fit takes from the record; None: all.
@@ -156,6 +166,14 @@ class Record:
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples
             or hold a value that is not finite, or the sampling rate is not a positive number.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> motion = np.sin(2 * np.pi * 160.0 * np.arange(4000) / 51200.0)
+        >>> record = vibrident.Record("160 Hz", motion, 0.1 * motion, 51200.0)
+        >>> record.samples, record.duration_s
+        (4000, 0.078125)
     """
 
     name: str
@@ -210,7 +228,8 @@ class Record:
             raise InputError(
                 "The frequency of a sine record is outside the band that its sampling rate can "
                 "show.",
-                expected=f"0 < frequency_hz < {self.sampling_rate_hz / 2:g} (half the sampling rate)",
+                expected=f"0 < frequency_hz < {self.sampling_rate_hz / 2:g} (half the sampling "
+                "rate)",
                 found=f"{self.frequency_hz:g} Hz",
                 where=where,
                 remedy="correct frequency_hz or rate_hz",
@@ -231,7 +250,7 @@ class Record:
         valid.flags.writeable = False
         object.__setattr__(self, "valid", valid)
 
-    def holds(self, frequency_hz: FloatArray) -> BoolArray:
+    def covers_frequency(self, frequency_hz: FloatArray) -> BoolArray:
         """Return which frequencies are in the band of the record, of their shape."""
         return in_band(np.asarray(frequency_hz), self.band_hz)
 
@@ -278,18 +297,26 @@ class Record:
             provenance=self.provenance.then(step),
         )
 
-    def without(self, bad: BoolArray, reason: str) -> Record:
-        """Return the record with the samples in ``bad`` (shape (samples,)) marked as not valid."""
-        reference = None if self.reference_valid is None else self.reference_valid & ~bad
-        return replace(self.without_response(bad, reason), reference_valid=reference)
+    def without(self, excluded: BoolArray, reason: str) -> Record:
+        """Return the record with samples marked as not valid.
 
-    def without_response(self, bad: BoolArray, reason: str) -> Record:
-        """Return the same where the reference is still the sensor's input."""
+        Args:
+            excluded: shape (samples,).
+            reason: for the provenance.
+        """
+        reference = None if self.reference_valid is None else self.reference_valid & ~excluded
+        return replace(self.without_response(excluded, reason), reference_valid=reference)
+
+    def without_response(self, excluded: BoolArray, reason: str) -> Record:
+        """Return the record with samples marked as not valid, except as input of the sensor."""
         provenance = self.provenance.then(
-            f"{int(np.sum(bad & self.mask))} samples left out: {reason}"
+            f"{int(np.sum(excluded & self.mask))} samples left out: {reason}"
         )
         return replace(
-            self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance
+            self,
+            valid=self.mask & ~excluded,
+            reference_valid=self.reference_mask,
+            provenance=provenance,
         )
 
     def with_response(self, response: FloatArray, reason: str) -> Record:
@@ -297,29 +324,31 @@ class Record:
         return replace(self, response=response, provenance=self.provenance.then(reason))
 
 
-#: Relative width of the edge of a band: a frequency may miss it in the last digits.
-EDGE = 1e-9
+#: Relative tolerance of a band's ends: a frequency may miss them in the last digits.
+EDGE_TOLERANCE = 1e-9
 
 
 def in_band(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> BoolArray:
-    """Return which frequencies are in a band, both ends included; all without one."""
+    """Return which frequencies are in a band, both ends included; all if there is no band."""
     if band_hz is None:
         return np.ones(frequency_hz.shape, dtype=bool)
     low, high = band_hz
-    return (frequency_hz >= low * (1.0 - EDGE)) & (frequency_hz <= high * (1.0 + EDGE))
+    return (frequency_hz >= low * (1.0 - EDGE_TOLERANCE)) & (
+        frequency_hz <= high * (1.0 + EDGE_TOLERANCE)
+    )
 
 
 def nothing_in_band(
     band_hz: tuple[float, float], frequency_hz: FloatArray, where: str
 ) -> InputError:
     """Return the error of a band without data."""
-    there = (
+    available = (
         f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
     )
     return InputError(
         "No data are in the band.",
         expected=f"data from {band_hz[0]:g} to {band_hz[1]:g} Hz",
-        found=there,
+        found=available,
         where=where,
         remedy="give a wider ⟦identify.band_hz = (LOW, HIGH)⟧",
     )

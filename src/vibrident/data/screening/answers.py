@@ -19,16 +19,16 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.screening.wild import (
     BLOCK,
     MAX_BLOCKS,
-    MEDIAN,
+    MAX_NOISE_SIGMA,
+    MAX_SAMPLES_APART,
+    MEDIAN_OF_NORMAL,
     MIN_BREAK,
-    NEAR,
-    NOISE,
+    MIN_WILD_SIGMA,
+    NEIGHBOURS,
     ORDER,
     RIDGE,
-    STANDS_OUT,
-    TOGETHER,
-    Channel,
-    Event,
+    ChannelEvent,
+    PredictedChannel,
 )
 
 #: Lags of the autocorrelation that represents the band of a motion.
@@ -38,7 +38,7 @@ MAX_MISSED_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class PredictedResponse:
     """The response as predicted from its past and from the reference.
 
     Attributes:
@@ -48,12 +48,14 @@ class Answer:
             predicts it.
     """
 
-    reference: Channel
-    response: Channel
+    reference: PredictedChannel
+    response: PredictedChannel
     delay: int = 0
 
     @classmethod
-    def all_from_channels(cls, reference: Channel, response: Channel) -> tuple[Answer, ...]:
+    def all_from_channels(
+        cls, reference: PredictedChannel, response: PredictedChannel
+    ) -> tuple[PredictedResponse, ...]:
         """Return the best prediction, and those of other delays that are as good within chance.
 
         The best is found downhill in the delay, from zero and from the delay of the largest
@@ -67,7 +69,7 @@ class Answer:
         best = min(minima, key=lambda each: each.deviation)
         # A standard deviation estimated by the median of n sizes scatters by 1.17 / √n of itself.
         limit = best.deviation * (
-            1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
+            1.0 + MAX_NOISE_SIGMA * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
         )
         return tuple(
             each
@@ -75,16 +77,18 @@ class Answer:
             if each.deviation <= limit
         )
 
-    def _downhill(self, latest: int) -> Answer:
+    def _downhill(self, latest: int) -> PredictedResponse:
         """Return the prediction of a local optimum of the delay, below ``latest``."""
         better = min(self._neighbours(latest), key=lambda each: each.deviation, default=self)
         return better._downhill(latest) if better.deviation < self.deviation else self
 
-    def _neighbours(self, latest: int) -> list[Answer]:
+    def _neighbours(self, latest: int) -> list[PredictedResponse]:
         """Return the predictions of neighbouring delays, below ``latest``."""
         delays = [self.delay + step for step in (-2 * ORDER, -ORDER // 2, ORDER // 2, 2 * ORDER)]
         return [
-            Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest
+            PredictedResponse(self.reference, self.response, delay)
+            for delay in delays
+            if 0 <= delay < latest
         ]
 
     @functools.cached_property
@@ -111,7 +115,7 @@ class Answer:
 
     @functools.cached_property
     def _usual(self) -> BoolArray:
-        """Return the samples at which neither channel shows an event, nor before; shape (samples,)."""
+        """Return which samples have no event of either channel at or before them."""
         usual = (
             self.response.follows
             & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
@@ -119,7 +123,7 @@ class Answer:
         for channel, delay in ((self.reference, self.delay), (self.response, 0)):
             for event in channel.events:
                 first, end = sorted((event.first + delay, event.end + delay))
-                usual[max(first - TOGETHER, 0) : end + ORDER + 1] = False
+                usual[max(first - MAX_SAMPLES_APART, 0) : end + ORDER + 1] = False
         return usual
 
     @functools.cached_property
@@ -142,19 +146,19 @@ class Answer:
 
     def _deviation(self, errors: FloatArray, near: slice) -> float:
         size = np.abs(errors[near][self._usual[near]])
-        return float(np.median(size)) / MEDIAN if size.size else np.inf
+        return float(np.median(size)) / MEDIAN_OF_NORMAL if size.size else np.inf
 
     @functools.cached_property
     def _band_filter(self) -> FloatArray:
-        """Return the windowed autocorrelation of the reference: a filter that keeps the motion's band.
+        """Return the reference's windowed autocorrelation, a filter of its motion's band.
 
         Shape (2 BAND_LAGS + 1,).
         """
         later = _products(self.reference.series, self.reference.series)[: BAND_LAGS + 1]
         return np.concatenate([later[:0:-1], later]) * np.hanning(2 * BAND_LAGS + 3)[1:-1]
 
-    def denies(self, label: str, event: Event) -> bool:
-        """Tell whether a channel's wild samples are no motion: the errors are those that they leave.
+    def denies(self, label: str, event: ChannelEvent) -> bool:
+        """Tell whether a channel's wild samples are no motion, by the errors that they leave.
 
         The response to the reference is known within the band of its motion alone, so that only
         this band is compared. Where the errors are lost in noise, the wild samples must exceed all
@@ -172,25 +176,28 @@ class Answer:
             errors = np.convolve(errors, self._band_filter, mode="same")
             reach = BAND_LAGS
         span = slice(max(first - reach, 0), first - reach + effect.size)
-        around = NEAR + 2 * effect.size
+        around = NEIGHBOURS + 2 * effect.size
         usual = self._deviation(errors, slice(max(span.start - around, 0), span.stop + around))
         if float(np.linalg.norm(errors[span])) < MAX_MISSED_SHARE * float(np.linalg.norm(effect)):
             return False
-        if float(np.max(np.abs(errors[span]), initial=0.0)) > STANDS_OUT * usual:
+        if float(np.max(np.abs(errors[span]), initial=0.0)) > MIN_WILD_SIGMA * usual:
             return True
         regular_sizes = np.abs(channel.series[~channel.wild])
         return float(np.max(np.abs(sizes))) > float(np.max(regular_sizes))
 
     def breaks_off(self, place: int) -> bool:
         """Tell whether the response at a sample does not follow from its past and the reference."""
-        near = slice(max(place - TOGETHER, ORDER), place + self.delay + ORDER + TOGETHER)
+        near = slice(
+            max(place - MAX_SAMPLES_APART, ORDER), place + self.delay + ORDER + MAX_SAMPLES_APART
+        )
         own_part = np.convolve(
             self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid"
         )
         largest = float(np.max(np.abs(self.errors[near])))
-        reach = slice(max(near.start - NEAR, 0), near.stop + NEAR)
+        reach = slice(max(near.start - NEIGHBOURS, 0), near.stop + NEIGHBOURS)
         return largest > max(
-            MIN_BREAK * float(np.max(np.abs(own_part))), NOISE * self._deviation(self.errors, reach)
+            MIN_BREAK * float(np.max(np.abs(own_part))),
+            MAX_NOISE_SIGMA * self._deviation(self.errors, reach),
         )
 
 

@@ -305,7 +305,10 @@ def _confirmed(values: FloatArray, inside: BoolArray, valid: BoolArray) -> bool:
 
 
 def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
-    """Return whether parabolas through the samples beside the longest visits mostly pass the level."""
+    """Return whether parabolas through the samples beside the longest visits pass the level.
+
+    True if more than half of them do.
+    """
     begins, ends = runs_of_true(inside)
     visits = sorted(
         zip(begins.tolist(), ends.tolist(), strict=True), key=lambda run: run[0] - run[1]

@@ -13,7 +13,7 @@ MIN_SAMPLES = 32
 MAX_RATIO = 2.0
 #: Largest power of a line in a piece over the median of the pieces: noise hardly ever exceeds it.
 MAX_LINE_RATIO = 60.0
-#: The strongest line falls by so many standard deviations of its slope …
+#: The strongest line falls by at least this many standard deviations of its slope …
 MIN_FALL = 4.0
 #: … and by this share of its amplitude in half a record: leakage from other lines may change it.
 MIN_CHANGE = 5e-3

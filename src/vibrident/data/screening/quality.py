@@ -13,7 +13,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
-from vibrident.data.screening.answers import Answer
+from vibrident.data.screening.answers import PredictedResponse
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.decays import is_sustained
 from vibrident.data.screening.gaps import lost_samples
@@ -22,15 +22,15 @@ from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import (
     MAX_RUN_SAMPLES,
     MAX_SHORT_RUN_SAMPLES,
-    Channel,
+    PredictedChannel,
     breaks,
     moves,
 )
 
-#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing
-#: anti-alias filter.
-ALIAS_POWER = 0.01
-#: Samples on either side that the interpolation of the reference takes in.
+#: Share of the reference's power above 0.45 of the sampling rate from which on aliasing is
+#: reported.
+MIN_ALIAS_POWER = 0.01
+#: Samples on either side that an interpolation of the reference uses.
 REACH = 40
 #: A record that lost samples is used if at least this share of it is intact over REACH samples on
 #: either side …
@@ -39,7 +39,7 @@ MIN_INTACT_SHARE = 0.05
 MIN_INTACT_SAMPLES = 128
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
-#: Motions throughout which the channels go together in one way.
+#: Motions throughout which the response follows the reference linearly.
 LINEAR = (*STEADY, "sweep")
 
 
@@ -198,7 +198,7 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
         else MAX_SHORT_RUN_SAMPLES
     )
     channels = {
-        label: Channel.from_values(values, record.mask, longest)
+        label: PredictedChannel.from_values(values, record.mask, longest)
         for label, values, _ in _channels(record)
     }
     for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
@@ -265,7 +265,9 @@ def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
     return record, findings
 
 
-def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
+def _longest_part(
+    record: Record, channels: Mapping[str, PredictedChannel]
+) -> tuple[Record, list[Finding]]:
     """Return the longest part of a steady motion in which no time was lost, and the finding.
 
     ``channels``: the record's channels as predicted before; computed anew where samples were
@@ -276,11 +278,12 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
         channels = {
-            label: Channel.from_values(values, valid) for label, values, _ in _channels(record)
+            label: PredictedChannel.from_values(values, valid)
+            for label, values, _ in _channels(record)
         }
     places = breaks(**channels)
     if places.size:
-        answers = Answer.all_from_channels(**channels)
+        answers = PredictedResponse.all_from_channels(**channels)
         places = places[
             [all(answer.breaks_off(int(place)) for answer in answers) for place in places]
         ]
@@ -304,7 +307,7 @@ def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Reco
     return record, [finding]
 
 
-def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]:
+def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
@@ -314,7 +317,7 @@ def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
         return {label: bad for label, bad in wild.items() if bad.any()}
-    answers = Answer.all_from_channels(**channels)
+    answers = PredictedResponse.all_from_channels(**channels)
     for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue
@@ -350,7 +353,10 @@ def _without(
     The reference stays in use where only the response is spoilt.
     """
     count = int(np.sum(bad & (record.reference_mask if label == "reference" else record.mask)))
-    text = f"{record.name}: {observation}; {count} of {record.samples} samples are left out of the fit."
+    text = (
+        f"{record.name}: {observation}; {count} of {record.samples} samples are left out of the "
+        "fit."
+    )
     remaining = (
         record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
     )
@@ -368,7 +374,7 @@ def _aliasing_findings(record: Record) -> list[Finding]:
     power = np.abs(fft.rfft((values - values.mean()) * np.hanning(record.samples))) ** 2
     total = float(power.sum())
     above = float(power[int(0.9 * power.shape[0]) :].sum())
-    if above <= ALIAS_POWER * total:
+    if above <= MIN_ALIAS_POWER * total:
         return []
     text = (
         f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of "

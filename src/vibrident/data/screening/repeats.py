@@ -75,7 +75,10 @@ def _repeat_distance(values: FloatArray, valid: BoolArray, change: FloatArray) -
 def _longest_repeat(
     values: FloatArray, valid: BoolArray, change: FloatArray, distance: int
 ) -> Repeat | None:
-    """Return the longest block that returns at this distance; None if chance or motion explains it."""
+    """Return the longest block that returns at this distance.
+
+    None if chance or periodic motion explains it.
+    """
     equal = (values[distance:] == values[:-distance]) & valid[distance:] & valid[:-distance]
     begins, ends = runs_of_true(equal)
     if begins.size == 0:

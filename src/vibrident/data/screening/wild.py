@@ -30,42 +30,43 @@ BLOCK = 256
 #: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
 #: Refits without the samples that the previous fit did not explain.
-ROUNDS = 3
-#: Wild samples and breaks exceed STANDS_OUT standard deviations; noise alone seldom exceeds NOISE.
-STANDS_OUT = 9.0
-NOISE = 5.0
+REFITS = 3
+#: Wild samples and breaks exceed this many standard deviations …
+MIN_WILD_SIGMA = 9.0
+#: … and noise alone seldom exceeds this many.
+MAX_NOISE_SIGMA = 5.0
 #: Wild samples are larger than MIN_STEPS steps of the converter, and than this share of the
 #: channel's range: rounding.
 MIN_STEPS = 4.0
-MIN_SIZE = 1e-7
-#: Longest run of wild samples where a reference shows what is motion, and where nothing does.
+MIN_RELATIVE_SIZE = 1e-7
+#: Longest run of wild samples if a reference shows the motion, and without one.
 MAX_RUN_SAMPLES = 40
 MAX_SHORT_RUN_SAMPLES = 2
-#: Samples beside a longer run that are as likely wild, only not far enough off to show it.
-GUARD = 4
-#: Largest number of wild runs, as a part of the samples; more are the channel's nature.
-MAX_SHARE = 0.01
-#: Samples on either side that show how large errors usually are, beside those that a run of wild
-#: ones disturbs.
-NEAR = 40
+#: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
+GUARD_SAMPLES = 4
+#: Largest number of wild runs over the number of samples; more of them are the channel's nature.
+MAX_WILD_SHARE = 0.01
+#: Samples on either side that show the usual size of errors, in addition to those that a run of
+#: wild samples disturbs.
+NEIGHBOURS = 40
 #: Median magnitude of normal errors, in standard deviations.
-MEDIAN = 0.6745
+MEDIAN_OF_NORMAL = 0.6745
 #: Largest distance, in samples, of the same event in both channels.
-TOGETHER = 2
+MAX_SAMPLES_APART = 2
 #: A break is larger than this share of the motion's standard deviation; smaller changes are motion.
 MIN_BREAK = 2e-3
-#: The motion goes on after a break: of BESIDE samples on either side, the smaller standard
-#: deviation is at least ALIKE times the larger one.
-BESIDE = 64
-ALIKE = 0.2
+#: The motion goes on after a break: of SIDE_SAMPLES on either side, the smaller standard
+#: deviation is at least MIN_DEVIATION_RATIO times the larger one.
+SIDE_SAMPLES = 64
+MIN_DEVIATION_RATIO = 0.2
 
 
-_EXTENSIONS = sorted(itertools.product(range(GUARD), repeat=2), key=sum)
+_EXTENSIONS = sorted(itertools.product(range(GUARD_SAMPLES), repeat=2), key=sum)
 
 
 @dataclass(frozen=True)
-class Event:
-    """A place where a channel does not go on as predicted.
+class ChannelEvent:
+    """Place where a channel does not go on as predicted.
 
     Attributes:
         first: first sample that those before it do not explain.
@@ -84,7 +85,7 @@ class Event:
     @property
     def may_be_wild(self) -> bool:
         """Return whether wild samples alone may explain the event."""
-        return self.lone or self.strength < STANDS_OUT
+        return self.lone or self.strength < MIN_WILD_SIGMA
 
     @property
     def may_be_short_wild(self) -> bool:
@@ -96,16 +97,16 @@ class Event:
         """Return whether at most two samples lie between those that either side explains."""
         return not self.wild and self.end - self.first <= MAX_SHORT_RUN_SAMPLES
 
-    def meets(self, event: Event) -> bool:
+    def meets(self, event: ChannelEvent) -> bool:
         """Tell whether another channel's event happens at the same time."""
         (low, high), (event_low, event_high) = (
             sorted((each.first, each.end)) for each in (self, event)
         )
-        return low <= event_high + TOGETHER and event_low <= high + TOGETHER
+        return low <= event_high + MAX_SAMPLES_APART and event_low <= high + MAX_SAMPLES_APART
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class PredictedChannel:
     """A channel and the errors of its prediction.
 
     Attributes:
@@ -121,7 +122,7 @@ class Channel:
     @classmethod
     def from_values(
         cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN_SAMPLES
-    ) -> Channel:
+    ) -> PredictedChannel:
         """Return a channel from values and their validity, both of shape (samples,)."""
         middle = float(np.median(values[valid])) if valid.any() else 0.0
         size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
@@ -148,29 +149,29 @@ class Channel:
     @functools.cached_property
     def smallest(self) -> float:
         """Return the smallest size that a wild sample can have."""
-        return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_SIZE)
+        return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_RELATIVE_SIZE)
 
     @functools.cached_property
-    def prediction(self) -> Prediction:
+    def prediction(self) -> LinearPrediction:
         """Return the prediction fitted to the samples that it explains well."""
         return self._fitted[0]
 
     @functools.cached_property
-    def _fitted(self) -> tuple[Prediction, FloatArray]:
+    def _fitted(self) -> tuple[LinearPrediction, FloatArray]:
         """Return the prediction, and its errors matched to a wild sample.
 
         The first fit stands where its errors are noise or rounding: where the largest of them is
-        below NOISE standard deviations, estimated by their median.
+        below MAX_NOISE_SIGMA standard deviations, estimated by their median.
         """
-        samples = Samples.from_series(self.series, self.follows)
+        samples = PredictionSamples.from_series(self.series, self.follows)
         prediction = samples.fit()
         errors = prediction.matched(self.series, self.judged)
         size = np.abs(errors)
-        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(
-            self.judged
-        ):
+        if np.count_nonzero(
+            size > MEDIAN_OF_NORMAL / MAX_NOISE_SIGMA * np.max(size)
+        ) > 0.5 * np.count_nonzero(self.judged):
             return prediction, errors
-        for _ in range(ROUNDS):
+        for _ in range(REFITS):
             prediction = samples.without_worst(prediction).fit()
         return prediction, prediction.matched(self.series, self.judged)
 
@@ -183,33 +184,33 @@ class Channel:
         return self._fitted[1]
 
     def level(self, places: NDArray[np.int_]) -> FloatArray:
-        """Return the usual size of the errors around samples, in standard deviations, at least one."""
-        reach = NEAR + 2 * self.longest  # less than a third of the samples are disturbed
+        """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
+        reach = NEIGHBOURS + 2 * self.longest  # less than a third of the samples are disturbed
         around = sliding_window_view(
             np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
         )
-        return np.maximum(np.median(around[places], axis=1) / MEDIAN, 1.0)
+        return np.maximum(np.median(around[places], axis=1) / MEDIAN_OF_NORMAL, 1.0)
 
     @functools.cached_property
-    def events(self) -> tuple[Event, ...]:
-        """Return the places where the channel does not go on as predicted; none if there are too many."""
+    def events(self) -> tuple[ChannelEvent, ...]:
+        """Return the places where the channel does not go on as predicted; none if too many."""
         if not self.readable:
             return ()
         size = np.abs(self.errors)
-        places = np.flatnonzero(size > NOISE)
+        places = np.flatnonzero(size > MAX_NOISE_SIGMA)
         if not places.size:
             return ()
         level = self.level(places)
-        significant = size[places] > NOISE * level
+        significant = size[places] > MAX_NOISE_SIGMA * level
         places = places[significant]
         level = level[significant]
         groups = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) > ORDER) + 1)
-        if not places.size or len(groups) > max(8, MAX_SHARE * size.size):
+        if not places.size or len(groups) > max(8, MAX_WILD_SHARE * size.size):
             return ()
         events = (self._events_at(places[group], float(np.max(level[group]))) for group in groups)
         return tuple(itertools.chain.from_iterable(events))
 
-    def _events_at(self, places: NDArray[np.int_], level: float) -> tuple[Event, ...]:
+    def _events_at(self, places: NDArray[np.int_], level: float) -> tuple[ChannelEvent, ...]:
         """Return the events at samples next to each other; none next to invalid samples."""
         low = max(int(places[0]) - ORDER, ORDER)
         high = min(int(places[-1]) + ORDER + 1, self.valid.size - ORDER)
@@ -218,8 +219,8 @@ class Channel:
         usual = level * self.prediction.deviation
         peak = int(places[np.argmax(np.abs(self.errors[places]))])
         forward, backward = self.prediction.both(self.series[low - ORDER : high + ORDER])
-        after = np.flatnonzero(np.abs(forward[:-ORDER]) > NOISE * usual)
-        before = np.flatnonzero(np.abs(backward[ORDER:]) > NOISE * usual)
+        after = np.flatnonzero(np.abs(forward[:-ORDER]) > MAX_NOISE_SIGMA * usual)
+        before = np.flatnonzero(np.abs(backward[ORDER:]) > MAX_NOISE_SIGMA * usual)
         first = low + int(after[0]) if after.size else peak
         end = low + int(before[-1]) + 1 if before.size else peak + 1
         if first == low or end == high:  # the event reaches beyond the samples that can be judged
@@ -238,11 +239,11 @@ class Channel:
             lone, wild = self._explained(errors, usual, behind - begin)
             # A corner of the motion looks much like a wild sample that neither error shows.
             if lone:
-                return (Event(begin, behind, strength, lone, wild and end > first),)
-        motion = Event(first, end, strength, lone=False, wild=False)
+                return (ChannelEvent(begin, behind, strength, lone, wild and end > first),)
+        motion = ChannelEvent(first, end, strength, lone=False, wild=False)
         for begin, behind in around_peak:
             if self._far_off(begin, behind):
-                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (
+                return ChannelEvent(begin, behind, strength, lone=True, wild=True), *[motion] * (
                     not motion.is_abrupt
                 )
         return (motion,)
@@ -258,7 +259,7 @@ class Channel:
             np.arange(begin, behind), neighbours, self.series[neighbours]
         )
         change = float(np.max(np.abs(np.diff(self.series[neighbours]))))
-        return float(np.min(np.abs(off))) > max(STANDS_OUT * change, self.smallest)
+        return float(np.min(np.abs(off))) > max(MIN_WILD_SIGMA * change, self.smallest)
 
     def _explained(self, errors: FloatArray, usual: float, length: int) -> tuple[bool, bool]:
         """Tell whether wild samples may explain the forward errors, and whether they surely do.
@@ -271,10 +272,10 @@ class Channel:
         sizes, remainder = self._split(errors, length)
         gained = float(errors @ errors - remainder @ remainder) / usual**2
         lone = (
-            float(np.max(np.abs(remainder))) <= NOISE * usual
+            float(np.max(np.abs(remainder))) <= MAX_NOISE_SIGMA * usual
             and float(np.max(np.abs(sizes))) > self.smallest
         )
-        return lone, lone and gained > STANDS_OUT**2 + length
+        return lone, lone and gained > MIN_WILD_SIGMA**2 + length
 
     def _split(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
         """Return by how much the first ``length`` samples are off, and the errors that remain."""
@@ -283,7 +284,7 @@ class Channel:
         sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
         return sizes, errors - design @ sizes
 
-    def sizes(self, event: Event) -> FloatArray:
+    def sizes(self, event: ChannelEvent) -> FloatArray:
         """Return by how much wild samples differ from the prediction of their neighbours."""
         errors = self.prediction.both(self.series[event.first - ORDER : event.end + ORDER])[0]
         return self._split(errors, event.end - event.first)[0]
@@ -294,15 +295,15 @@ class Channel:
         flags = np.zeros(self.series.shape, dtype=bool)
         if self.readable:
             runs = [event for event in self.events if event.wild]
-            for run in runs if len(runs) <= max(4, MAX_SHARE * flags.size) else []:
-                guard = GUARD * (run.end - run.first > MAX_SHORT_RUN_SAMPLES)
+            for run in runs if len(runs) <= max(4, MAX_WILD_SHARE * flags.size) else []:
+                guard = GUARD_SAMPLES * (run.end - run.first > MAX_SHORT_RUN_SAMPLES)
                 flags[max(run.first - guard, 0) : run.end + guard] = True
         return flags
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
-    """A prediction fitted to a channel.
+class LinearPrediction:
+    """Linear prediction fitted to a channel.
 
     Attributes:
         taps: error of the sample after a wild one of size one, and of those after that; shape
@@ -333,7 +334,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class PredictionSamples:
     """Samples that a prediction is fitted to, with those before them, in blocks of a record.
 
     Attributes:
@@ -345,7 +346,7 @@ class Samples:
     clean: BoolArray
 
     @classmethod
-    def from_series(cls, series: FloatArray, follows: BoolArray) -> Samples:
+    def from_series(cls, series: FloatArray, follows: BoolArray) -> PredictionSamples:
         """Return evenly spread samples of a series, and which of them can be predicted.
 
         Args:
@@ -360,28 +361,32 @@ class Samples:
         rows = (begins.astype(int)[:, None] + np.arange(length)).ravel()
         return cls(windows[rows], follows[rows + ORDER])
 
-    def fit(self) -> Prediction:
+    def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
         windows = self.windows if self.clean.all() else self.windows[self.clean]
         products = windows.T @ windows
         products = products + products[::-1, ::-1]
         products += RIDGE * (np.trace(products) + len(windows)) * np.eye(ORDER + 1)
         taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
-        return Prediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
+        return LinearPrediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
 
-    def without_worst(self, prediction: Prediction) -> Samples:
+    def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
         """Return the samples without those near large errors of a prediction.
 
         Returns all samples if more than half would go: half may lie at rest, which says nothing
         about the motion.
         """
         size = np.abs(self.windows @ prediction.taps[::-1])
-        usual = float(np.median(size[self.clean])) / MEDIAN
-        clean = self.clean & ~_near(self.clean & (size > NOISE * usual), ORDER)
-        return Samples(self.windows, clean) if np.sum(clean) > 0.5 * np.sum(self.clean) else self
+        usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
+        clean = self.clean & ~_near(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
+        return (
+            PredictionSamples(self.windows, clean)
+            if np.sum(clean) > 0.5 * np.sum(self.clean)
+            else self
+        )
 
 
-def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
+def moves(other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
     """Return which odd samples are motion, as the other channel shows an event there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
@@ -403,14 +408,16 @@ def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series = np.diff(other_channel.series, prepend=other_channel.series[:1])
-            other_channel = Channel.from_values(
+            other_channel = PredictedChannel.from_values(
                 series, other_channel.valid & np.roll(other_channel.valid, 1)
             )
         if places.size and other_channel.readable:
             odd = np.zeros(bad.shape, dtype=bool)
-            reach = TOGETHER + order
+            reach = MAX_SAMPLES_APART + order
             near = np.flatnonzero(_near(bad, reach))
-            odd[near] = np.abs(other_channel.errors[near]) > NOISE * other_channel.level(near)
+            odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
+                near
+            )
             midst = np.zeros(bad.shape, dtype=bool)
             for event in other_channel.events:
                 midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
@@ -418,7 +425,7 @@ def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
     return moved
 
 
-def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
+def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[np.int_]:
     """Return the samples at which both channels of a stationary motion jump: time was lost there.
 
     Both channels go on elsewhere, no wild samples explain that, and nothing lies between the motion
@@ -430,7 +437,7 @@ def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
         for answer in filter(event.meets, response.events):
             strongest = max(event, answer, key=lambda each: each.strength)
             place = max(strongest.first, 0)
-            significant = strongest.strength > STANDS_OUT and not (
+            significant = strongest.strength > MIN_WILD_SIGMA and not (
                 event.may_be_wild and answer.may_be_wild
             )
             if significant and event.is_abrupt and answer.is_abrupt:
@@ -439,24 +446,26 @@ def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
                 )
     apart = np.diff(
         np.unique(np.array(places, dtype=int)),
-        prepend=-BESIDE,
-        append=reference.valid.size + BESIDE,
+        prepend=-SIDE_SAMPLES,
+        append=reference.valid.size + SIDE_SAMPLES,
     )
-    return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
+    return np.unique(np.array(places, dtype=int))[
+        (apart[:-1] >= SIDE_SAMPLES) & (apart[1:] >= SIDE_SAMPLES)
+    ]
 
 
-def _breaks_off(channel: Channel, place: int) -> bool:
+def _breaks_off(channel: PredictedChannel, place: int) -> bool:
     """Tell whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
     errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]
-    before = series[max(place - BESIDE - ORDER, 0) : place]
-    after = series[place : place + ORDER + BESIDE]
+    before = series[max(place - SIDE_SAMPLES - ORDER, 0) : place]
+    after = series[place : place + ORDER + SIDE_SAMPLES]
     if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(
         np.std(series)
     ):
         return False
     sizes = sorted((float(np.std(before)), float(np.std(after))))
-    return sizes[0] > ALIKE * sizes[1]
+    return sizes[0] > MIN_DEVIATION_RATIO * sizes[1]
 
 
 def _near(flags: BoolArray, reach: int) -> BoolArray:

@@ -1,1 +1,1 @@
-"""Samples as they come: chunks of both channels, from records, a growing file, standard input, a device."""
+"""Sources of samples in chunks: records, a growing file, standard input, a device."""

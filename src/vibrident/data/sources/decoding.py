@@ -1,4 +1,4 @@
-"""Bytes that come in pieces → chunks: lines of CSV, or raw float32 (little-endian, channels in turn)."""
+"""Decode bytes to chunks: lines of CSV, or raw float32 (little-endian, channels interleaved)."""
 
 from __future__ import annotations
 
@@ -21,49 +21,58 @@ from vibrident.data.io.header_units import (
 )
 from vibrident.data.io.units import split_unit
 from vibrident.data.records import FloatArray
-from vibrident.data.sources.source import Chunk, Wanted
+from vibrident.data.sources.source import Chunk, SourceRequest
 
 FORMS = ("csv", "float32")
-SEPARATORS = (b";", b"\t", b",")  # looked for in this order; white space otherwise
-PIECE = 1_000_000  # bytes that a source gives at once, and most of a line
-#: Deviation of a time stamp that is a rounding of it, in sampling intervals.
-ROUNDED = 0.1
+SEPARATORS = (b";", b"\t", b",")  # tried in this order; white space otherwise
+PIECE = 1_000_000  # bytes that a source gives at once; also the longest line
+#: Standard uncertainty of a rounded time stamp, in sampling intervals.
+STAMP_UNCERTAINTY = 0.1
 
 
 def chunks(
-    pieces: Iterator[bytes], wanted: Wanted, form: str, where: str, first_line: bytes = b""
+    pieces: Iterator[bytes], request: SourceRequest, form: str, where: str, first_line: bytes = b""
 ) -> Iterator[Chunk]:
-    """Yield chunks of pieces of bytes: complete lines or frames, the rest with the next piece.
+    """Yield the chunks in pieces of bytes: complete lines or frames, the rest with the next piece.
 
-    ``first_line``: of a source that goes on in its middle, which may name the columns.
+    Args:
+        pieces: bytes as the source gives them.
+        request: columns, units and sampling.
+        form: one of ``FORMS``.
+        where: source, for messages.
+        first_line: of a source that is resumed in its middle, which may name the columns.
     """
     if form not in FORMS:
         raise unknown("The form of the samples is not known.", form, FORMS, where)
-    decoder = _Lines(wanted, where, first_line) if form == "csv" else _Frames(wanted, where)
-    rest = b""
-    position = wanted.position
+    decoder = (
+        _LineDecoder(request, where, first_line) if form == "csv" else _FrameDecoder(request, where)
+    )
+    remainder = b""
+    position = request.position
     for piece in pieces:
-        whole, rest = decoder.split(rest + piece)
-        position += len(whole)
-        if len(rest) > PIECE:
+        complete, remainder = decoder.split(remainder + piece)
+        position += len(complete)
+        if len(remainder) > PIECE:
             raise InputError(
                 "A line does not end.", expected="lines of numbers", found="none", where=where
             )
-        if whole and (columns := decoder.columns(whole)) is not None:
-            yield from _cut(columns, wanted, position)
+        if complete and (columns := decoder.columns(complete)) is not None:
+            yield from _chunks_between_jumps(columns, request, position)
 
 
-def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[Chunk]:
-    """Yield one chunk, or several where the time stamps jump."""
-    to = wanted.calibration
+def _chunks_between_jumps(
+    columns: list[FloatArray], request: SourceRequest, position: int
+) -> Iterator[Chunk]:
+    """Yield one chunk, or several if the time stamps jump."""
+    to = request.calibration
     reference = columns[0] * to.reference.scale
     response = columns[1] * to.response.scale
     if len(columns) == 2:
         yield Chunk(reference, response, position=position)
         return
     time = columns[2]
-    clock = ROUNDED / wanted.rate_hz
-    jumps = np.flatnonzero(~(np.abs(np.diff(time) * wanted.rate_hz - 1.0) < 0.5)) + 1
+    clock = STAMP_UNCERTAINTY / request.rate_hz
+    jumps = np.flatnonzero(~(np.abs(np.diff(time) * request.rate_hz - 1.0) < 0.5)) + 1
     edges = [0, *jumps.tolist(), len(time)]
     for first, last in itertools.pairwise(edges):
         start = float(time[first])
@@ -72,45 +81,48 @@ def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[C
         yield Chunk(reference[first:last], response[first:last], stamped, clock, position=there)
 
 
-def _columns(wanted: Wanted) -> list[tuple[str, int | str | None]]:
-    """Return the key and column of reference, response and, where there is one, time."""
-    to = wanted.calibration
-    found = [("[reference] column", to.reference.column), ("[response] column", to.response.column)]
+def _requested_columns(request: SourceRequest) -> list[tuple[str, int | str | None]]:
+    """Return the key and column of reference, response and, if any, time."""
+    to = request.calibration
+    channels = [
+        ("[reference] column", to.reference.column),
+        ("[response] column", to.response.column),
+    ]
     time = to.sampling.time_column
-    return found if time is None else [*found, ("[sampling] time_column", time)]
+    return channels if time is None else [*channels, ("[sampling] time_column", time)]
 
 
 class _Header(ColumnFile):
-    """The names of a stream's columns, for the rule of units."""
+    """Names of a stream's columns, for the rules of units."""
 
     word = "column"
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Give nothing: a stream's numbers come in pieces."""
+        """Refuse to load: a stream's numbers come in pieces."""
         raise NotImplementedError(positions)
 
 
-class _Lines:
-    """CSV: a first line that holds no numbers names the columns."""
+class _LineDecoder:
+    """Decoder of CSV, whose first line names the columns if it holds no numbers."""
 
-    def __init__(self, wanted: Wanted, where: str, first_line: bytes) -> None:
+    def __init__(self, request: SourceRequest, where: str, first_line: bytes) -> None:
         self._where = where
         self._line = 0
         self._separator: str | None = None
         self._positions: list[int] = []
-        self._wanted = _columns(wanted)
-        self._calibration = wanted.calibration
+        self._wanted = _requested_columns(request)
+        self._calibration = request.calibration
         self._factors = [1.0] * len(self._wanted)  # of the units that the first line names
         if first_line:
             self._begin(first_line)
 
     def split(self, data: bytes) -> tuple[bytes, bytes]:
-        """Whole lines, and what is left."""
+        """Return complete lines, and the remaining bytes."""
         end = data.rfind(b"\n") + 1
         return data[:end], data[end:]
 
     def columns(self, data: bytes) -> list[FloatArray] | None:
-        """Return the columns wanted, in order."""
+        """Return the requested columns, in order."""
         from pandas import read_csv
         from pandas.errors import ParserError
 
@@ -125,7 +137,7 @@ class _Lines:
             table = read_csv(
                 io.BytesIO(data), sep=self._separator, header=None, skip_blank_lines=True
             )
-            found = [
+            values = [
                 table[place].to_numpy(dtype=float) * factor
                 for place, factor in zip(self._positions, self._factors, strict=True)
             ]
@@ -138,15 +150,15 @@ class _Lines:
                 remedy="repair the line, or leave the value empty: it is then a gap",
             ) from None
         self._line += len(table)
-        return found
+        return values
 
     def _begin(self, first: bytes) -> bool:
-        """Take separator, places and units from the first line; returns whether it names columns."""
+        """Set separator, positions and units by the first line; return whether it names columns."""
         separator = next((each for each in SEPARATORS if each in first), b"")
         self._separator = separator.decode() or r"\s+"
         cells = first.decode("utf-8", "replace").split(separator.decode() or None)
         fields = [cell.strip().strip('"') for cell in cells]
-        is_named = not all(_number(field) for field in fields)
+        is_named = not all(_is_number_or_empty(field) for field in fields)
         names = fields if is_named else []
         self._positions = [self._place(key, column, names) for key, column in self._wanted]
         if is_named:
@@ -154,7 +166,11 @@ class _Lines:
         return is_named
 
     def _factors_of(self, names: list[str]) -> list[float]:
-        """Return the factors of the units in the names; InputError for a contradiction."""
+        """Return the factors of the units in the names.
+
+        Raises:
+            InputError: units contradict each other.
+        """
         header = _Header(Path(self._where), [Channel(name) for name in names], {})
         to = self._calibration
         reference, response, *time = self._positions
@@ -184,34 +200,34 @@ class _Lines:
         )
 
 
-class _Frames:
-    """Raw float32: as many channels as the largest column number."""
+class _FrameDecoder:
+    """Decoder of raw float32, of as many channels as the largest column number."""
 
-    def __init__(self, wanted: Wanted, where: str) -> None:
-        places = [column for _, column in _columns(wanted)]
+    def __init__(self, request: SourceRequest, where: str) -> None:
+        places = [column for _, column in _requested_columns(request)]
         if not all(isinstance(place, int) for place in places):
             raise InputError(
                 "Raw samples have no names of columns.",
                 expected="column numbers from 1",
                 found=", ".join(repr(place) for place in places),
-                where=str(wanted.file),
+                where=str(request.file),
                 remedy="give [reference] column and [response] column as numbers",
             )
         self._places = [int(place) - 1 for place in places if isinstance(place, int)]
         self._width = max(self._places) + 1
 
     def split(self, data: bytes) -> tuple[bytes, bytes]:
-        """Whole frames, and what is left."""
+        """Return complete frames, and the remaining bytes."""
         end = len(data) - len(data) % (4 * self._width)
         return data[:end], data[end:]
 
     def columns(self, data: bytes) -> list[FloatArray]:
-        """Return the columns wanted, in order."""
+        """Return the requested columns, in order."""
         frames = np.frombuffer(data, dtype="<f4").reshape(-1, self._width).astype(float)
         return [frames[:, place] for place in self._places]
 
 
-def _number(text: str) -> bool:
+def _is_number_or_empty(text: str) -> bool:
     try:
         float(text)
     except ValueError:

@@ -16,7 +16,7 @@ from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.departures.signals import MAX_SAMPLES_AT_ONCE, Part
 from vibrident.fit.descent.settle import InNoise
-from vibrident.fit.descent.weighed import MAX_LOST
+from vibrident.fit.descent.weighted_bins import MAX_LOST
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Evidence

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.descent.weighed import freed
+from vibrident.fit.descent.weighted_bins import freed
 from vibrident.fit.noise.incoherent import HEARD_RATIO
 from vibrident.fit.noise.leakage import beside_leakage
 from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum

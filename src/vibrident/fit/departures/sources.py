@@ -28,7 +28,7 @@ from vibrident.fit.departures.parts import (
 )
 from vibrident.fit.departures.signals import Part, Signals, grouped, most_likely
 from vibrident.fit.departures.stack import group_of
-from vibrident.fit.descent.weighed import freed
+from vibrident.fit.descent.weighted_bins import freed
 from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.group.network import Nuisances

@@ -29,7 +29,7 @@ from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.transform import power_of
-from vibrident.fit.start.look import Look
+from vibrident.fit.start.motion_and_noise import MotionAndNoise
 
 #: Most rounds of descent and noise …
 MAX_ROUNDS = 16
@@ -260,7 +260,7 @@ def descend(
 
 def settle(
     starts: Sequence[Descended],
-    look: Look,
+    observed: MotionAndNoise,
     first: Weighting,
     progress: Progress,
     *,
@@ -273,7 +273,7 @@ def settle(
 
     Args:
         starts: ends of the descents from start values in that noise.
-        look: motion and noise before any model.
+        observed: motion and noise before any model.
         first: the noise known without a model.
         progress: called after each iteration.
         explains: whether the best of the starts explains the records but for noise; if not, it is
@@ -288,7 +288,7 @@ def settle(
     settled = False
     rounds: list[tuple[float, Descended]] = []
     for round_number in range(MAX_ROUNDS if explains else 0):
-        weighting = read_weighting(band, places, look.heard)
+        weighting = read_weighting(band, places, observed.heard)
         band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
         descended = descend(band, coordinates, z, weighting, FINAL_TOLERANCE, progress)
         band = descended.band
@@ -315,7 +315,7 @@ def settle(
         places = best.at.groups
         trace = best.trace
     # Where little determines a parameter, the noise of the last round is that of another z.
-    weighting = read_weighting(band, places, look.heard)
+    weighting = read_weighting(band, places, observed.heard)
     band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
     end = iterate(band, coordinates, weighting.of_groups(band), z)
     return _stated(band, coordinates, z, end, trace, weighting)

@@ -1,4 +1,4 @@
-"""Training of the network over records, from data to estimate: look, start, descent and noise."""
+"""Training of the network over records, from data to estimate: motion and noise, start, descent."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ from vibrident.fit.problem.bin_problem import BinProblem
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.at_bins import candidates
 from vibrident.fit.start.delay import rough_delay
-from vibrident.fit.start.look import Look, look_at, loud_bins
+from vibrident.fit.start.motion_and_noise import (
+    MotionAndNoise,
+    estimate_motion_and_noise,
+    loud_bins,
+)
 from vibrident.fit.start.start import find_start
 from vibrident.physics.discretisation import Method
 from vibrident.physics.models import SensorModel
@@ -62,8 +66,8 @@ def train(
         NotConverged: no start leads to a finite fit.
     """
     best: _Descents | None = None
-    for band, look in _looks(evidence, method):
-        survey = _Survey(band, look.levelled() if level else look)
+    for band, observed in _observations(evidence, method):
+        survey = _Survey(band, observed.with_one_level() if level else observed)
         descents = _Descents.at(evidence, survey, progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
@@ -73,28 +77,28 @@ def train(
     return best.settled(evidence, progress)
 
 
-def _looks(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Look]]:
-    """Yield the band of the motion and a look at it; with a delay, at the likeliest two."""
+def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, MotionAndNoise]]:
+    """Yield the band with its motion and noise; with a delay, at the likeliest two."""
     model = evidence.model
     start = evidence.start or _neutral_values(evidence)
     problem = BinProblem.build(evidence.records, model, method, evidence.quantity, start)
     band = Band(problem, np.inf)
-    look = look_at(band)
+    observed = estimate_motion_and_noise(band)
     if not model.has_delay or evidence.start is not None:
-        yield band.within(look.band_hz[1]), look
+        yield band.within(observed.band_hz[1]), observed
         return
-    by_delay: dict[float, tuple[Band, Look]] = {}
-    for mask in ({number: heard for number, (_, heard) in look.heard.items()}, loud_bins(band)):
-        delay_s = rough_delay(band, mask, look.band_hz[1])
+    by_delay: dict[float, tuple[Band, MotionAndNoise]] = {}
+    for mask in ({number: heard for number, (_, heard) in observed.heard.items()}, loud_bins(band)):
+        delay_s = rough_delay(band, mask, observed.band_hz[1])
         if delay_s not in by_delay:
             values = _with_delay(model, start, delay_s)
             problem = BinProblem.build(evidence.records, model, method, evidence.quantity, values)
             delayed = Band(problem, np.inf)
-            by_delay[delay_s] = delayed, look_at(delayed)
-    largest = max(look.count for _, look in by_delay.values())
-    for delayed, look in by_delay.values():
-        if look.count >= MIN_HEARD_FRACTION * largest:
-            yield delayed.within(look.band_hz[1]), look
+            by_delay[delay_s] = delayed, estimate_motion_and_noise(delayed)
+    largest = max(observed.count for _, observed in by_delay.values())
+    for delayed, observed in by_delay.values():
+        if observed.count >= MIN_HEARD_FRACTION * largest:
+            yield delayed.within(observed.band_hz[1]), observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +107,11 @@ class _Survey:
 
     Attributes:
         band: the segments.
-        look: motion and noise.
+        observed: motion and noise.
     """
 
     band: Band
-    look: Look
+    observed: MotionAndNoise
 
     @functools.cached_property
     def places(self) -> list[dict[str, float]]:
@@ -116,7 +120,7 @@ class _Survey:
         stated = any(spec.start is not None for spec in model.parameters)
         has_add_ons = len(model.parameters) > len(model.core.parameters)
         count = STARTS if stated or model.has_delay or has_add_ons else FEW_STARTS
-        return [candidate.values for candidate in candidates(self.band, self.look, count)]
+        return [candidate.values for candidate in candidates(self.band, self.observed, count)]
 
     def starts(self, known: Sequence[dict[str, float]]) -> Iterator[dict[str, float]]:
         """Yield known values, and then the places."""
@@ -141,7 +145,7 @@ class _Descents:
     @classmethod
     def at(cls, evidence: Evidence, survey: _Survey, progress: Progress) -> _Descents:
         """Return the descents from the start values of a survey."""
-        weighting = _without_model(survey.band, survey.look)
+        weighting = _without_model(survey.band, survey.observed)
         known = [] if evidence.start is None else [dict(evidence.start)]
         starts = survey.starts(known or _in_response(evidence))
         ends = _descended(evidence, survey, weighting, starts, progress)
@@ -155,7 +159,7 @@ class _Descents:
     @property
     def count(self) -> float:
         """Return the count of numbers that show motion."""
-        return 2.0 * self.survey.look.count
+        return 2.0 * self.survey.observed.count
 
     @property
     def best(self) -> Descended:
@@ -174,9 +178,9 @@ class _Descents:
         """
         # A factor that is zero at a frequency carries no information there on other values.
         band = self.best.band.at_factors_of(self.survey.band.problem.frame.factor_values)
-        look = look_at(band)
-        wider = with_model_error(_without_model(band, look), self.best, self.count)
-        survey = _Survey(band, replace(look, weights=_weights(band, wider)))
+        observed = estimate_motion_and_noise(band)
+        wider = with_model_error(_without_model(band, observed), self.best, self.count)
+        survey = _Survey(band, replace(observed, weights=_weights(band, wider)))
         rough_ends = _descended(evidence, survey, wider, survey.places, progress, all_starts=True)
         ends = _descended(
             evidence,
@@ -200,7 +204,9 @@ class _Descents:
             ends = _descended(evidence, self.survey, wider, starts, progress, all_starts=True)
             descents = replace(self, ends=ends)
             places = _different(ends)[1:]
-        return settle(descents.ends, self.survey.look, self.weighting, progress, explains=explains)
+        return settle(
+            descents.ends, self.survey.observed, self.weighting, progress, explains=explains
+        )
 
 
 def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
@@ -325,10 +331,10 @@ def _descended(
     """
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
-    count = survey.look.count
+    count = survey.observed.count
     for values in starts:
         coordinates = Coordinates.at(
-            evidence.model, values, survey.look.band_hz, evidence.response_size
+            evidence.model, values, survey.observed.band_hz, evidence.response_size
         )
         try:
             band = survey.band.at_delay_of(values).at_ringing_of(values)
@@ -366,14 +372,14 @@ def _squared_distance(end: Descended, origin: Descended) -> float:
     return float(step @ origin.at.matrix @ step)
 
 
-def _without_model(band: Band, look: Look) -> Weighting:
+def _without_model(band: Band, observed: MotionAndNoise) -> Weighting:
     """Return the noise that is known without a model."""
     spectra: dict[int, NoiseSpectrum] = {}
     passed: dict[int, FloatArray] = {}
     samples: dict[int, int] = {}
     for group in band.groups:
-        levels = look.levels_in(group) / group.count[:, None]
-        weights = look.shown_in(group) * (group.grid.samples / group.count[:, None])
+        levels = observed.levels_in(group) / group.count[:, None]
+        weights = observed.shown_in(group) * (group.grid.samples / group.count[:, None])
         floors = band.problem.noise_floor[band.owners(group)] ** 2
         for row, number in enumerate(group.segments):
             psd = np.maximum(levels[row], floors[row])

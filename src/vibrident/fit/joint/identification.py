@@ -23,7 +23,7 @@ from vibrident.fit.information import inverse_normal
 from vibrident.fit.joint.descent import Descent, JointProblem, descend
 from vibrident.fit.joint.sharing import Consistency, compare, joined
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.judge.document import Uncertainty, budget_of, document
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.uncertainty.budget import DATA, BudgetRow, row_of_effect
 from vibrident.fit.uncertainty.parameters import parameter_table, parameter_units, unit_fields
@@ -76,6 +76,15 @@ def identify_together(
         InputError: the data cannot be used, a name is not a parameter, or nothing can be shared.
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
+
+    Examples:
+        >>> import vibrident
+        >>> tones = [100, 200, 400]
+        >>> sine = vibrident.simulate(frequencies_hz=tones, samples=2000, response_noise=1e-3)
+        >>> shock = vibrident.simulate("paper", "shock", samples=2000, response_noise=1e-3)
+        >>> by_sine, by_shock = vibrident.identify_together([sine, shock])
+        >>> by_sine.parameters["damping_ratio"].value == by_shock.parameters["damping_ratio"].value
+        True
     """
     begin = time.perf_counter()
     calibrations = [as_calibration(calibration) for calibration in calibrations]
@@ -101,7 +110,7 @@ def identify_together(
     numbers = joined(calibrations, [separate.evidence.model for separate in fitted], share)
     descent = descend(
         JointProblem(fitted, numbers),
-        lambda separate: own_rows(separate, uncertainty)[0].covariance,
+        lambda separate: budget_of(separate, uncertainty)[0].covariance,
         progress,
     )
     results = _documents(descent, uncertainty, _labels(calibrations))
@@ -139,7 +148,7 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
     fitted = descent.problem.fitted
     places = descent.problem.places
     balance = descent.balance
-    separate_rows = [own_rows(effect, uncertainty) for effect in fitted]
+    separate_rows = [budget_of(effect, uncertainty) for effect in fitted]
     data = [rows[0] for rows in separate_rows]
     for i, effect in enumerate(fitted):
         if i not in descent.own_used:

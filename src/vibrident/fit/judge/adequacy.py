@@ -12,7 +12,7 @@ from vibrident.base.amounts import plain
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
 from vibrident.fit.decay import decay_deviations
-from vibrident.fit.descent.weighed import Weighed, weighed_segments, weighed_series
+from vibrident.fit.descent.weighted_bins import WeightedBins, weighted_segments, weighted_series
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.estimators.residual_tones import network_problem, residual_tones
 from vibrident.fit.judge.excerpts import excerpts
@@ -143,21 +143,21 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 def weighed_records(
     evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
-) -> Iterator[Weighed]:
+) -> Iterator[WeightedBins]:
     """Yield records with a reference, or their segments, in the noise at the estimate.
 
     ``predicted``: response of each record, NaN where it is not defined.
     """
     if estimate.in_noise is not None:
-        yield from weighed_segments(estimate.in_noise, estimate.z, estimate.coordinates)
+        yield from weighted_segments(estimate.in_noise, estimate.z, estimate.coordinates)
         return
     for number, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        weighed = None if record.reference is None else weighed_series(number, record, series)
+        weighed = None if record.reference is None else weighted_series(number, record, series)
         if weighed is not None:
             yield weighed
 
 
-def _rounding_floor(record: Record, bins: Weighed, response: Response) -> FloatArray | float:
+def _rounding_floor(record: Record, bins: WeightedBins, response: Response) -> FloatArray | float:
     """Return the variance a sample of the converters' rounding, shape (bins,).
 
     Noise is not below it; it is zero where there is none.
@@ -167,7 +167,7 @@ def _rounding_floor(record: Record, bins: Weighed, response: Response) -> FloatA
     return 0.0 if variance is None else variance
 
 
-def _powers(evidence: Evidence, record: Record, bins: Weighed, delay_s: float) -> FloatArray:
+def _powers(evidence: Evidence, record: Record, bins: WeightedBins, delay_s: float) -> FloatArray:
     """Return a record's summands of the shares of the response's power, in the motion's band."""
     assert record.reference is not None
     used = record.reference_mask[bins.span] & bins.used

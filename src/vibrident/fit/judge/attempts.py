@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from vibrident.base.memory import give_back_after
+from vibrident.base.memory import return_freed_after
 from vibrident.data.records import SystematicEffect
 from vibrident.fit.departures.examination import DepartureGroup
 from vibrident.fit.estimators import Estimate, Estimator
@@ -137,13 +137,13 @@ def _fit_and_judge(
 ) -> tuple[Estimate, Judgement]:
     """Return an estimate, or what takes its place where it is rejected, and the judgement."""
     longest = max((record.samples for record in evidence.records), default=0)
-    give_back_after(longest)
+    return_freed_after(longest)
     fitted = estimator.fit(evidence, progress)
     fitted = fitted if fitted.problem is None else replace(fitted, problem=fitted.problem.idle())
-    give_back_after(longest)
+    return_freed_after(longest)
     estimate = canonically_labelled(fitted)
     judgement = judged(evidence, estimate)
-    give_back_after(longest)
+    return_freed_after(longest)
     if (
         judgement.adequacy.adequate
         or (replacement := estimator.where_rejected(evidence, fitted, progress)) is None

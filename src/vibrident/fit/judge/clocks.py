@@ -16,7 +16,7 @@ from vibrident.fit.departures.score import LinearFit
 from vibrident.fit.departures.sources import groups_of
 from vibrident.fit.departures.sums import ExactSums, RecordInformation
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.examined import departures_of
+from vibrident.fit.judge.departure_report import departures_of
 from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.clock_ratio import nearby_offset
 from vibrident.fit.response.transform import power_of

@@ -11,8 +11,8 @@ from vibrident.data.records import REFERENCE_UNITS, Calibration, FloatArray, Res
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.doubts import second_thoughts
-from vibrident.fit.judge.examined import report_departures
+from vibrident.fit.judge.departure_report import report_departures
+from vibrident.fit.judge.fit_warnings import warnings_of_fit
 from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
@@ -39,7 +39,7 @@ from vibrident.result import Curve, MeasuredCurve, Parameter, Result, ResultWarn
 Uncertainty = Literal["auto", "noise", "inflated"]
 
 
-def own_rows(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
+def budget_of(fitted: Fitted, uncertainty: Uncertainty) -> list[BudgetRow]:
     """Return the budget of a calibration by itself: its data, then each systematic effect."""
     covariance, freedom, scope = _scaled_covariance(fitted, uncertainty)
     return [
@@ -69,7 +69,7 @@ def document(
     scope = "; ".join(dict.fromkeys(row.source for row in data))
     weak, doubts = weakly_determined(coordinates, estimate.z, by_data)
     report = report_departures(fitted, total)
-    doubts += [*second_thoughts(fitted, by_data), *report.warnings, *_warn_of_learned(estimate)]
+    doubts += [*warnings_of_fit(fitted, by_data), *report.warnings, *_warn_of_learned(estimate)]
     reports = (*fitted.reports, report)
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
     profile = _profile(fitted, by_data, coverage_factor(freedom))

@@ -12,7 +12,7 @@ import numpy as np
 
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.examined import departures_of, report_nuisances, with_nuisances
+from vibrident.fit.judge.departure_report import departures_of, report_nuisances, with_nuisances
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import looks_random
@@ -87,7 +87,7 @@ def with_phase_scatter(first: Fitted) -> Fitted:
     return first
 
 
-def beside_departures(first: Fitted) -> Fitted:
+def refit_with_departures(first: Fitted) -> Fitted:
     """Return the fit with departures as nuisance parameters, from where it stands.
 
     Those are drift and hum.

@@ -23,11 +23,11 @@ from vibrident.fit.response.clock import judge_clocks
 from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
 from vibrident.fit.response.deconvolution import chain_of, deconvolved, without_chain
 from vibrident.fit.response.tone_quality import (
-    nothing_in_common,
     refuse_other_motion,
     short_records,
     silent_channels,
     silent_records,
+    uncorrelated_channels,
 )
 from vibrident.physics.models import SensorModel
 
@@ -169,7 +169,8 @@ class Evidence:
             return np.zeros(0, dtype=bool)
         pairs = zip(measured.frequency_hz, measured.record, strict=True)
         return np.array(
-            [bool(self.records[int(number)].holds(hz)) for hz, number in pairs], dtype=bool
+            [bool(self.records[int(number)].covers_frequency(hz)) for hz, number in pairs],
+            dtype=bool,
         )
 
     def _nothing_in_band(self) -> InputError:
@@ -201,7 +202,7 @@ class Evidence:
         if not dead:
             return None
         evidence = self.with_records(tuple(r for i, r in enumerate(self.records) if i not in dead))
-        dead_findings = nothing_in_common([self.records[i] for i in dead])
+        dead_findings = uncorrelated_channels([self.records[i] for i in dead])
         return replace(evidence, findings=(*self.findings, *dead_findings))
 
     @property

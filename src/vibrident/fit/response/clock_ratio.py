@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.data.records import Record
-from vibrident.data.resampling import lost, resampled
+from vibrident.data.resampling import margin_samples, resampled
 from vibrident.fit.response.clock_search import LAST_SAMPLES, MAX_OFFSET, MAX_ORDER, ClockSearch
 
 MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
@@ -81,7 +81,7 @@ def at_reference_clock(record: Record, offset: float) -> Record:
     """
     if record.reference is None or offset == 0.0:
         return record
-    reach = lost(1.0)
+    reach = margin_samples(1.0)
     n = record.samples
     first = int(np.ceil(reach * (1.0 + offset)))
     last = min(n, int(np.floor((n - 1 - reach) * (1.0 + offset))) + 1)

@@ -68,7 +68,7 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         )
 
 
-def nothing_in_common(records: Sequence[Record]) -> list[Finding]:
+def uncorrelated_channels(records: Sequence[Record]) -> list[Finding]:
     """Return a finding for each of the records, whose response and reference are uncorrelated."""
     return [
         Finding(

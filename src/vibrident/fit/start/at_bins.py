@@ -16,7 +16,7 @@ from vibrident.base.errors import NotConverged
 from vibrident.fit.problem.band import Band
 from vibrident.fit.start.coarse import coarse_rows
 from vibrident.fit.start.grid_search import Candidate, GridSearch
-from vibrident.fit.start.look import Look
+from vibrident.fit.start.motion_and_noise import MotionAndNoise
 from vibrident.fit.start.refinement import refined
 from vibrident.physics.models import ParameterSpec
 
@@ -33,26 +33,26 @@ MAX_PLACES = 500
 REFINED_PLACES = 12
 
 
-def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
+def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[Candidate]:
     """Return the best and most different places of the grid, at most ``most``, the best first.
 
     Raises:
         NotConverged: no place of the grid has a finite response.
     """
     model = band.model
-    search = GridSearch(band, look.band_hz, tuple(coarse_rows(band, look)))
+    search = GridSearch(band, observed.band_hz, tuple(coarse_rows(band, observed)))
     core = [spec for spec in model.core.parameters if spec.grid]
     # In a free decay a frequency cannot be separated from its image above half the sampling rate.
     rates = [group.grid.rate_hz for group in band.groups if not group.grid.driven]
-    top_hz = min([HIGHEST_RATIO * look.band_hz[1], *(0.5 * rate for rate in rates)])
-    places = _places(core, [_axis(spec, look.band_hz[0], top_hz) for spec in core])
+    top_hz = min([HIGHEST_RATIO * observed.band_hz[1], *(0.5 * rate for rate in rates)])
+    places = _places(core, [_axis(spec, observed.band_hz[0], top_hz) for spec in core])
     added = [
         spec
         for add_on in model.add_ons
         for spec in add_on.parameters
         if spec.guesses and spec.name not in model.shares
     ]
-    guesses = _places(added, [_guesses(spec, look.band_hz) for spec in added])
+    guesses = _places(added, [_guesses(spec, observed.band_hz) for spec in added])
     core_has_starts = any(spec.start is not None for spec in core)
     count = REFINED_PLACES if core_has_starts else max(most, MIN_PLACES)
     front = search.best(places, max(count, MAX_PLACES // len(guesses) if added else 0))
@@ -61,7 +61,7 @@ def candidates(band: Band, look: Look, most: int) -> list[Candidate]:
         combined = [values | guess for values in core_values for guess in guesses]
         front = search.best(combined, REFINED_PLACES)
     if front and (added or core_has_starts):
-        front = refined(band, look.band_hz, search.rows, front)
+        front = refined(band, observed.band_hz, search.rows, front)
     if not front:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
     return front[:most]

@@ -21,7 +21,7 @@ from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
-from vibrident.fit.start.look import Look
+from vibrident.fit.start.motion_and_noise import MotionAndNoise
 
 #: Number of bins of all records together …
 ALL_BINS = 1000
@@ -108,14 +108,14 @@ class _Row(NamedTuple):
     bins: NDArray[np.int_]
 
 
-def coarse_rows(band: Band, look: Look) -> list[CoarseRows]:
+def coarse_rows(band: Band, observed: MotionAndNoise) -> list[CoarseRows]:
     """Return the bins with most information, of as many records as there is room for."""
-    weights = [look.weights_in(group) for group in band.groups]
+    weights = [observed.weights_in(group) for group in band.groups]
     rows = [
         _Row(group, row, response[: group.grid.bins], weight[row], np.arange(0))
         for group, weight in zip(band.groups, weights, strict=True)
         for row, number in enumerate(group.segments)
-        if (response := group.response[row] if group.used is None else look.filled.get(number))
+        if (response := group.response[row] if group.used is None else observed.filled.get(number))
         is not None
     ]
     if not rows:  # no segment is complete or can be filled in: all of their bins

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from vibrident.base.nominal import SAME, reference, series
+from vibrident.base.nominal import SAME, choose_reference, nominal_frequencies
 from vibrident.data.records import FloatArray, Quantity
 from vibrident.data.records.basis import distinct
 from vibrident.fit.problem import Coordinates
@@ -38,8 +38,8 @@ def frequencies(
     if not high > low:
         return np.array([low])
     grid = np.geomspace(low, high, POINTS)
-    chosen = [point.frequency_hz for point in series(low, high, measured_hz)]
-    reference_point, _ = reference(low, high, measured_hz, reference_hz)
+    chosen = [point.frequency_hz for point in nominal_frequencies(low, high, measured_hz)]
+    reference_point, _ = choose_reference(low, high, measured_hz, reference_hz)
     chosen += (
         [reference_point.frequency_hz]
         if reference_point and reference_point.frequency_hz not in chosen

@@ -17,7 +17,7 @@ from numpy import fft
 from vibrident.base.tails import f_tail
 from vibrident.data.records import FloatArray
 from vibrident.fit.bins.segments import shifted_lines
-from vibrident.fit.descent.weighed import Weighed
+from vibrident.fit.descent.weighted_bins import WeightedBins
 from vibrident.fit.noise.projection import block_edges, without_common
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
@@ -81,7 +81,7 @@ def shares_of(parts: Sequence[FloatArray]) -> Shares:
     )
 
 
-def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> FloatArray:
+def powers(bins: WeightedBins, reference: FloatArray, delay: float, band: slice) -> FloatArray:
     """Return powers of the response in a band, shape (4,): the summands of :func:`shares_of`.
 
     They are: of the response, of what the model leaves, of what is incoherent, and the sum of the
@@ -113,7 +113,7 @@ def powers(bins: Weighed, reference: FloatArray, delay: float, band: slice) -> F
     return np.array([np.sum(bin_power[band]) for bin_power in bin_powers])
 
 
-def _noise_share(bins: Weighed) -> FloatArray:
+def _noise_share(bins: WeightedBins) -> FloatArray:
     """Return the share of a prediction that noise of the reference makes, by power in each bin.
 
     The remainder is what can be foretold of the response from a noisy reference (Wiener 1949).

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
-from vibrident.fit.descent.weighed import Weighed
+from vibrident.fit.descent.weighted_bins import WeightedBins
 from vibrident.fit.group.network import products
 from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.noise.averages import NEAREST_BINS, averaged_bins
@@ -63,7 +63,9 @@ class Factors:
     unweighted: FloatArray
 
 
-def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) -> Factors | None:
+def band_factors(
+    bins: WeightedBins, *, sine: bool, least: FloatArray | float = 0.0
+) -> Factors | None:
     """Return the factors of a record's bands, or None where no band holds enough motion.
 
     ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape
@@ -131,14 +133,14 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     )
 
 
-def noise_freedom(bins: Weighed) -> float:
+def noise_freedom(bins: WeightedBins) -> float:
     """Return the degrees of freedom of the noise level at a bin."""
     if bins.count < MIN_SPECTRUM_SAMPLES:
         return max(bins.count - 2.0 - len(bins.nuisances), 2.0)
     return 4.0 * (averaged_bins(bins.residual.size) - NEAREST_BINS) * FREE_SHARE
 
 
-def motion_bins(bins: Weighed) -> ComplexArray:
+def motion_bins(bins: WeightedBins) -> ComplexArray:
     """Return the response to the most likely motion, shape (bins,)."""
     motion = bins.predicted + bins.passed_noise * bins.residual / bins.spectrum.psd
     motion[0] = 0.0
@@ -146,7 +148,7 @@ def motion_bins(bins: Weighed) -> ComplexArray:
 
 
 def _scores(
-    bins: Weighed, motion: ComplexArray, weight: FloatArray, edges: NDArray[np.int_]
+    bins: WeightedBins, motion: ComplexArray, weight: FloatArray, edges: NDArray[np.int_]
 ) -> tuple[ComplexArray, FloatArray, ComplexArray, list[FloatArray]]:
     """Return the residual freed of the nuisances, and information and score of each band.
 
@@ -184,7 +186,7 @@ def _band_of(edges: NDArray[np.int_], lines: int) -> NDArray[np.int_]:
 
 
 def _unsteady_noise(
-    bins: Weighed, residual: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
+    bins: WeightedBins, residual: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray | float, float]:
     """Return the noise power while each band moves over its mean, and how even it is in time.
 

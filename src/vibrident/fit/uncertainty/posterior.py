@@ -57,6 +57,11 @@ class Sampling:
         warm_up: steps of each walker that are discarded.
         draws: steps of each walker that make the sample.
         seed: of the random numbers of all walkers.
+
+    Examples:
+        >>> import vibrident
+        >>> vibrident.Sampling(draws=1000)
+        Sampling(chains=32, warm_up=500, draws=1000, seed=0)
     """
 
     chains: int = 32

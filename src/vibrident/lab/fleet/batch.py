@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.base.process import Died, Limits, Process, WorkerError
+from vibrident.base.process import Limits, Process, ProcessDied, WorkerError
 from vibrident.base.version import __version__
 from vibrident.lab.fleet import key as keys
 from vibrident.lab.fleet import row as rows
@@ -41,9 +41,9 @@ class Identifier:
     """A process that identifies, started when needed and again after it has ended. For one thread at a time."""
 
     def __init__(self, orders: Orders) -> None:
-        self.orders = orders
-        self.memory_bytes = memory_limit(orders)  # None if there is no limit
-        self.ended = False  # True once it must not be started again
+        self.orders: Orders = orders
+        self.memory_bytes: int | None = memory_limit(orders)  # None if there is no limit
+        self.ended: bool = False  # True once it must not be started again
         self._process = Process(idle_s=_IDLE_S)
         self._done = 0
 
@@ -71,7 +71,7 @@ class Identifier:
                 worker.identified, task, self.orders, limits=limits
             )
         except WorkerError as error:
-            raise Died(
+            raise ProcessDied(
                 "crash", f"a process that failed: {str(error).strip().rpartition(chr(10))[2]}"
             ) from error
         self._done += 1
@@ -92,9 +92,9 @@ class Identifier:
         self._done = 0
         try:
             self._process.call(worker.ready, limits=Limits(_START_S, self.memory_bytes))
-        except (Died, OSError) as death:
-            printed = death.printed if isinstance(death, Died) else ""
-            ending = death.ending if isinstance(death, Died) else str(death)
+        except (ProcessDied, OSError) as death:
+            printed = death.printed if isinstance(death, ProcessDied) else ""
+            ending = death.ending if isinstance(death, ProcessDied) else str(death)
             raise InputError(
                 "A process that identifies cannot be started.",
                 expected=f"a Python process that loads vibrident within {_START_S:g} s",
@@ -144,7 +144,7 @@ def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
     process = _process(orders)
     try:
         return process.fingerprints(paths)
-    except Died:
+    except ProcessDied:
         process.close()
         return [keys.fingerprint(path, orders) for path in paths]
 
@@ -191,7 +191,7 @@ def _row(process: Identifier, task: Task) -> Row:
     for _ in range(1 + _TRIES_ALONE):
         try:
             return process.identify(task)
-        except Died as death:
+        except ProcessDied as death:
             last = death
             process.close()
             if death.reason == "time":
@@ -202,11 +202,11 @@ def _row(process: Identifier, task: Task) -> Row:
 def lost(path: str, key: str, orders: Orders) -> Row:
     """The row of a calibration whose workers were lost repeatedly."""
     return _killed(
-        Died("crash", "workers that were lost with it, several times"), orders, path, key
+        ProcessDied("crash", "workers that were lost with it, several times"), orders, path, key
     )
 
 
-def _killed(death: Died, orders: Orders, path: str, key: str) -> Row:
+def _killed(death: ProcessDied, orders: Orders, path: str, key: str) -> Row:
     problem, remedy = _PROBLEMS[death.reason]
     memory_bytes = memory_limit(orders) or 0
     limits = {

@@ -15,7 +15,7 @@ import numpy as np
 
 from vibrident.base import memory
 from vibrident.base.errors import InputError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.lab.fleet import parts, patterns
 from vibrident.lab.fleet.batch import Done, fingerprints, lost, work_off
 from vibrident.lab.fleet.key import Fingerprint
@@ -163,9 +163,9 @@ def run(
         table = Path(orders.folder) / "fleet.parquet"
         left_out = int(np.sum(~known))
         del work
-        memory.give_back()
+        memory.return_freed()
         tally = write_table(table, names, keys, orders)
-        memory.give_back()
+        memory.return_freed()
         page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
     except OSError as error:
         raise parts.unwritable(error, orders.folder) from error
@@ -185,7 +185,7 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
     if orders.results:
         orders.results_folder.mkdir(exist_ok=True)
     trial = orders.parts_folder / ".trial"
-    with whole(trial) as partial:
+    with atomic_write(trial) as partial:
         partial.touch()
     trial.unlink(missing_ok=True)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibrident.base import memory
 from vibrident.base.amounts import scaled
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.lab.fleet.limits import Limit, Specification
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.lab.fleet.statistics import Distribution, Group, Histogram, Statistics, statistics
@@ -67,7 +67,7 @@ def write_page(
     made = content(
         table, tally, specification, began_at, results=(path.parent / "results").is_dir()
     )
-    with whole(path) as partial:
+    with atomic_write(path) as partial:
         partial.write_bytes(html.printed(made).encode("utf-8", "replace"))
     return path
 
@@ -77,7 +77,7 @@ def content(
 ) -> Document:
     """The content of the page; ``results``: whole results stand beside it, to be linked."""
     found = statistics(table, tally, specification)
-    memory.give_back()
+    memory.return_freed()
     named = _Names(table, [one.row for one in found.outliers])
     sections = [
         section("yield", "Yield", *_yields(found)),

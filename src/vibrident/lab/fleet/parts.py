@@ -152,7 +152,7 @@ def write_part(
 
     name = _name([row["key"] for row in rows])
     table = as_table(rows, time_limit_s, memory_limit_bytes)
-    with files.whole(folder / name) as partial:
+    with files.atomic_write(folder / name) as partial:
         pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
     return name
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.base.errors import InputError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.lab.fleet import parts
 from vibrident.lab.fleet.orders import Orders, memory_limit
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
@@ -118,7 +118,7 @@ def write_table(
         )
     schema = _schema(_parameters(index, places))
     tally = Tally()
-    with whole(path) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+    with atomic_write(path) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
         named = map(parts.text, names)
         for start in range(0, keys.size, _BLOCK):
             block = _block(orders.parts_folder, index, places[start : start + _BLOCK], schema)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import VibridentError
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.data.io.columns import unreadable
 from vibrident.lab.fleet import row as rows
 from vibrident.lab.fleet.key import Fingerprint, fingerprint, sensor_text
@@ -81,7 +81,7 @@ def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> row
         return rows.failed(key, rows.fault(found), sensor_text(path), orders.model, seconds)
     if orders.results:
         text = json.dumps(found.to_dict(), allow_nan=False, separators=(",", ":"))
-        with whole(orders.results_folder / f"{key}.json") as partial:
+        with atomic_write(orders.results_folder / f"{key}.json") as partial:
             partial.write_text(text, encoding="ascii")
     return rows.identified(key, found, seconds)
 

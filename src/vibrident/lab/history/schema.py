@@ -17,7 +17,7 @@ REFERENCE_SENSITIVITY = "reference_sensitivity"
 #: Kind of the event that corrects the date of a calibration: its ``date`` is the right one.
 REDATED = "redated"
 
-metadata = sa.MetaData()
+metadata: sa.MetaData = sa.MetaData()
 
 
 def _filled(kind: Any, *names: str) -> list[sa.Column[Any]]:
@@ -25,7 +25,7 @@ def _filled(kind: Any, *names: str) -> list[sa.Column[Any]]:
     return [sa.Column(name, kind, nullable=False) for name in names]
 
 
-sensor = sa.Table(
+sensor: sa.Table = sa.Table(
     "sensor",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
@@ -34,7 +34,7 @@ sensor = sa.Table(
     sa.UniqueConstraint("serial_number", "manufacturer", "type", "axis", name="sensor_identity"),
 )
 
-calibration = sa.Table(
+calibration: sa.Table = sa.Table(
     "calibration",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
@@ -52,7 +52,7 @@ calibration = sa.Table(
     sa.Index("calibration_by_sensor", "sensor_id", "date"),
 )
 
-parameter = sa.Table(
+parameter: sa.Table = sa.Table(
     "parameter",
     metadata,
     sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
@@ -66,7 +66,7 @@ parameter = sa.Table(
     sa.Index("parameter_by_name", "name", "calibration_id"),
 )
 
-point = sa.Table(
+point: sa.Table = sa.Table(
     "point",
     metadata,
     sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
@@ -78,7 +78,7 @@ point = sa.Table(
     ),
 )
 
-event = sa.Table(
+event: sa.Table = sa.Table(
     "event",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
@@ -99,7 +99,7 @@ def _stamped() -> list[sa.Column[Any]]:
 
 
 #: A calibration with its statements, to be reviewed and issued: its row cannot change any more.
-draft = sa.Table(
+draft: sa.Table = sa.Table(
     "draft",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
@@ -110,7 +110,7 @@ draft = sa.Table(
     sa.Index("draft_by_calibration", "calibration_id"),
 )
 
-review = sa.Table(
+review: sa.Table = sa.Table(
     "review",
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
@@ -122,7 +122,7 @@ review = sa.Table(
 )
 
 #: The number that a draft was given; of a year they have no gaps.
-certificate_number = sa.Table(
+certificate_number: sa.Table = sa.Table(
     "certificate_number",
     metadata,
     sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), primary_key=True),
@@ -135,7 +135,7 @@ certificate_number = sa.Table(
 )
 
 #: What was issued, as its files are.
-certificate = sa.Table(
+certificate: sa.Table = sa.Table(
     "certificate",
     metadata,
     sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), primary_key=True),

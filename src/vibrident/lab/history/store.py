@@ -52,7 +52,7 @@ class Store:
     """
 
     def __init__(self, url: str | None = None) -> None:
-        self.url = chosen(url)
+        self.url: str = chosen(url)
         self._file = sqlite_file(self.url)  # None for another database
         self._engine = self._connected_lazily()
         if self._file:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from vibrident.base.amounts import Scale, scaled
+from vibrident.base.amounts import UnitScale, scaled
 from vibrident.physics.naming import in_words
 from vibrident.show.comparison import assumption, both_ways
 from vibrident.show.formulas import Words
@@ -25,7 +25,7 @@ def quantity_name(document: Document) -> str:
     return f"sensitivity at {frequency_text(quantity['frequency_hz'])}"
 
 
-def scale_of(document: Document) -> Scale:
+def scale_of(document: Document) -> UnitScale:
     """The scale from the quantity's unit to one with a suitable prefix."""
     unit = document["quantity"]["unit"]
     sizes = [
@@ -144,7 +144,7 @@ def drift(document: Document) -> Facts:
     return Facts(rows, "Drift")
 
 
-def _with_u(values: Mapping[str, Any], scale: Scale, per: str = "") -> str:
+def _with_u(values: Mapping[str, Any], scale: UnitScale, per: str = "") -> str:
     value, expanded = pair(values["value"] * scale.factor, values["U"] * scale.factor)
     unit = f"{scale.printed}{per}" if scale.printed else per.replace("/", "1/")
     return f"({value} ± {expanded}) {unit}".rstrip()

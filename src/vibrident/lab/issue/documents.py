@@ -7,7 +7,7 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vibrident.base.files import whole
+from vibrident.base.files import atomic_write
 from vibrident.lab.issue.keys import SigningKey
 from vibrident.lab.issue.signing import detached_signature, signed_pdf, signed_xml
 from vibrident.result import Result
@@ -53,7 +53,7 @@ class Documents:
             f"{stem}.json.p7s": self.result_signature,
         }
         for name, content in contents.items():
-            with whole(folder / name) as partial:
+            with atomic_write(folder / name) as partial:
                 partial.write_bytes(content)
         return [folder / name for name in contents]
 

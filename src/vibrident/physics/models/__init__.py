@@ -70,12 +70,22 @@ def _place_in_chain(addon: Any) -> tuple[int, str]:
     return addon.place, addon.name
 
 
-def parse(name: str) -> SensorModel:
+def parse_model(name: str) -> SensorModel:
     """Build the model that ``name`` says: a core, then add-ons joined by "+", in any order.
 
     Raises:
         ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them
             cannot be combined.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> model = vibrident.parse_model("accelerometer+delay")
+        >>> model.parameter_names
+        ('sensitivity', 'natural_frequency', 'damping_ratio', 'delay')
+        >>> values = dict(zip(model.parameter_names, (0.1, 650.0, 0.18, 1e-5)))
+        >>> abs(model.frequency_response(values, np.array([65.0]))).round(4).tolist()
+        [0.1009]
     """
     core_name, _, add_on_names = name.partition("+")
     core = MODELS.find(core_name.strip())
@@ -84,7 +94,7 @@ def parse(name: str) -> SensorModel:
     return with_add_ons(core, add_on_names) if "+" in name else SensorModel(core.name, core)
 
 
-parse_model = parse
+parse = parse_model  # within the package
 
 
 def with_add_ons(core: Model, names: str) -> SensorModel:

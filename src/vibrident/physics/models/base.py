@@ -55,6 +55,11 @@ class ParameterSpec:
             from the others.
         start: a likely value; None: the data tell it (the gain, a frequency in Hz).
         bounds: lowest and highest value searched; None: as its kind says.
+
+    Examples:
+        >>> import vibrident
+        >>> vibrident.ParameterSpec("q", "1", start=5.0, bounds=(0.5, 100.0)).size
+        100.0
     """
 
     name: str

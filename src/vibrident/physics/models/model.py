@@ -62,6 +62,17 @@ class Model:
     Raises:
         ModelError: the response is no function of s and the parameters, or no parameter is its
             gain.
+
+    Examples:
+        >>> import numpy as np
+        >>> import vibrident
+        >>> sensor = vibrident.Model(
+        ...     "first-order",
+        ...     lambda s, gain, corner: gain / (1 + s / (2 * np.pi * corner)),
+        ...     [vibrident.ParameterSpec("gain", "V/Pa"), vibrident.ParameterSpec("corner", "Hz")],
+        ... )
+        >>> round(abs(sensor.response(2j * np.pi * 100.0, gain=1.0, corner=100.0)), 4)
+        0.7071
     """
 
     name: str

@@ -28,8 +28,8 @@ class Ratio:
     __array_ufunc__ = None  # NumPy leaves the operators to this class, and refuses functions of it
 
     def __init__(self, numerator: Coefficients, denominator: Coefficients = _ONE) -> None:
-        self.numerator = numerator
-        self.denominator = denominator
+        self.numerator: Coefficients = numerator
+        self.denominator: Coefficients = denominator
 
     def __add__(self, operand: Any) -> Ratio:
         """Add a ratio or a number."""

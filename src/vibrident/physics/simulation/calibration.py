@@ -135,6 +135,15 @@ def simulate(
     Raises:
         InputError: a setting cannot be used; the message says which.
         ModelError: the model is unknown, or the parameters are not those of the model.
+
+    Examples:
+        >>> import vibrident
+        >>> true = {"sensitivity": 0.1, "natural_frequency": 900.0, "damping_ratio": 0.05}
+        >>> sweep = vibrident.simulate(
+        ...     ("accelerometer", true), "sweep", samples=4000, response_noise=1e-3, seed=1
+        ... )
+        >>> sweep.records[0].excitation, sweep.records[0].response.shape
+        ('sweep', (4000,))
     """
     chosen = _sensor(sensor)
     require_choice("The start", start, ("rest", "steady"))
@@ -207,6 +216,14 @@ def with_noise(
 
     Raises:
         InputError: the calibration is a table, or a level cannot be used.
+
+    Examples:
+        >>> import vibrident
+        >>> clean = vibrident.simulate(frequencies_hz=[160], samples=4000)
+        >>> noisy = vibrident.with_noise(clean, response_noise=0.01, seed=1)
+        >>> noise = noisy.records[0].response - clean.records[0].response
+        >>> round(float(noise.std() / clean.records[0].response.std()), 3)
+        0.01
     """
     require(
         calibration.table is None,

@@ -53,6 +53,11 @@ def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
 
     Raises:
         InputError: a limit is not positive, or no frequency lies between them.
+
+    Examples:
+        >>> import vibrident
+        >>> vibrident.one_third_octave(100.0, 200.0).round(2).tolist()
+        [100.0, 125.89, 158.49, 199.53]
     """
     require_positive("one_third_octave", low_hz=low_hz, high_hz=high_hz)
     first = math.ceil(10.0 * math.log10(low_hz) - _LIMIT_TOLERANCE_STEPS)

@@ -20,8 +20,14 @@ from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.screening import Finding
-from vibrident.result.given import GivenResult, as_result
+from vibrident.result.loading import GivenResult, as_result
 from vibrident.result.sensor import IdentifiedSensor
+from vibrident.use.correction.background import (
+    check_ends,
+    measure_background,
+    starts_in_motion,
+    with_rest_prepended,
+)
 from vibrident.use.correction.band import (
     BINS_PER_OCTAVE,
     MIN_EDGE_PERIODS,
@@ -38,12 +44,6 @@ from vibrident.use.correction.components import (
     removed_deviation,
     uncertainty_components,
     unknown_samples,
-)
-from vibrident.use.correction.background import (
-    check_ends,
-    measure_background,
-    starts_in_motion,
-    with_rest_prepended,
 )
 from vibrident.use.correction.peak import (
     Agreement,
@@ -126,6 +126,16 @@ def correct(
     Raises:
         InputError: the model has no linear inverse, the units differ, or a record or the band
             cannot be used.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> result = vibrident.identify(calibration)
+        >>> shock = vibrident.simulate("paper", "shock", samples=4000, response_noise=1e-3, seed=2)
+        >>> restored = vibrident.correct(result, shock).corrections[0]
+        >>> restored.acceleration.shape, restored.standard_uncertainty.shape
+        ((4000,), (4000,))
     """
     result = as_result(result)
     result.require_linear()

@@ -26,7 +26,7 @@ from vibrident.physics.models import parse
 from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.result.document import plain
-from vibrident.result.given import GivenResult, as_result
+from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total
 from vibrident.use.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
 
@@ -112,6 +112,19 @@ def plan(
     Raises:
         InputError: a setting cannot be used; the message says which.
         ModelError: the model is unknown.
+
+    Examples:
+        >>> import vibrident
+        >>> true = {"sensitivity": 0.1, "natural_frequency": 650.0, "damping_ratio": 0.18}
+        >>> plan = vibrident.plan(
+        ...     "accelerometer",
+        ...     true,
+        ...     frequencies_hz=vibrident.one_third_octave(20.0, 1000.0),
+        ...     magnitude_uncertainty=0.002,
+        ...     best=3,
+        ... )
+        >>> len(plan.frequency_hz), plan.parameters["sensitivity"].standard_uncertainty < 0.002
+        (3, True)
     """
     if not isinstance(sensor, str) or sensor.lower().endswith(".json"):
         sensor = as_result(sensor)

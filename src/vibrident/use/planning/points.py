@@ -36,7 +36,17 @@ RINGS = 1.1  # the free motion is reported beyond this factor on a tone's varian
 
 @dataclass(frozen=True)
 class Recording:
-    """How every sine is recorded."""
+    """How every sine is recorded.
+
+    Examples:
+        >>> import vibrident
+        >>> recording = vibrident.Recording(51200.0, 16000, response_noise=1e-3)
+        >>> true = {"sensitivity": 0.1, "natural_frequency": 650.0, "damping_ratio": 0.18}
+        >>> tones = [100.0, 400.0, 650.0]
+        >>> plan = vibrident.plan("accelerometer", true, frequencies_hz=tones, recording=recording)
+        >>> plan.parameters["sensitivity"].standard_uncertainty < 1e-5
+        True
+    """
 
     sampling_rate_hz: float  # samples per second
     samples: int  # of every record

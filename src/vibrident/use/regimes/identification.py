@@ -13,7 +13,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.base.errors import VibridentError
 from vibrident.data.records import Calibration
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.document import Uncertainty, document, own_rows
+from vibrident.fit.judge.document import Uncertainty, budget_of, document
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import model_of
 from vibrident.physics.naming import in_words
@@ -151,7 +151,7 @@ def _result(found: _Regimes, scope: Uncertainty) -> Result:
     over = np.divide(1.0, slopes, out=np.zeros_like(slopes), where=slopes != 0.0)
     covariance = shared.covariances[longest] * np.outer(over, over)
     fitted = fitted.at(replace(fitted.estimate, z=z, covariance=covariance, predicted=None))
-    result = document(fitted, own_rows(fitted, scope))
+    result = document(fitted, budget_of(fitted, scope))
     record = fitted.evidence.calibration.records[0]
     times = (np.array(edges) / record.sampling_rate_hz).tolist()
     regimes = [

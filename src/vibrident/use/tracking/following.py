@@ -1,4 +1,4 @@
-"""A sensor followed after its calibration: through the records of a calibration, or block by block as samples come."""
+"""Follow a sensor after its calibration: through records, or block by block as samples come."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vibrident.data.records import Quantity
 from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.data.sources.source import Chunk
 from vibrident.result import Result
-from vibrident.result.given import GivenResult, as_result
+from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 from vibrident.use.tracking.outcome import tracked_result
 from vibrident.use.tracking.session import Session
@@ -46,6 +46,18 @@ class SensorTracker:
     Raises:
         InputError: the result lacks a gain or an uncertainty, or a setting cannot be used.
         ModelError: its model has no state space.
+
+    Examples:
+        >>> import vibrident
+        >>> first, later = (
+        ...     vibrident.simulate("paper", "random", samples=4000, response_noise=0.01, seed=seed)
+        ...     for seed in (1, 2)
+        ... )
+        >>> record = later.records[0]
+        >>> tracker = vibrident.SensorTracker(vibrident.identify(first), record.sampling_rate_hz)
+        >>> estimates = tracker.feed(record.reference, record.response)
+        >>> round(tracker.finish().values["sensitivity"], 3)
+        0.104
     """
 
     def __init__(
@@ -60,13 +72,20 @@ class SensorTracker:
         reference_uncertainty: float = 0.0,
     ) -> None:
         self._start = as_result(result)
-        _require_positive(sampling_rate_hz=sampling_rate_hz, every_s=every_s, false_alarms_per_day=false_alarms_per_day)
+        _require_positive(
+            sampling_rate_hz=sampling_rate_hz,
+            every_s=every_s,
+            false_alarms_per_day=false_alarms_per_day,
+        )
         settings = Settings(false_alarms_per_day, drift_per_year, reference_uncertainty)
-        self._session = Session.from_result(self._start, sampling_rate_hz, quantity, every_s, settings)
+        self._session = Session.from_result(
+            self._start, sampling_rate_hz, quantity, every_s, settings
+        )
 
     def __repr__(self) -> str:
         session = self._session
-        return f"<SensorTracker of {self._start.model}: {session.samples} samples, {len(session.alarms)} alarms>"
+        counts = f"{session.samples} samples, {len(session.alarms)} alarms"
+        return f"<SensorTracker of {self._start.model}: {counts}>"
 
     def feed(
         self,
@@ -79,10 +98,10 @@ class SensorTracker:
         """Take samples, and return the estimates that are complete with them.
 
         Args:
-            reference: in the SI unit of the quantity, shape (samples,); NaN where a sample is missing.
+            reference: in the SI unit of the quantity, shape (samples,); NaN for a missing sample.
             response: in the response unit of the result, alike.
             start_s: time of the first sample, s; None: they follow those before.
-            new_record: whether the samples are a record of their own, whose motion follows no other.
+            new_record: whether the samples are a record of their own, which follows no other.
 
         Raises:
             InputError: the two have different shapes.
@@ -96,10 +115,10 @@ class SensorTracker:
                 where="SensorTracker.feed",
                 remedy="give as many samples of the one as of the other",
             )
-        return self._session.take(Chunk(channels[0], channels[1], start_s, separate=new_record))
+        return self._session.take(Chunk(*channels, start_s=start_s, separate=new_record))
 
     def finish(self) -> Estimate:
-        """Learn from the samples that still wait for others, as none follow, and return the last estimate."""
+        """Return the last estimate, as no samples follow that the present ones would wait for."""
         return self._session.finish()[-1]
 
     def read(self) -> Estimate:
@@ -139,7 +158,7 @@ class Tracking:
     __repr__ = brief
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row an estimate: ``time_s``, each parameter and ``NAME_u``, ``innovation``, ``excited``."""
+        """Return a row an estimate, with the columns of ``track.csv``."""
         import pandas as pd
 
         rows = []
@@ -147,7 +166,9 @@ class Tracking:
             row: dict[str, Any] = {"time_s": estimate.time_s}
             for name, value in estimate.values.items():
                 row |= {name: value, f"{name}_u": estimate.uncertainty[name]}
-            rows.append({**row, "innovation": estimate.innovation, "excited": " ".join(estimate.excited)})
+            rows.append(
+                {**row, "innovation": estimate.innovation, "excited": " ".join(estimate.excited)}
+            )
         return pd.DataFrame(rows)
 
 
@@ -164,8 +185,8 @@ def track(
 
     Args:
         result: of an identification, or the path of its ``result.json``: the sensor at the start.
-        calibration: records in the order of time, of one sampling rate, each with a reference; or the
-            path of a calibration file.
+        calibration: records in the order of time, of one sampling rate, each with a reference; or
+            the path of a calibration file.
         every_s: time between estimates, s; None: a hundredth of the records, 1 s at most.
         false_alarms_per_day: expected of noise alone, in a day of motion.
         drift_per_year: random walk of the parameters in a year, relative, one for all or one each.
@@ -173,8 +194,21 @@ def track(
     Raises:
         InputError: the records cannot be tracked, or are in another unit than the result's.
         ModelError: the model of the result has no state space.
+
+    Examples:
+        >>> import vibrident
+        >>> first, later = (
+        ...     vibrident.simulate("paper", "random", samples=4000, response_noise=0.01, seed=seed)
+        ...     for seed in (1, 2)
+        ... )
+        >>> tracking = vibrident.track(vibrident.identify(first), later)
+        >>> tracking.alarms
+        ()
+        >>> tracking.result.estimator
+        'tracked'
     """
-    start, data = as_result(result), as_calibration(calibration)
+    start = as_result(result)
+    data = as_calibration(calibration)
     data.require_response(start.response_unit, "A table has no samples to track a sensor by.")
     chunks = chunks_of(data)
     sampling_rate_hz = data.records[0].sampling_rate_hz
@@ -194,7 +228,7 @@ def track(
 
 
 def interval_of_records(sampling_rate_hz: float, length_s: float) -> float:
-    """Return the time between estimates, s, for records of a length: at least one block, at most 1 s."""
+    """Return the time between estimates of records, s: at least one block, at most 1 s."""
     block_s = Settings().block / sampling_rate_hz
     return max(block_s, min(EVERY_S, length_s / MAX_ROWS_OF_RECORDS))
 

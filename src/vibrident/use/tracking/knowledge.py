@@ -17,13 +17,13 @@ class Knowledge:
     """State of a tracker, with its network, settings and thresholds."""
 
     def __init__(self, network: Network, settings: Settings) -> None:
-        self.network = network
-        self.settings = settings
+        self.network: Network = network
+        self.settings: Settings = settings
         lengths = settings.parts, settings.levels
-        self.thresholds = Thresholds.from_alarm_rate(
+        self.thresholds: Thresholds = Thresholds.from_alarm_rate(
             settings.false_alarms_per_day, network.interval_s, *lengths, network.parameters
         )
-        self.state = State.empty(network, settings)
+        self.state: State = State.empty(network, settings)
 
     @property
     def time_s(self) -> float:

@@ -22,8 +22,8 @@ class Learner:
     """Add whole blocks to what is known."""
 
     def __init__(self, knowledge: Knowledge) -> None:
-        self.knowledge = knowledge
-        self.changes = Changes(knowledge)
+        self.knowledge: Knowledge = knowledge
+        self.changes: Changes = Changes(knowledge)
 
     def end_block(self) -> None:
         """Learn from the block under way, test it, and begin the next."""

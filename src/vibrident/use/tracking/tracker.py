@@ -22,7 +22,7 @@ from vibrident.use.tracking.detection import NORMAL_KURTOSIS, extend_segments
 from vibrident.use.tracking.knowledge import Knowledge
 from vibrident.use.tracking.learner import PARTS_OF_FIRST_BLOCK, Learner
 from vibrident.use.tracking.network import INPUT_TAPS, Linearised, Network
-from vibrident.use.tracking.state import Alarm, Estimate, Settings
+from vibrident.use.tracking.state import Alarm, Estimate, Settings, State
 from vibrident.use.tracking.tones import Tone
 
 #: Part of the information about a parameter that the other parameters must leave: condition indices
@@ -57,12 +57,12 @@ class Tracker:
         quantity: Quantity = "acceleration",
         settings: Settings = DEFAULT_SETTINGS,
     ) -> None:
-        self.network = network = Network.from_start_values(
-            model, values, quantity, 1.0 / sampling_rate_hz
-        )
-        self.settings = settings
-        self.knowledge = Knowledge(network, settings)
-        self.state = state = self.knowledge.state
+        network = Network.from_start_values(model, values, quantity, 1.0 / sampling_rate_hz)
+        self.network: Network = network
+        self.settings: Settings = settings
+        self.knowledge: Knowledge = Knowledge(network, settings)
+        state = self.knowledge.state
+        self.state: State = state
         self._learner = Learner(self.knowledge)
         k = network.nuisances
         state.point[k:] = np.array([values[name] for name in model.parameter_names]) / network.scale

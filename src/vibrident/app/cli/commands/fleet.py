@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -18,8 +18,9 @@ from vibrident.base.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vibrident.lab.fleet import Outcome, Scheduler
+    from vibrident.lab.fleet import Outcome
     from vibrident.lab.fleet.coordinator import RunProgress
+    from vibrident.lab.fleets import Fleet
     from vibrident.result import Result
 
 _LINE_S = 30.0  # seconds between progress lines if stderr is not a terminal
@@ -63,18 +64,21 @@ def fleet(
 
     Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
     """
-    from vibrident.lab.fleet import Asked, Orders
-    from vibrident.lab.fleet.limits import Specification, read_limits
-    from vibrident.physics.models import parse
+    from vibrident.lab.fleets import Fleet
 
-    if model is not None:
-        parse(model)  # a wrong name is refused once, not in every row
-    memory_bytes = None if memory_limit_mb is None else int(memory_limit_mb * 1e6)
-    orders = Orders(str(folder), model, estimator, time_limit_s, memory_bytes, results)
-    asked = Asked(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
+    asked = Fleet(
+        patterns,
+        folder,
+        model=model,
+        estimator=estimator,
+        limits=limits,
+        time_limit_s=time_limit_s,
+        memory_limit_bytes=None if memory_limit_mb is None else int(memory_limit_mb * 1e6),
+        keep_results=results,
+    )
     if store is not None:
         _require_store(store, results=results)
-    outcome = _run(asked, workers, scheduler, quiet=quiet)
+    outcome = _run(asked, workers, scheduler, resume=resume, quiet=quiet)
     if not quiet:
         _show(outcome)
     if store is not None:
@@ -84,12 +88,11 @@ def fleet(
         raise typer.Exit(DOUBTFUL)
 
 
-def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool) -> Outcome:
-    from vibrident.lab.fleet import run
+def _run(asked: Fleet, workers: int | None, scheduler: str | None, *, resume: bool, quiet: bool) -> Outcome:
     from vibrident.lab.fleet.parts import load_arrow
 
     load_arrow()
-    chosen = _scheduler(workers, scheduler)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said once, in words of our own
     with Busy("Identifying") as bar:
         said = time.monotonic()
 
@@ -102,7 +105,7 @@ def _run(asked: Any, workers: int | None, scheduler: str | None, *, quiet: bool)
                 said = time.monotonic()
                 note(text)
 
-        return run(asked, chosen, tell)
+        return asked.identify(workers=workers, scheduler=scheduler, resume=resume, progress=tell)
 
 
 def _require_store(store: str, *, results: bool) -> None:
@@ -147,24 +150,6 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     if nameless:
         said = "result states no serial number and was" if nameless == 1 else "results state no serial number and were"
         note(f"{nameless} {said} not added.")
-
-
-def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
-    from vibrident.base.process import processors
-    from vibrident.lab.fleet import Dask, Local
-
-    if scheduler is None:
-        return Local(workers or processors())
-    if workers is not None:
-        raise InputError(
-            "Workers are requested in two ways.",
-            expected="--workers, for this machine, or --scheduler, with its own workers",
-            found="both",
-            where="command line",
-            remedy="leave one of the two out",
-        )
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said once, in words of our own
-    return Dask(scheduler)
 
 
 def _progress_text(progress: RunProgress) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +28,14 @@ def inspect(
     """Show calibration data: their description, findings, and a picture."""
     from vibrident.data.io import read_guarded
     from vibrident.physics.models import model_of
+    from vibrident.use.inspection import inspect as inspect_data
 
     data = read_guarded(calibration)
     model_of(data)  # a name that `identify` would refuse
-    screened, findings = _screened(data)
+    inspection = inspect_data(data)
+    screened = inspection.calibration
+    for sentence in inspection.copies:
+        note(sentence)
     name = f"{calibration.stem}.inspect.png" if folder is None else "inspect.png"
     with written_whole(folder or Path()) as output:
         from vibrident.show import plots
@@ -39,31 +43,10 @@ def inspect(
         plots.save(plots.inspection(screened), output.path / name)
         if any(record.optical is not None for record in screened.records):
             plots.save(plots.light(screened), output.path / name.replace("inspect.png", "light.png"))
-    _show(screened, findings, output.files)
+    _show(screened, inspection.findings, output.files)
 
 
-def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
-    """The calibration with clipped samples marked, and all findings; records without signal stay."""
-    from vibrident.base.errors import InputError
-    from vibrident.data.screening import Finding, screen
-    from vibrident.data.screening.copies import notes_of_copies, without_copies
-
-    once = without_copies(calibration.records)
-    for text in notes_of_copies((record.name, record.provenance.history) for record in once):
-        note(text)
-    optical = [found for record in once if record.optical is not None for found in record.optical.findings]
-    records, findings = [], [Finding(found.code, found.message) for found in optical]
-    for record in once:
-        try:
-            (record,), found = screen([record], calibration.units)
-            findings += found
-        except InputError as error:
-            findings.append(Finding("dead_channel", error.found))
-        records.append(record)
-    return replace(calibration, records=tuple(records)), findings
-
-
-def _show(calibration: Calibration, findings: list[Finding], files: list[Path]) -> None:
+def _show(calibration: Calibration, findings: Sequence[Finding], files: list[Path]) -> None:
     from rich.padding import Padding
     from rich.text import Text
 

@@ -15,9 +15,9 @@ def verify(
     ),
 ) -> None:
     """Say who signed a certificate and when; exit 2 if it was changed since, or is unsigned."""
-    from vibrident.lab.issue.verification import verify as verified
+    from vibrident.lab.signatures import verify as verified
 
-    signed = verified(file, trusted)
+    signed = verified(file, trusted=trusted)
     when = "at a time that is not stated" if signed.time is None else f"at {signed.time:%Y-%m-%d %H:%M:%S %Z}"
     say(f"{file.name} is valid: signed by {signed.signer} {when}, by the signer's clock.")
     say(f"Certificate of the signer, SHA-256: {signed.fingerprint}")

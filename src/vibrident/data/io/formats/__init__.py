@@ -1,4 +1,4 @@
-"""Hold one format a file: a :class:`vibrident.data.io.reader.Reader` in the file's name.
+"""Data formats; each file holds a :class:`vibrident.data.io.reader.Reader` in its name.
 
 Opening and loading raise as ``Reader.open`` and :class:`vibrident.data.io.columns.ColumnFile`
 state: InputError where the file is damaged or not of the format, holds no numbers, or its library

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import LONGEST_LINE, Channel, ColumnFile, Start, unreadable
+from vibrident.data.io.columns import MAX_LINE_LENGTH, Channel, ColumnFile, StartTime, unreadable
 from vibrident.data.io.csv_layout import (
     CsvLayout,
     detect_layout,
     is_number,
+    line_too_long,
     open_text,
     refuse_thousands,
     split_line,
-    too_long_a_line,
 )
 from vibrident.data.io.plain_text import BLANKS, TAIL_BYTES, PlainText, respelled
 from vibrident.data.io.reader import Reader
@@ -43,16 +43,16 @@ def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64
         stream.seek(layout.offset)
         for chunk in _chunks_of_lines(stream):
             if chunk is None:
-                raise too_long_a_line(file, line)
-            fields = _fields(chunk, layout)
+                raise line_too_long(file, line)
+            fields = _field_counts(chunk, layout)
             ragged = np.flatnonzero((fields != layout.fields) & (fields != 0))
             if ragged.size:
                 bad = int(ragged[0])
-                found = int(fields[bad])
+                field_count = int(fields[bad])
                 raise InputError(
                     "A row has the wrong number of fields.",
                     expected=f"{layout.fields} fields, as in line {layout.first_line}",
-                    found=f"{found} field{'s' if found != 1 else ''}",
+                    found=f"{field_count} field{'s' if field_count != 1 else ''}",
                     where=f"{file}, line {line + bad}",
                     remedy="repair or remove that line; a truncated last line can be removed",
                 )
@@ -62,7 +62,7 @@ def row_lines(text: PlainText, file: str, layout: CsvLayout) -> NDArray[np.int64
 
 
 def numbered_rows(text: PlainText, layout: CsvLayout) -> Iterator[tuple[int, list[str]]]:
-    """Give line number, from 1, and cells of every row: slow, to locate an error of a parser."""
+    """Yield line number, from 1, and cells of every row: slow, to locate an error of a parser."""
     with text.open() as stream:
         stream.seek(layout.offset)
         for number, line in enumerate(stream, start=layout.first_line):
@@ -74,22 +74,22 @@ def numbered_rows(text: PlainText, layout: CsvLayout) -> Iterator[tuple[int, lis
 
 
 def _chunks_of_lines(stream: BinaryIO) -> Iterator[bytes | None]:
-    """Whole lines, about a block at a time; None for a line that is too long."""
-    rest = b""
+    """Yield whole lines, about a block at a time; None for a line that is too long."""
+    remainder = b""
     while block := stream.read(_CHUNK_BYTES):
-        block = rest + block
+        block = remainder + block
         end = block.rfind(b"\n") + 1
-        rest = block[end:]
+        remainder = block[end:]
         if end:
             yield block[:end]
-        if len(rest) > LONGEST_LINE:
+        if len(remainder) > MAX_LINE_LENGTH:
             yield None
-    if rest:
-        yield rest
+    if remainder:
+        yield remainder
 
 
-def _fields(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
-    """Count the fields of each line; 0 for a blank line."""
+def _field_counts(chunk: bytes, layout: CsvLayout) -> NDArray[np.int64]:
+    """Return the number of fields of each line; 0 for a blank line."""
     if b'"' in chunk:
         lines = chunk.decode(layout.encoding, errors="replace").removesuffix("\n").split("\n")
         counts = [len(split_line(line, layout.delimiter)) if line.strip() else 0 for line in lines]
@@ -128,7 +128,7 @@ def _complete_rows(bytes_: NDArray[np.uint8], layout: CsvLayout) -> int:
     return len(rows) if np.all(rows[:, -1] == _NEWLINE) and np.all(rows[:, :-1] == delimiter) else 0
 
 
-LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
+MAX_LIGHT_BYTES = 1 << 20  # files up to this size are read without pandas: loading it takes longer
 PLAIN = b"0123456789+-eE\n"  # numbers and lines, beside delimiter and decimal sign
 #: What pandas takes for a missing value.
 _NO_VALUE = frozenset({
@@ -139,7 +139,7 @@ _NO_VALUE = frozenset({
 
 def _better_by_pandas(path: Path) -> bool:
     """Return whether pandas is faster: it is loaded already, or the file is large."""
-    return "pandas" in sys.modules or path.stat().st_size > LIGHT_BYTES
+    return "pandas" in sys.modules or path.stat().st_size > MAX_LIGHT_BYTES
 
 
 class CsvFile(ColumnFile):
@@ -168,12 +168,12 @@ class CsvFile(ColumnFile):
         try:
             return row_lines(self._text, self.file, self._layout)
         except InputError:
-            if not self._cleaned():
+            if not self._clean():
                 raise
             return row_lines(self._text, self.file, self._layout)
 
-    def _cleaned(self) -> bool:
-        """Bring the text into the form that the parsers take; False if that changed nothing."""
+    def _clean(self) -> bool:
+        """Bring the text into the form that the parsers take; return whether that changed it."""
         changed = clean(self._text, self._layout, self.file)
         if changed:
             for name in ("_row_lines", "_numbers", "_first_row"):
@@ -184,12 +184,12 @@ class CsvFile(ColumnFile):
         """Return whether the column holds times of day, with or without dates."""
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first row: its own stamp, or the head's statement."""
         if not self.in_seconds(position):
             return super().start(position)
         stamps = self._stamps([position])[0]
-        return Start(int(stamps.ns[0]), epoch=stamps.dated)
+        return StartTime(int(stamps.ns[0]), epoch=stamps.dated)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Parse these columns; each has shape (rows,).
@@ -198,10 +198,10 @@ class CsvFile(ColumnFile):
         """
         stamps = [position for position in positions if self.in_seconds(position)]
         numbers = [position for position in positions if position not in stamps]
-        found = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
+        columns = dict(zip(numbers, self._load_numbers(numbers) if numbers else (), strict=True))
         times = [parsed.elapsed_s for parsed in self._stamps(stamps)]
-        found.update(zip(stamps, times, strict=True))
-        return tuple(found[position] for position in positions)
+        columns.update(zip(stamps, times, strict=True))
+        return tuple(columns[position] for position in positions)
 
     @cached_property
     def _first_row(self) -> list[str]:
@@ -222,7 +222,7 @@ class CsvFile(ColumnFile):
             ]
             for position, cells in zip(wanted, columns, strict=True):
                 if len(cells) != size:
-                    raise self._torn(len(cells))
+                    raise self._torn_rows(len(cells))
                 self._parsed[position] = parse_stamps(
                     cells, _NO_VALUE, lambda row, position=position: self.locate(position, row)
                 )
@@ -239,49 +239,49 @@ class CsvFile(ColumnFile):
             end += 1
         return slice(begin, end)
 
-    def _torn(self, found: int) -> InputError:
+    def _torn_rows(self, row_count: int) -> InputError:
         return InputError(
             "The rows of the file cannot be separated.",
             expected=f"{self._row_lines.size} rows, one a line",
-            found=f"{found} rows; a quoted cell may hold a line end",
+            found=f"{row_count} rows; a quoted cell may hold a line end",
             where=self.file,
             remedy="export the data without line ends inside cells",
         )
 
     def _load_numbers(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         try:
-            self._refuse_a_summary()
+            self._refuse_summary()
             try:
-                return self._quick(positions)
+                return self._load_quickly(positions)
             except (ValueError, TypeError, OverflowError) as error:
-                if not self._cleaned():
-                    raise self._text_in(positions, error) from error
-            return self._quick(positions)
+                if not self._clean():
+                    raise self._text_error(positions, error) from error
+            return self._load_quickly(positions)
         except OSError as error:
             raise unreadable(self.file, error, "a text file of columns") from error
         except (ValueError, TypeError, OverflowError) as error:
-            raise self._text_in(positions, error) from error
+            raise self._text_error(positions, error) from error
 
-    def _quick(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Parse columns of numbers alone; ValueError and its like where there is other text."""
+    def _load_quickly(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Return columns of numbers; ValueError and its like for other text."""
         rows = self._row_lines.size
-        found = self._plain(positions)
-        if found is not None:
-            return found
+        plain_columns = self._plain_columns(positions)
+        if plain_columns is not None:
+            return plain_columns
         frame = self._parse(sorted(set(positions)))  # pandas.errors.ParserError is a ValueError
         if len(frame) != rows:
-            raise self._torn(len(frame))
+            raise self._torn_rows(len(frame))
         return tuple(frame[position].to_numpy() for position in positions)
 
     def locate(self, position: int, row: int) -> str:
-        """File, line and column of a value."""
+        """Return file, line and column of a value."""
         return f"{self.file}, line {self._row_lines[row]}, {self._column(position)}"
 
     def _column(self, position: int) -> str:
         name = self.names[position]
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
-    def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
+    def _plain_columns(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
         """Return the columns of a small purely numeric file; None if it needs the parser."""
         if (
             self._numbers is None
@@ -308,14 +308,14 @@ class CsvFile(ColumnFile):
         if data.translate(None, PLAIN + signs + blanks):
             return None
         # An empty cell shows in the count.
-        # most are JSON's numbers, which are read in half the time
+        # Most are numbers of JSON, too, whose parser takes half the time.
         with contextlib.suppress(ValueError, OverflowError):
             listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
-            # each is the nearest float, as in pandas
+            # Each is the nearest float, as in pandas.
             return np.array(from_json(b"[%b]" % listed), dtype=float)
         try:
             # Delimiters become blanks, which no cell contains.
-            return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")  # so here
+            return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")
         except (ValueError, DeprecationWarning):  # not a number: the parser locates it
             return None
 
@@ -343,7 +343,7 @@ class CsvFile(ColumnFile):
                 **exact,
             )
 
-    def _refuse_a_summary(self) -> None:
+    def _refuse_summary(self) -> None:
         """Refuse a last row that begins with a word where others begin with a number."""
         with self._text.open() as stream:
             size = stream.seek(0, 2)
@@ -363,8 +363,8 @@ class CsvFile(ColumnFile):
                 remedy="remove the lines below the data, such as mean and maximum",
             )
 
-    def _text_in(self, positions: Sequence[int], error: Exception) -> InputError:
-        """Find the first cell that the parser refused."""
+    def _text_error(self, positions: Sequence[int], error: Exception) -> InputError:
+        """Return the error of the first cell that the parser refused."""
         sign = self._layout.decimal
         for line, cells in numbered_rows(self._text, self._layout):
             for position in positions:

@@ -18,7 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import Channel, Start, library, reading, require_few, require_room
+from vibrident.data.io.columns import (
+    Channel,
+    StartTime,
+    library,
+    reading,
+    require_few,
+    require_room,
+)
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
     StatedFile,
@@ -28,7 +35,7 @@ from vibrident.data.io.stated import (
     start_of,
     statements,
 )
-from vibrident.data.io.units import parse_unit, says_nothing
+from vibrident.data.io.units import is_no_unit, parse_unit
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "an Excel workbook (.xlsx) whose sheets have columns of numbers"
@@ -38,7 +45,7 @@ _Row = Sequence[Any]
 
 
 @dataclass
-class _Column:
+class _SheetColumn:
     """The cells of a column, as they come."""
 
     title: str
@@ -78,7 +85,7 @@ class ExcelFile(StatedFile):
         openpyxl = library("openpyxl", "excel", path)
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        self._starts: dict[int, Start] = {}
+        self._starts: dict[int, StartTime] = {}
         self._sheets: list[str] = []
         self._numbered = 0
         with reading(path, _EXPECTED):
@@ -140,7 +147,7 @@ class ExcelFile(StatedFile):
         return name
 
 
-def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_Column]]:
+def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_SheetColumn]]:
     """Return what the rows above the names of a sheet state, and its columns."""
     head, data = _split(rows)
     stated = statements(dict(pair for row in head for pair in _statement(row)))
@@ -149,12 +156,12 @@ def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_Co
     if len(head) > 1 and _are_units(titles) and any(_texts(head[-2])):
         units = [unit.strip("[](){} ") for unit in titles]
         titles = _texts(head[-2])
-    columns: list[_Column] = []
+    columns: list[_SheetColumn] = []
     for count, row in enumerate(data):
         while len(columns) < len(row):
             n = len(columns)
             title = titles[n] if n < len(titles) else ""
-            columns.append(_Column(title, units[n] if n < len(units) else ""))
+            columns.append(_SheetColumn(title, units[n] if n < len(units) else ""))
             columns[n].values.extend(itertools.repeat(math.nan, count))
         for column, cell in itertools.zip_longest(columns, row):
             column.add(cell)
@@ -206,7 +213,7 @@ def _texts(row: _Row) -> list[str]:
 def _are_units(row: Sequence[str]) -> bool:
     """Return whether the cells of a row are units, or words for none."""
     known = [unit for unit in row if parse_unit(unit) is not None]
-    return bool(known) and all(says_nothing(unit) or unit in known for unit in row)
+    return bool(known) and all(is_no_unit(unit) or unit in known for unit in row)
 
 
 def _is_empty(row: _Row) -> bool:
@@ -222,11 +229,11 @@ def _is_number(cell: Any) -> bool:
     )
 
 
-def _start_of_dates(first: datetime | None) -> Start | None:
+def _start_of_dates(first: datetime | None) -> StartTime | None:
     if first is None:
         return None
     since = first.replace(tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)
-    return Start(since // timedelta(microseconds=1) * 1000, epoch=True)
+    return StartTime(since // timedelta(microseconds=1) * 1000, epoch=True)
 
 
 EXCEL = Reader(name="excel", title="Excel", endings=(".xlsx", ".xlsm"), open=ExcelFile)

@@ -18,7 +18,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, columns_of
-from vibrident.data.io.columns import Channel, Clock, Start, reading, require_few, require_room
+from vibrident.data.io.columns import Channel, Clock, StartTime, reading, require_few, require_room
 from vibrident.data.io.hdf5_attributes import (
     axes_of,
     kept_elsewhere,
@@ -72,7 +72,7 @@ class Hdf5File(ArrayFile):
             groups: dict[str, Mapping[str, Statement]] = {}
             levels = {array: levels_of(file, array, groups) for array in arrays}
         self._packing = {array: packed for array, packed in packing.items() if packed}
-        self._since: dict[str, tuple[float, Start]] = {}  # of arrays of times since a date
+        self._since: dict[str, tuple[float, StartTime]] = {}  # of arrays of times since a date
         self._clocks: dict[str, Clock | None] = {}  # by axis
         self._roomy = 0  # most values of a block for which there was room
         channels = [
@@ -137,7 +137,7 @@ class Hdf5File(ArrayFile):
         axis = self._time_axis(position)
         return None if axis is None else self._seconds(axis)
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample; of times since a date, the first one."""
         import h5py
 
@@ -149,7 +149,7 @@ class Hdf5File(ArrayFile):
         with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
             first = _first(file[column.array], column)
         ns = int(first) * unit_ns if isinstance(first, np.integer) else round(first * unit_ns)
-        return Start(zero.ns + ns, epoch=True)
+        return StartTime(zero.ns + ns, epoch=True)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,)."""
@@ -236,7 +236,7 @@ class Hdf5File(ArrayFile):
                 for (column, target), zero in zip(wanted, zeros, strict=True):
                     values = target[begin - start : end - start]
                     # subtracted as stored, to keep the digits
-                    values[:] = column.of(rows) - zero if zero else column.of(rows)
+                    values[:] = column.values_in(rows) - zero if zero else column.values_in(rows)
                     if array in self._since:
                         values *= self._since[array][0]
                     elif array in self._packing:
@@ -245,7 +245,7 @@ class Hdf5File(ArrayFile):
 
 def _first(dataset: Any, column: ArrayColumn) -> Any:
     """Return the first number of a column as it is stored."""
-    return column.of(_rows(dataset, 0, 1))[0]
+    return column.values_in(_rows(dataset, 0, 1))[0]
 
 
 def _rows(dataset: Any, start: int, stop: int) -> Any:

@@ -18,7 +18,7 @@ from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, column
 from vibrident.data.io.columns import (
     Channel,
     ColumnFile,
-    Start,
+    StartTime,
     reading,
     require_few,
     require_room,
@@ -53,7 +53,7 @@ class MatlabFile(ArrayFile):
     def __init__(self, path: Path) -> None:
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[str, Start] = {}
+        starts: dict[str, StartTime] = {}
         self._numbers: dict[str, int] = {}
         with reading(path, _EXPECTED):
             for name, value, levels in _leaves(_variables(path)):
@@ -78,7 +78,7 @@ class MatlabFile(ArrayFile):
         with reading(self._path, _EXPECTED):
             require_room(self._path, sum(self._numbers[name] for name in names))
             arrays = {name: samples_first(_array(self._path, name)) for name in names}
-            return tuple(np.array(c.of(arrays[c.array]), dtype=np.float64) for c in columns)
+            return tuple(np.array(c.values_in(arrays[c.array]), dtype=np.float64) for c in columns)
 
 
 def _is_version_4(path: Path) -> bool:
@@ -128,7 +128,7 @@ def _reason_against(value: Any) -> str:
     if isinstance(value, mat5.Numbers | np.ndarray):
         return f"of shape {value.shape}"
     kinds = {str: "char", list: "cell of texts"}
-    kind = value.kind if isinstance(value, mat5.Other) else kinds[type(value)]
+    kind = value.kind if isinstance(value, mat5.UnsupportedVariable) else kinds[type(value)]
     return f"a MATLAB {kind} and not a numeric array"
 
 

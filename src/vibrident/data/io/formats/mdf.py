@@ -24,7 +24,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -43,13 +43,11 @@ _FORMULA = {4: 3, 3: 10}
 
 
 class MdfFile(ColumnFile):
-    """An MDF file; values are converted as the file says.
-
-    Samples that it declares invalid become NaN.
-    """
+    """MDF file; values are converted as the file says."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._mdf = path, library("asammdf", "mdf", path).MDF
+        self._path = path
+        self._mdf = library("asammdf", "mdf", path).MDF
         self._clocks: dict[int, Clock | None] = {}
         channels: list[Channel] = []
         refused: dict[str, str] = {}
@@ -75,7 +73,7 @@ class MdfFile(ColumnFile):
                 times_s, lambda row: f"time stamp of {self.locate(position, row)}"
             )
             if clock is not None and self._zero_ns is not None:
-                start = Start(self._zero_ns + round(float(times_s[0]) * 1e9), epoch=True)
+                start = StartTime(self._zero_ns + round(float(times_s[0]) * 1e9), epoch=True)
                 clock = replace(clock, start=start)
             self._clocks[group] = clock
         return self._clocks[group]
@@ -185,7 +183,7 @@ def _reason_against_conversion(conversion: Any, generation: int) -> str:
 
 
 def _refuse_formulas_of_time(file: Any, where: str) -> None:
-    """Time stamps are read with every channel, so theirs must be arithmetic in every group."""
+    """Refuse groups whose time stamps are not arithmetic: they are read with every channel."""
     for group, index in file.masters_db.items():
         channel = file.groups[group].channels[index]
         if reason := _reason_against_conversion(channel.conversion, _generation(file)):

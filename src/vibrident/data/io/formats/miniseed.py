@@ -14,7 +14,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -56,7 +56,7 @@ class MiniSeedFile(ColumnFile):
             )
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
-        """Traces in the order of the file; obspy's warnings mean damage."""
+        """Return the traces in the order of the file; obspy's warnings mean damage."""
         # a name would be globbed, fetched or unpacked
         with (
             path.open("rb") as stream,
@@ -68,7 +68,7 @@ class MiniSeedFile(ColumnFile):
 
 
 def _clock(stats: Any) -> Clock:
-    return Clock(float(stats.sampling_rate), start=Start(stats.starttime.ns, epoch=True))
+    return Clock(float(stats.sampling_rate), start=StartTime(stats.starttime.ns, epoch=True))
 
 
 def _gap(parts: Sequence[Any]) -> str:

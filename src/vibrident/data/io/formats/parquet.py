@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -46,7 +46,7 @@ class ParquetFile(StatedFile):
             schema = file.schema_arrow
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[int, Start] = {}
+        starts: dict[int, StartTime] = {}
         of_file = _metadata(schema.metadata)
         pandas = of_file.pop("pandas", None)
         pandas = pandas if isinstance(pandas, dict) else {}
@@ -65,9 +65,12 @@ class ParquetFile(StatedFile):
             ):
                 refused[field.name] = f"of type {field.type}"
                 continue
-            own = of_columns.get(field.name)
-            own = {**(own if isinstance(own, dict) else {}), **_metadata(field.metadata)}
-            levels = [statements(own), _of_column(of_file, field.name)]
+            metadata = of_columns.get(field.name)
+            metadata = {
+                **(metadata if isinstance(metadata, dict) else {}),
+                **_metadata(field.metadata),
+            }
+            levels = [statements(metadata), _of_column(of_file, field.name)]
             clock = clock_of(levels, f"{path}, column {field.name!r}")
             unit = nearest_unit(field.name, levels[0], levels[1])
             if start := start_of(levels):
@@ -76,7 +79,7 @@ class ParquetFile(StatedFile):
         super().__init__(path, channels, refused)
         self._starts = starts
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample, or of a column of dates its first date."""
         if not self.in_seconds(position):
             return super().start(position)
@@ -85,7 +88,7 @@ class ParquetFile(StatedFile):
             first = next(file.iter_batches(1, columns=[name])).column(0).to_numpy(False)[:1]
         if first.dtype.kind != "M" or np.isnat(first).any():
             return None
-        return Start(int(first.astype("datetime64[ns]").astype(np.int64)[0]), epoch=True)
+        return StartTime(int(first.astype("datetime64[ns]").astype(np.int64)[0]), epoch=True)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,).

@@ -12,7 +12,7 @@ import numpy as np
 from vibrident.data.io.columns import (
     Channel,
     ColumnFile,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -52,7 +52,7 @@ class SacFile(ColumnFile):
             )
             dated = all(stamp is not None for stamp in stamps)
             start_ns = (header.reftime.ns if dated else 0) + round(float(header.b) * 1e9)
-            start = Start(start_ns, epoch=dated)
+            start = StartTime(start_ns, epoch=dated)
             name = ".".join(
                 str(code or "")
                 for code in (header.knetwk, header.kstnm, header.khole, header.kcmpnm)

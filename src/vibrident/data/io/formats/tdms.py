@@ -13,7 +13,7 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -58,7 +58,7 @@ class TdmsFile(StatedFile):
         self._library = library("nptdms", "tdms", path).TdmsFile
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[int, Start] = {}
+        starts: dict[int, StartTime] = {}
         with self._opened() as file:
             if file.file_status.incomplete_final_segment:
                 raise ValueError("the last segment is cut short")
@@ -75,14 +75,14 @@ class TdmsFile(StatedFile):
         super().__init__(path, channels, refused)
         self._starts = starts
 
-    def start(self, position: int) -> Start | None:
+    def start(self, position: int) -> StartTime | None:
         """Return the time of a channel's first sample, or of a time channel its first time."""
         if not self.in_seconds(position):
             return super().start(position)
         group, name = self._channels[position].handle
         with self._opened() as file:
             first = _plain(file[group][name][:1])[0]
-        return Start(int(first.astype("datetime64[ns]").astype(np.int64)), epoch=True)
+        return StartTime(int(first.astype("datetime64[ns]").astype(np.int64)), epoch=True)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
@@ -103,7 +103,7 @@ class TdmsFile(StatedFile):
 
 
 def _described(
-    name: str, channel: Any, outer: Sequence[Mapping[str, Any]], start: Start | None, where: str
+    name: str, channel: Any, outer: Sequence[Mapping[str, Any]], start: StartTime | None, where: str
 ) -> Channel:
     """Return a channel with what its properties, its group's and the file's state."""
     properties = channel.properties
@@ -120,7 +120,7 @@ def _described(
     return Channel(name, handle, clock, _is_time(channel), unit, over_frequency)
 
 
-def _start(properties: Mapping[str, Any]) -> Start | None:
+def _start(properties: Mapping[str, Any]) -> StartTime | None:
     """Return the time of a channel's first sample: wf_start_time and wf_start_offset.
 
     An offset without a date is on the file's own clock.
@@ -131,8 +131,8 @@ def _start(properties: Mapping[str, Any]) -> Start | None:
     offset_s = offset_s if isinstance(offset_s, int | float) and np.isfinite(offset_s) else None
     if isinstance(date, np.datetime64) and date >= _NO_DATE:
         date_ns = int(date.astype("datetime64[ns]").astype(np.int64))
-        return Start(date_ns + round((offset_s or 0.0) * 1e9), epoch=True)
-    return None if offset_s is None else Start.on_own_clock(offset_s)
+        return StartTime(date_ns + round((offset_s or 0.0) * 1e9), epoch=True)
+    return None if offset_s is None else StartTime.on_own_clock(offset_s)
 
 
 def _plain(value: Any) -> Any:

@@ -16,7 +16,7 @@ from vibrident.data.io.columns import (
     Channel,
     Clock,
     ColumnFile,
-    Start,
+    StartTime,
     library,
     reading,
     real_numbers,
@@ -34,7 +34,8 @@ _EXPECTED = "a universal file with data sets 58 (functions at nodal degrees of f
 _TIME_SIGNALS = (0, 1)
 #: Frequency response function, and transmissibility.
 _RESPONSES = (4, 5)
-_TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
+_TIME = 17  # specific data type of an abscissa
+_FREQUENCY = 18  # the same
 _COMPLEX = (5, 6)  # ordinate data types
 _DIRECTIONS = {1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"}
 #: Length and force by units code of data set 164, and units of a specific data type: its Table.
@@ -156,7 +157,7 @@ class UffFile(ColumnFile):
         seconds = _seconds(header)
         if header["abscissa_spacing"] == 1:
             interval = float(header["abscissa_inc"])
-            start = Start.on_own_clock(header["abscissa_min"] * seconds)
+            start = StartTime.on_own_clock(header["abscissa_min"] * seconds)
             return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
         times_s = _times(file.read_sets(place), int(header["num_pts"]))
         return clock_from_times(

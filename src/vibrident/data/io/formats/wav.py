@@ -76,7 +76,7 @@ class WavFile(ColumnFile):
                     target[begin : begin + frames] = samples[:, position]
 
     def locate(self, position: int, row: int) -> str:
-        """File, channel and sample of a value."""
+        """Return file, channel and sample of a value."""
         return f"{self.file}, {self.names[position]}, sample {row + 1}"
 
 

@@ -1,1 +1,1 @@
-"""One source a file; each holds a :class:`vibrident.data.sources.source.Source` in the file's name."""
+"""Sources of samples; each file holds a :class:`vibrident.data.sources.source.Source`."""

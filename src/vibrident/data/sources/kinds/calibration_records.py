@@ -10,11 +10,15 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.reading import read_guarded
 from vibrident.data.io.sampling import SAME_RATE
 from vibrident.data.records import Calibration
-from vibrident.data.sources.source import Chunk, Source, Wanted
+from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
 
 def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
-    """Yield each record as a chunk of its own. InputError: a record lacks a reference, or rates differ."""
+    """Yield each record as a chunk of its own.
+
+    Raises:
+        InputError: a record lacks a reference, or the sampling rates differ.
+    """
     calibration.refuse_known_responses("Tracking")
     rates = {record.sampling_rate_hz for record in calibration.records}
     apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
@@ -40,7 +44,7 @@ def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
         )
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
+def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     return chunks_of(read_guarded(wanted.file))
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from vibrident.base.errors import InputError
 from vibrident.data.sources.decoding import PIECE, chunks
-from vibrident.data.sources.source import Chunk, Source, Wanted
+from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
-WAIT_S = 0.05  # between looks
+POLL_INTERVAL_S = 0.05
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
+def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     records = wanted.calibration.records
     if not wanted.address and len(records) != 1:
         raise InputError(
@@ -30,15 +30,15 @@ def _open(wanted: Wanted) -> Iterator[Chunk]:
 
 
 def _first_line(file: Path) -> bytes:
-    """Return the first line of a file that is taken up again, which may name the columns."""
+    """Return the first line of a file that is resumed, which may name the columns."""
     try:
         with file.open("rb") as stream:
             return stream.readline(PIECE).rstrip(b"\r\n")
     except OSError:
-        return b""  # said where its pieces are read
+        return b""  # reading its pieces reports the error
 
 
-def _pieces(file: Path, wanted: Wanted) -> Iterator[bytes]:
+def _pieces(file: Path, wanted: SourceRequest) -> Iterator[bytes]:
     try:
         with file.open("rb") as stream:
             stream.seek(wanted.position)
@@ -56,7 +56,7 @@ def _pieces(file: Path, wanted: Wanted) -> Iterator[bytes]:
                             where=str(file),
                             remedy="begin a new folder",
                         )
-                    time.sleep(WAIT_S)
+                    time.sleep(POLL_INTERVAL_S)
     except OSError as error:
         raise InputError(
             "The file cannot be followed.",

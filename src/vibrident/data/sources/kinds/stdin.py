@@ -7,10 +7,10 @@ import sys
 from collections.abc import Iterator
 
 from vibrident.data.sources.decoding import PIECE, chunks
-from vibrident.data.sources.source import Chunk, Source, Wanted
+from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
 
-def _open(wanted: Wanted) -> Iterator[Chunk]:
+def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     return chunks(_pieces(), wanted, wanted.address or "csv", "standard input")
 
 

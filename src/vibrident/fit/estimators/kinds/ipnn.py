@@ -44,6 +44,14 @@ class Ipnn(Estimator):
         optimiser: an object with settings of its own, or the name of one: ``lm``
             (Levenberg–Marquardt), ``adam``.
         late_samples: by which the samples of the reference come after their stamps.
+
+    Examples:
+        >>> import vibrident
+        >>> hz = [100, 300, 650, 1000]
+        >>> calibration = vibrident.simulate(frequencies_hz=hz, samples=2000, response_noise=1e-3)
+        >>> euler = vibrident.Ipnn(discretisation="euler")
+        >>> vibrident.identify(calibration, estimator=euler).settings["discretisation"]
+        'euler'
     """
 
     name: ClassVar[str] = "ipnn"

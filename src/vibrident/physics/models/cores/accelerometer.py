@@ -1,6 +1,6 @@
 """Displacement pickup: a damped mass on a spring whose displacement is turned into voltage.
 
-    V̈ + 2 δ ωn V̇ + ωn² V = K a,   K = S0 ωn²            (PAPER eqs. 1–3; Li et al. 2025)
+    V̈ + 2 δ ωn V̇ + ωn² V = K a,   K = S0 ωn²            (Li et al. 2025, eqs. 1–3)
 
 Piezoelectric, capacitive and MEMS accelerometers below their electronics' limits, and any sensor
 whose output follows the displacement of its mass (a laser on a seismometer's mass, say).

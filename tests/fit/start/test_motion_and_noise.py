@@ -10,7 +10,7 @@ import pytest
 from vibrident.data.records import BoolArray, Record
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.bin_problem import BinProblem
-from vibrident.fit.start.look import Look, look_at
+from vibrident.fit.start.motion_and_noise import MotionAndNoise, estimate_motion_and_noise
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import simulate
@@ -19,17 +19,17 @@ RATE_HZ = 10e3
 SAMPLES = 8000
 
 
-def look(record: Record, used: BoolArray) -> Look:
-    """Look at a record whose response is used there."""
+def motion_and_noise_of(record: Record, used: BoolArray) -> MotionAndNoise:
+    """Estimate motion and noise of a record whose response is used there."""
     everywhere = np.ones(SAMPLES, dtype=bool)
     whole = replace(record, valid=used, reference_valid=everywhere)
     model = parse("accelerometer")
     start = dict.fromkeys(model.parameter_names, 1.0)
     problem = BinProblem.build([whole], model, method("bandlimited"), "acceleration", start)
-    return look_at(Band(problem, np.inf))
+    return estimate_motion_and_noise(Band(problem, np.inf))
 
 
-def noise_between(seen: Look, low_hz: float, high_hz: float) -> float:
+def noise_between(seen: MotionAndNoise, low_hz: float, high_hz: float) -> float:
     """Return the noise of a sample, as the bins of a part of the band have it."""
     level = seen.levels[0]
     samples = seen.heard[0][0]
@@ -63,9 +63,9 @@ def in_runs(share: float, length: int, rng: np.random.Generator) -> BoolArray:
 def test_samples_left_out_hide_neither_noise_nor_motion(share: float, length: int, rng: np.random.Generator) -> None:
     """A bin holds the noise of the samples that are used."""
     record = moved()
-    whole = look(record, np.ones(SAMPLES, dtype=bool))
+    whole = motion_and_noise_of(record, np.ones(SAMPLES, dtype=bool))
     used = in_runs(share, length, rng)
-    gaps = look(record, used)
+    gaps = motion_and_noise_of(record, used)
     for low_hz, high_hz in ((200.0, 1200.0), (2000.0, 3500.0)):
         expected = float(np.mean(used)) * noise_between(whole, low_hz, high_hz)
         assert 0.7 < noise_between(gaps, low_hz, high_hz) / expected < 1.4
@@ -78,7 +78,7 @@ def test_samples_left_out_hide_neither_noise_nor_motion(share: float, length: in
 def test_clipped_peaks_hide_no_motion() -> None:
     """What is left out follows from the response itself."""
     record = moved()
-    whole = look(record, np.ones(SAMPLES, dtype=bool))
-    gaps = look(record, np.abs(record.response) < 0.4 * np.max(np.abs(record.response)))
+    whole = motion_and_noise_of(record, np.ones(SAMPLES, dtype=bool))
+    gaps = motion_and_noise_of(record, np.abs(record.response) < 0.4 * np.max(np.abs(record.response)))
     assert 0.5 < noise_between(gaps, 200.0, 1200.0) / noise_between(whole, 200.0, 1200.0) < 2.0
     assert gaps.count > 0.8 * whole.count

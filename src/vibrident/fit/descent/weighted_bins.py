@@ -26,7 +26,7 @@ MIN_SAMPLES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeightedBins:
     """Record, or an unbroken segment of one, in the noise of its residual.
 
     Attributes:
@@ -69,16 +69,16 @@ class Weighed:
         return self.spectrum.input_noise_at * self.passed
 
 
-def weighed_segments(
+def weighted_segments(
     in_noise: InNoise, z: FloatArray, coordinates: Coordinates
-) -> Iterator[Weighed]:
+) -> Iterator[WeightedBins]:
     """Yield the driven segments of a fit at its estimate, in its noise; no free decays."""
     segments = in_noise.band.problem.segments
     for place in in_noise.places(z, coordinates):
         grid = place.group.grid
         used = place.group.used
         for row, number in enumerate(place.group.segments if grid.driven else ()):
-            yield Weighed(
+            yield WeightedBins(
                 segments[number].record,
                 segments[number].span,
                 np.broadcast_to(True, grid.samples) if used is None else used[row],
@@ -91,7 +91,7 @@ def weighed_segments(
             )
 
 
-def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighed | None:
+def weighted_series(number: int, record: Record, predicted: FloatArray) -> WeightedBins | None:
     """Return a record by its predicted response, or None of too few samples.
 
     Offset, drift and hum are fitted; nothing else is known of a network that runs in time.
@@ -126,7 +126,7 @@ def weighed_series(number: int, record: Record, predicted: FloatArray) -> Weighe
         spectrum = noise_spectrum(
             freed(residual, nuisances, counts / spectrum.psd), prediction, floor
         )
-    return Weighed(number, span, used, residual, motion, nuisances, counts, spectrum)
+    return WeightedBins(number, span, used, residual, motion, nuisances, counts, spectrum)
 
 
 def freed(row: ComplexArray, columns: ComplexArray, weight: FloatArray) -> ComplexArray:

@@ -1,4 +1,4 @@
-"""Second thoughts about a fit: the doubts that show only once a model is fitted."""
+"""Warnings that need a fitted model: noise of the reference, other solutions, units."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ANGULAR = (
 )
 
 
-def second_thoughts(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
+def warnings_of_fit(fitted: Fitted, covariance: FloatArray) -> list[ResultWarning]:
     """Return warnings of noise of the reference, other solutions, and suspected units.
 
     Their codes are ``reference_noise``, ``weakly_determined`` and ``units_suspect``.

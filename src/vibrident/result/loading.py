@@ -1,4 +1,4 @@
-"""A result as it is given: the object itself, or the path of its file."""
+"""Results as arguments: the object itself, or the path of its file."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from vibrident.result.result import Result
 GivenResult = Result | str | os.PathLike[str]
 
 
-def as_result(given: GivenResult) -> Result:
-    """Return a result, read from its file where a path is given.
+def as_result(source: GivenResult) -> Result:
+    """Return a result, read from its file where the argument is a path.
 
     Args:
-        given: a result, or the path of its ``result.json``.
+        source: a result, or the path of its ``result.json``.
 
     Raises:
         InputError: the file cannot be read or is no result; the message names the file.
     """
-    if isinstance(given, Result):
-        return given
-    path = Path(given)
+    if isinstance(source, Result):
+        return source
+    path = Path(source)
     if path.suffix.lower() == ".toml" and path.is_file():
         raise InputError(
             "A result is needed here, not a calibration file.",

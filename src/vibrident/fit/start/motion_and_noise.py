@@ -23,7 +23,7 @@ MIN_WEIGHT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class MotionAndNoise:
     """Noise of the response given the motion, without a model.
 
     Attributes:
@@ -61,8 +61,8 @@ class Look:
         floor = np.maximum(self.levels_in(group), np.finfo(float).tiny)
         return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
 
-    def levelled(self) -> Look:
-        """Return the look with one level of noise in each record, the median where motion shows."""
+    def with_one_level(self) -> MotionAndNoise:
+        """Return the same with one level of noise in each record, the median where motion shows."""
         levels = {}
         for number, level in self.levels.items():
             heard = self.heard[number][1]
@@ -75,7 +75,7 @@ class Look:
         return np.asarray(self.heard_in(group) + MIN_WEIGHT, dtype=float)
 
 
-def look_at(band: Band) -> Look:
+def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     """Return the noise of each group, and the band of the motion."""
     levels: dict[int, FloatArray] = {}
     heard_bins: dict[int, tuple[int, BoolArray]] = {}
@@ -112,7 +112,9 @@ def look_at(band: Band) -> Look:
             shown.append(frequency[np.minimum(places[[0, -1]], group.grid.last - 1)])
     span = np.concatenate(shown) if shown else np.zeros(0)
     span = span if span.size else np.concatenate(all_bins)
-    return Look(levels, heard_bins, (float(np.min(span)), float(np.max(span))), filled=filled)
+    return MotionAndNoise(
+        levels, heard_bins, (float(np.min(span)), float(np.max(span))), filled=filled
+    )
 
 
 def loud_bins(band: Band) -> dict[int, BoolArray]:
@@ -136,7 +138,7 @@ def loud_bins(band: Band) -> dict[int, BoolArray]:
     return loud
 
 
-class _MotionAndNoise(NamedTuple):
+class _GroupMotion(NamedTuple):
     """Motion and noise in a group, without a model.
 
     Attributes:
@@ -153,7 +155,7 @@ class _MotionAndNoise(NamedTuple):
     has_enough_bins: BoolArray
 
 
-def _measured(group: Group) -> _MotionAndNoise:
+def _measured(group: Group) -> _GroupMotion:
     """Return motion and noise of a group, segments with omitted samples one by one."""
     motions = [group.inputs[:, 0]] if group.grid.driven else []
     if group.used is None:
@@ -173,12 +175,12 @@ def _measured(group: Group) -> _MotionAndNoise:
     response, level, moving = (
         np.pad(rows, padding, mode="edge") for rows in (response, level, moving)
     )
-    return _MotionAndNoise(response, level, moving, enough)
+    return _GroupMotion(response, level, moving, enough)
 
 
 def _measured_rows(
     response: ComplexArray, motions: Sequence[ComplexArray], used: BoolArray | None
-) -> _MotionAndNoise:
+) -> _GroupMotion:
     """Return motion and noise of segments.
 
     Args:
@@ -192,7 +194,7 @@ def _measured_rows(
     if columns is None:
         mean = np.mean(power_of(response[:, 1:]), axis=1, keepdims=True)
         level = np.broadcast_to(mean, response.shape)
-        return _MotionAndNoise(response, level, np.zeros(response.shape, dtype=bool), enough)
+        return _GroupMotion(response, level, np.zeros(response.shape, dtype=bool), enough)
     filled = response if used is None else columns.filled(response, used)
     level, moving = columns.incoherent_level(filled)
     response = filled * np.sqrt(share)
@@ -202,7 +204,7 @@ def _measured_rows(
         assert response_columns is not None
         reference_level, _ = response_columns.incoherent_level(motion)
         level = level + reference_level * _gain_squared(response, motion)
-    return _MotionAndNoise(response, level, moving, enough)
+    return _GroupMotion(response, level, moving, enough)
 
 
 def _shape(rows: ComplexArray) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""The fit of a drive that is held between samples; its edges' instants are a nuisance parameter."""
+"""Fit of a drive that is held between samples; its edges' instants are a nuisance parameter."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from vibrident.base.errors import VibridentError
 from vibrident.data.records import SystematicEffect
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.examined import departures_of
+from vibrident.fit.judge.departure_report import departures_of
 from vibrident.physics.models import ADD_ONS, installed
 
 DELAY = "delay"
 ALIASING = "aliasing"  # of motion; a commanded step has any frequency
-HELD = "the drive is held between its samples, as stairs: zero-order hold"
+HELD_REASON = "the drive is held between its samples, as stairs: zero-order hold"
 
 
-def fit_stairs(fitted: Fitted) -> Fitted:
+def fit_held_drive(fitted: Fitted) -> Fitted:
     """Return the fit of the same records with their drive held from sample to sample.
 
     Converters of drive and response have no common instant: where the data show that the edges lie
@@ -27,7 +27,7 @@ def fit_stairs(fitted: Fitted) -> Fitted:
     """
     findings = tuple(finding for finding in fitted.evidence.findings if finding.code != ALIASING)
     evidence = replace(fitted.evidence, findings=findings)
-    fitted = replace(fitted, evidence=evidence, reason=HELD)
+    fitted = replace(fitted, evidence=evidence, reason=HELD_REASON)
     delay_s = _edge_delay(fitted)
     if delay_s is None:
         return fitted
@@ -41,7 +41,7 @@ def fit_stairs(fitted: Fitted) -> Fitted:
     shifted = Fitted.from_evidence(replace(evidence, effects=(effect,)), delayed, fitted.progress)
     when = "after" if value > 0.0 else "before"
     edges = f"edges {amount(abs(value), 's', 3)} ± {amount(u, 's', 1)} {when} the samples"
-    return replace(shifted, reason=f"{HELD}, {edges}")
+    return replace(shifted, reason=f"{HELD_REASON}, {edges}")
 
 
 def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
