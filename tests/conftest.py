@@ -39,16 +39,10 @@ settings.register_profile("vibrident", deadline=None, derandomize=True)
 settings.load_profile("vibrident")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option of ``make quick``."""
-    help_text = "skip tests that never ran before when these seconds are over"
-    parser.addoption("--budget-s", type=float, default=None, help=help_text)
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Learn the durations of tests, in the process that reports them."""
     if config.pluginmanager.has_plugin("cacheprovider") and not hasattr(config, "workerinput"):
-        config.pluginmanager.register(UnitMark(config.cache, config.getoption("--budget-s")))
+        config.pluginmanager.register(UnitMark(config.cache))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import pytest
 from tests.support.unit_mark import CACHE_KEY, UnitMark
 
 
@@ -26,13 +25,13 @@ def report(name, when, duration):
 
 def marked(cache, *names):
     items = [item(name) for name in names]
-    UnitMark(cache, None).pytest_collection_modifyitems(items)
+    UnitMark(cache).pytest_collection_modifyitems(items)
     return [one.nodeid for one in items if one.marks]
 
 
 def test_the_shortest_duration_counts_and_setups_count_for_their_whole_file():
     cache = Cache()
-    plugin = UnitMark(cache, None)
+    plugin = UnitMark(cache)
     for name, when, duration in (
         ("a.py::fast", "call", 3.0),  # paid for what is loaded once
         ("a.py::fast", "call", 0.1),
@@ -46,11 +45,3 @@ def test_the_shortest_duration_counts_and_setups_count_for_their_whole_file():
     assert set(cache) == {CACHE_KEY}
     names = ("a.py::fast", "a.py::slow", "a.py::new", "b.py::first", "b.py::second")
     assert marked(cache, *names) == ["a.py::fast", "a.py::new"]
-
-
-def test_beyond_the_budget_tests_that_never_ran_are_skipped():
-    cache = Cache({CACHE_KEY: {"call": {"a.py::known": 0.1}}})
-    plugin = UnitMark(cache, -1.0)
-    plugin.pytest_runtest_setup(item("a.py::known"))
-    with pytest.raises(pytest.skip.Exception, match="never run before"):
-        plugin.pytest_runtest_setup(item("a.py::new"))
