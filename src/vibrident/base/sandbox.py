@@ -26,7 +26,7 @@ def run(function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
     return _run(Process(), function, args, limits)
 
 
-class Ready:
+class WarmProcess:
     """Runs functions as ``run`` does, in a process that was started ahead with its libraries loaded.
 
     Each process runs one function. It can be used from several threads.

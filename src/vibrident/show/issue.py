@@ -1,4 +1,4 @@
-"""A certificate to be issued: what was given after the fit, what is missing, and the form to fill in."""
+"""Complete a certificate to be issued: statements after the fit, missing entries, the form."""
 
 from __future__ import annotations
 
@@ -15,14 +15,36 @@ from vibrident.show.language import Say
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
 REQUIRED = (
-    *("number", "laboratory", "laboratory_address", "place", "customer", "customer_address", "date_of_calibration"),
+    *(
+        "number",
+        "laboratory",
+        "laboratory_address",
+        "place",
+        "customer",
+        "customer_address",
+        "date_of_calibration",
+    ),
     *("date_of_issue", "procedure", "traceability", "temperature_c", "approved_by"),
 )
 #: Heading of the form → keys of [certificate]; all that have a place of their own.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "document": ("number", "date_of_issue", "language", "second_language", "replaces", "changes"),
-    "laboratory": ("laboratory", "laboratory_address", "accreditation", "country", "operator", "approved_by"),
-    "order": ("customer", "customer_address", "order_number", "date_of_receipt", "date_of_calibration", "place"),
+    "laboratory": (
+        "laboratory",
+        "laboratory_address",
+        "accreditation",
+        "country",
+        "operator",
+        "approved_by",
+    ),
+    "order": (
+        "customer",
+        "customer_address",
+        "order_number",
+        "date_of_receipt",
+        "date_of_calibration",
+        "place",
+    ),
     "conditions": (
         *("condition", "mounting", "direction", "amplitude", "conditioning"),
         *("temperature_c", "temperature_uncertainty_c"),
@@ -49,10 +71,13 @@ class FormField:
 
 
 def form(language: str = "en") -> tuple[FormField, ...]:
-    """The entries of a certificate, in the order of the form; what is entered is checked by ``certificate_section``."""
+    """Return the entries of a certificate in the order of the form."""
     say = Say(language)
     places = [(key, group) for group, keys in GROUPS.items() for key in keys]
-    return tuple(FormField(key, say("label", key), say("group", group), key in REQUIRED) for key, group in places)
+    return tuple(
+        FormField(key, say("label", key), say("group", group), key in REQUIRED)
+        for key, group in places
+    )
 
 
 def missing(result: Result) -> tuple[str, ...]:
@@ -64,10 +89,10 @@ def missing(result: Result) -> tuple[str, ...]:
 
 
 def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[str, ...]:
-    """The same, of what [certificate] and [sensor] state."""
+    """Return the entries that [certificate] and [sensor] must state and do not."""
     wanted = [*REQUIRED, *(["changes"] if certificate.get("replaces") else [])]
-    found = [key for key in wanted if certificate.get(key) in (None, "", [])]
-    return (*found, *(["serial_number"] if not sensor.get("serial_number") else []))
+    missing = [key for key in wanted if certificate.get(key) in (None, "", [])]
+    return (*missing, *(["serial_number"] if not sensor.get("serial_number") else []))
 
 
 def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
@@ -84,12 +109,12 @@ def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
     for result, name in zip(results, names, strict=True):
         stated = result.certificate
         number = str(stated.get("number") or "")
-        other = first.setdefault((str(stated.get("laboratory") or ""), number), name)
-        if number and other != name:
+        first_name = first.setdefault((str(stated.get("laboratory") or ""), number), name)
+        if number and first_name != name:
             raise InputError(
                 "Two certificates would have the same number.",
                 expected="a number of its own for each certificate",
-                found=f"{number} for {other} and for {name}",
+                found=f"{number} for {first_name} and for {name}",
                 where="[certificate] number",
                 remedy="write the certificates one after another, each with its own number",
             )
@@ -97,7 +122,7 @@ def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class Issue:
-    """What belongs to a certificate and not to a result."""
+    """Parts of a certificate that do not belong to a result."""
 
     before: Result | None = None  # the result before an adjustment
     logo: bytes | None = None  # of the laboratory, as SVG, PNG or JPEG
@@ -108,22 +133,28 @@ class Issue:
 NOTHING_MORE = Issue()
 
 
-def issued(result: Result, given: Sequence[str | os.PathLike[str]] | CertificateData) -> tuple[Result, Issue]:
-    """A result with what certificate files, or a form, state; a later file replaces what an earlier one states.
+def issued(
+    result: Result, statements: Sequence[str | os.PathLike[str]] | CertificateData
+) -> tuple[Result, Issue]:
+    """Return a result with the statements of certificate files or a form; later files win.
 
     Raises:
         InputError: a file, or one that it names, cannot be read or holds what is not allowed.
     """
-    data = given if isinstance(given, CertificateData) else certificate_data(given)
+    data = statements if isinstance(statements, CertificateData) else certificate_data(statements)
     logo = None if data.logo is None else data.logo.read_bytes()
     before = None if data.before is None else Result.load(data.before)
-    return stated(result, data), Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))
+    return stated(result, data), Issue(
+        before, logo, data.template, () if data.fonts is None else (data.fonts,)
+    )
 
 
 def stated(result: Result, data: CertificateData) -> Result:
-    """The result with further statements for its certificate and sensor; None takes one back."""
+    """Return the result with further statements for certificate and sensor; None removes one."""
     return replace(
-        result, certificate=_over(result.certificate, data.certificate), sensor=_over(result.sensor, data.sensor)
+        result,
+        certificate=_over(result.certificate, data.certificate),
+        sensor=_over(result.sensor, data.sensor),
     )
 
 

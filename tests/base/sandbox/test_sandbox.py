@@ -93,7 +93,7 @@ def test_a_reader_in_the_process_says_what_it_says_outside(tmp_path):
 
 
 def test_a_process_started_ahead_works_once_and_is_as_safe():
-    ready = sandbox.Ready(prepare)
+    ready = sandbox.WarmProcess(prepare)
     try:
         ready.prepare()
         first = ready.run(os.getpid, limits=LIMITS)

@@ -1,4 +1,4 @@
-"""Methods beside each other on the same data, as a shell or a page asks for them."""
+"""Compare methods on the same data, as a shell or a page asks for it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.estimators import estimator, estimators_with
 from vibrident.app.workflow.folder import write_json
-from vibrident.app.workflow.made import SILENT, Made, Teller
+from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
 from vibrident.base.errors import ModelError, NotConverged
 from vibrident.fit.registry import ESTIMATORS
 
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to identify the same data; None: the model of the calibration, the usual discretisation."""
+    """Method of identifying the same data.
+
+    ``model``: None for that of the calibration; ``discretisation``: None for the usual one.
+    """
 
     estimator: str
     model: str | None = None
@@ -48,9 +51,9 @@ def compare(
     discretisations: Sequence[str] = (),
     validate: bool = False,
     truth: Mapping[str, float] | None = None,
-    tell: Teller = SILENT,
-) -> tuple[Made, dict[str, Result]]:
-    """Identify by each method and return what that says, and the results by name.
+    tell: ProgressReporter = SILENT,
+) -> tuple[TaskOutput, dict[str, Result]]:
+    """Identify by each method and return the comparison, and the results by name.
 
     Args:
         calibration: the data of all.
@@ -69,38 +72,39 @@ def compare(
     from vibrident.fit.estimators import ranked
 
     methods = _methods(
-        estimators or [one.name for one in ranked(ESTIMATORS.built_in())],
+        estimators or [estimator_class.name for estimator_class in ranked(ESTIMATORS.built_in())],
         models or (None,),
         discretisations or (None,),
     )
-    results = _identified(calibration, methods, tell, must=bool(estimators))
+    results = _identify_all(calibration, methods, tell, must=bool(estimators))
     scores = {}
     if validate and len(results) > 1:
-        scores = _cross_validated(calibration, methods, results, tell)
+        scores = _cross_validate_all(calibration, methods, results, tell)
     for name, result in results.items():
         result.save(folder / f"{name.replace(' ', '-').replace('+', '-')}.json")
-    return compared(results, folder, truth, scores), results
+    return write_comparison(results, folder, truth, scores), results
 
 
-def compared(
+def write_comparison(
     results: Mapping[str, Result],
     folder: Path,
     truth: Mapping[str, float] | None = None,
     scores: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Made:
-    """Write comparison.json of results by name, and return what it says.
+) -> TaskOutput:
+    """Write comparison.json of results by name, and return the comparison.
 
     ``scores``: name of a method → its cross-validation.
     """
     from vibrident.show import methods
     from vibrident.use.comparison import document
 
-    known, left_out = dict(truth or {}), {name: dict(s) for name, s in (scores or {}).items()}
+    known = dict(truth or {})
+    left_out = {name: dict(s) for name, s in (scores or {}).items()}
     write_json(folder / "comparison.json", document(dict(results), known, left_out))
     blocks: tuple[Any, ...] = methods.compared(list(results.values()), list(results), known)
     if len({result.model for result in results.values()}) > 1:
         blocks += methods.models(results, left_out)
-    return Made(blocks)
+    return TaskOutput(blocks)
 
 
 def _methods(
@@ -117,8 +121,13 @@ def _methods(
     ]
 
 
-def _identified(calibration: Calibration, methods: Sequence[Method], tell: Teller, *, must: bool) -> dict[str, Result]:
-    """Return results by name. Methods that do not suit the data are left out, but not named ones."""
+def _identify_all(
+    calibration: Calibration, methods: Sequence[Method], tell: ProgressReporter, *, must: bool
+) -> dict[str, Result]:
+    """Return results by name.
+
+    Methods that do not suit the data are left out; a named one is an error.
+    """
     from vibrident.use.identification import identify
 
     results: dict[str, Result] = {}
@@ -139,11 +148,11 @@ def _identified(calibration: Calibration, methods: Sequence[Method], tell: Telle
     return results
 
 
-def _cross_validated(
+def _cross_validate_all(
     calibration: Calibration,
     methods: Sequence[Method],
     results: Mapping[str, Result],
-    tell: Teller,
+    tell: ProgressReporter,
 ) -> dict[str, dict[str, Any]]:
     from vibrident.use.validation import cross_validate
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import distinct, note, wrote
+from vibrident.app.cli.console import distinct_names, note, show_written
 from vibrident.app.cli.options import choice, option
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
@@ -22,27 +22,33 @@ def report(
     target: Path | None = option(
         "--out",
         "DIR|FILE",
-        "Folder, or a file with the format's ending. Several results: a subfolder each, and a comparison.",
+        "Folder, or a file with the format's ending. Several results: a subfolder each, and a "
+        "comparison.",
         default="beside each result",
     ),
     form: str | None = choice(
         "--format",
         options.FORMATS,
-        "html: interactive, one file; pdf: calibration certificate or measurement report; md: Markdown with pictures.",
+        "html: interactive, one file; pdf: calibration certificate or measurement report; md: "
+        "Markdown with pictures.",
         default="by the ending of --out, or md",
     ),
     certificate: list[Path] | None = options.CERTIFICATE_FILES,
-    store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),
+    store: str | None = option(
+        "--store", "URL", "Add what this history holds of the sensor; not in a certificate."
+    ),
 ) -> None:
-    """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
+    """Write a report; of several results also a comparison, with the drift of a sensor. It \
+needs results alone."""
     ending = "" if target is None else target.suffix.lower().removeprefix(".")
     chosen = form or (ending if ending in options.FORMATS else "md")
     from vibrident.show.issue import check_numbers, issued
 
-    given = [issued(load_result(path), certificate or []) for path in results]
-    everything, alone = [result for result, _ in given], len(given) == 1
+    issues = [issued(load_result(path), certificate or []) for path in results]
+    everything = [result for result, _ in issues]
+    alone = len(issues) == 1
     more = _histories(results, everything, store, chosen)
-    names = distinct(results)
+    names = distinct_names(results)
     # By folder: the results of one report, its place in the folder, and its further sections.
     jobs: dict[Path, list[tuple[list[Result], str, Sequence[Section]]]] = {}
     if target is not None and ending in options.FORMATS and not target.is_dir():
@@ -69,13 +75,17 @@ def report(
     for folder, parts in jobs.items():
         with written_whole(folder) as output:
             for part, place, sections in parts:
-                write(part, chosen, output.path / place, names, sections, given[0][1])  # type: ignore[arg-type]
+                target_file = output.path / place
+                issue = issues[0][1]
+                write(part, chosen, target_file, names, sections, issue)  # type: ignore[arg-type]
         written += output.files
-    wrote([file for file in written if file.suffix == f".{chosen}"])
+    show_written([file for file in written if file.suffix == f".{chosen}"])
 
 
-def _histories(paths: list[Path], results: list[Result], store: str | None, form: str) -> Sequence[Sequence[Section]]:
-    """What a store holds of the sensor of each result, as sections; empty without a store."""
+def _histories(
+    paths: list[Path], results: list[Result], store: str | None, form: str
+) -> Sequence[Sequence[Section]]:
+    """Return what a store holds of the sensor of each result, as sections; empty without one."""
     if store is None:
         return [()] * len(results)
     if form == "pdf":
