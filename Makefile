@@ -14,6 +14,7 @@ NETWORK := $(VENV)/.installed-network
 DEV := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 PLAIN_VENV := $(VENV)-plain
+RELEASE_VENV := $(VENV)-release
 
 # Run each candidate: a shim may be on the PATH and yet have no interpreter behind it.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3 python; do \
@@ -26,7 +27,7 @@ COMPILE = $(BIN)/python -m compileall -q src/vibrident
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo reproduce install install-plain test test-plain nightly lint format bench clean
+.PHONY: help demo reproduce install install-plain test test-plain nightly lint format bench release clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -43,7 +44,7 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 
 # Python writes the bytecode of what tests and documentation import, whatever the surroundings say: pip would compile all
 # of it.
-test test-plain nightly docs: export PYTHONDONTWRITEBYTECODE :=
+test test-plain nightly docs release: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV)  ## every law once
 	$(COMPILE)
@@ -79,6 +80,11 @@ docs: $(DOCS)  ## the documentation with its pictures, into site/
 	$(BIN)/python -m docsite
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
+# With the lowest and the newest dependencies. PYTHONS names interpreters besides those that are found;
+# RELEASE_ARGS="--only 3.12-newest" checks one environment.
+release: $(RELEASE_VENV)/.installed  ## wheel, sdist and SBOM into dist/, checked on each Python that is found
+	$(RELEASE_VENV)/bin/python -m release --jobs $(JOBS) $(RELEASE_ARGS) $(PLAIN)
+
 # Environments of their own for the packages that the benchmarks compare with; nothing of them enters $(VENV).
 .PHONY: bench-peers
 bench-peers: $(patsubst %,bench/peers/envs/%/.installed,jax-sysid pydynamic statsmodels filterpy)
@@ -93,7 +99,7 @@ clean:  ## remove what make and the tools have made
 
 # The pip that Python 3.11 brings takes three times as long to find the versions that suit each other. It works, too,
 # where no newer one can be had.
-$(BIN)/python $(PLAIN_VENV)/bin/python:
+$(BIN)/python $(PLAIN_VENV)/bin/python $(RELEASE_VENV)/bin/python:
 	@test -n "$(PYTHON)" || { \
 		echo "No usable Python found: expected 3.11 to 3.14 with venv (Debian: python3-venv); set PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv $(@D:/bin=)
@@ -113,6 +119,10 @@ $(DEV): pyproject.toml | $(BIN)/python
 
 $(PLAIN_VENV)/.installed: pyproject.toml | $(PLAIN_VENV)/bin/python
 	$(PLAIN_VENV)/bin/python -m pip install --quiet --quiet --no-compile --editable '.[test]'
+	@touch $@
+
+$(RELEASE_VENV)/.installed: release/requirements.txt | $(RELEASE_VENV)/bin/python
+	$(RELEASE_VENV)/bin/python -m pip install --quiet --quiet --requirement $<
 	@touch $@
 
 $(DOCS): pyproject.toml | $(BIN)/python

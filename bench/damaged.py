@@ -3,7 +3,7 @@
 python -m bench.damaged --jobs 1            all of them; stops and resumes at will
 python -m bench.damaged --only x.h5 --trial  some, to look at
 
-The page is docs/damaged.md; see :mod:`bench.study`.
+The page is studies/damaged.md; see :mod:`bench.study`.
 """
 
 from __future__ import annotations

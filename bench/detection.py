@@ -3,7 +3,7 @@
 python -m bench.detection --runs 60          60 seeded runs a cell; stops and resumes at will
 python -m bench.detection --only delay/sine  cells whose name holds the text
 
-The page is docs/detection.md; see :mod:`bench.study`.
+The page is studies/detection.md; see :mod:`bench.study`.
 """
 
 from __future__ import annotations

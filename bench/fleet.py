@@ -1,6 +1,6 @@
 """Cost and completeness of a fleet: ``python -m bench.fleet speed | memory | study``.
 
-Figures are ratios of one run, to reduce the influence of other load; docs/fleet.md has them.
+Figures are ratios of one run, to reduce the influence of other load; studies/fleet.md has them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The figures of docs/fleet.md: what was measured, and what a million sensors would need by it."""
+"""The figures of studies/fleet.md: what was measured, and what a million sensors would need by it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibrident.show.media import markdown
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "bench" / "results" / "fleet.json"
-PAGE = ROOT / "docs" / "fleet.md"
+PAGE = ROOT / "studies" / "fleet.md"
 CORES = (16, 100, 1000)  # cores of the plan
 READS = 3  # how often a data file is read: for its key, by its reader, and for its key once more
 MILLION = 1_000_000

@@ -1,4 +1,4 @@
-"""``python -m bench.from_pydynamic``: PyDynamic's functions beside ours on the same data, into docs/pydynamic.md."""
+"""``python -m bench.from_pydynamic``: PyDynamic's functions beside ours on the same data, into studies/pydynamic.md."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from vibrident.physics.models import parse
 from vibrident.result import Result
 from vibrident.show.media import markdown
 
-PAGE = Path(__file__).parents[1] / "docs" / "pydynamic.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "studies" / "pydynamic.md"
+NAMES_PAGE = ROOT / "docs" / "pydynamic.md"
 TRUE = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182}
 NAMES = ("sensitivity", "damping_ratio", "natural_frequency")  # in the order of PyDynamic
 RATE_HZ = 12800.0
@@ -37,9 +39,12 @@ def main() -> None:
     theirs = ask(ENVIRONMENTS / "pydynamic" / "bin" / "python", "pydynamic_functions_peer.py", given)
     table = ResponseTable(HZ, given["size"], given["phase"], given["size_u"], given["size_u"] / given["size"])
     result = identify(Calibration(table=table, model="accelerometer"))
-    missing = [name for name in theirs["names"] if f"`{name}`" not in PAGE.read_text(encoding="utf-8")]
+    named = NAMES_PAGE.read_text(encoding="utf-8")
+    missing = [name for name in theirs["names"] if f"`{name}`" not in named]
     if missing:
-        raise ValueError(f"{PAGE}: expected every public function of PyDynamic, found none of {', '.join(missing)}")
+        raise ValueError(
+            f"{NAMES_PAGE}: expected every public function of PyDynamic, found none of {', '.join(missing)}"
+        )
     rows = [*_fits(theirs, result), *_curves(theirs, result), *_tones(theirs, given), *_shocks(theirs, given, result)]
     head = ("same data", "PyDynamic " + theirs["version"], "ours", "truth")
     cells = [(what, f"{a}: {x}", f"{b}: {y}", truth) for a, b, what, x, y, truth in rows]

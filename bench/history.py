@@ -1,6 +1,6 @@
 """Statistics of a sensor's history on simulated lives, with drift, jumps and noise.
 
-python -m bench.history                 2000 lives a row; writes the table into docs/history.md
+python -m bench.history                 2000 lives a row; writes the table into studies/history.md
 python -m bench.history --lives 50      a trial; prints the table alone
 """
 
@@ -19,7 +19,7 @@ from vibrident.lab.history import control
 from vibrident.lab.history.life import DAYS_A_YEAR, Entry, Event, Life, life, years_between
 from vibrident.show.media import markdown
 
-DOCUMENT = Path(__file__).parents[1] / "docs" / "history.md"
+DOCUMENT = Path(__file__).parents[1] / "studies" / "history.md"
 LIVES = 2000
 WIDTH = "width"
 NOISE = 0.002  # relative standard uncertainty of a calibration's noise

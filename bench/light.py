@@ -7,7 +7,7 @@
     python -m bench.light speed --kind quadrature --samples 20000000
     python -m bench.light peers            (ellipse fits of hoqi-bench, from an environment that holds it)
 
-Each prints its figures; docs/interferometer.md quotes them.
+Each prints its figures; studies/interferometer.md quotes them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from vibrident.data.interferometer.setting import Interferometer
 from vibrident.data.records import FloatArray
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import sensor_named
-from vibrident.physics.simulation.optics import CARRIER, Optics, drawn, write_optical_calibration
+from vibrident.physics.simulation.optics import CARRIER_RATIO, Optics, drawn, write_optical_calibration
 
 FREQUENCIES = (150.0, 250.0, 400.0, 630.0, 1000.0)
 AMPLITUDE = 10.0
@@ -131,7 +131,7 @@ def _print_coverage(keep: Path) -> None:
 
 
 QUADRATURE = Interferometer("quadrature", 632.991e-9, direction=1)
-HETERODYNE = Interferometer("heterodyne", 632.991e-9, carrier_hz=CARRIER * 51_200.0, direction=1)
+HETERODYNE = Interferometer("heterodyne", 632.991e-9, carrier_hz=CARRIER_RATIO * 51_200.0, direction=1)
 #: What can be wrong with the light, and the settings of it.
 FAULTS: dict[str, dict[str, Any]] = {
     "clean": {},

@@ -1,4 +1,4 @@
-"""What a run leaves: one table on the terminal, results/latest.json, and the tables of docs/bench.md."""
+"""What a run leaves: one table on the terminal, results/latest.json, and the tables of studies/bench.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vibrident.show.media import markdown
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
-DOCUMENT = ROOT / "docs" / "bench.md"
+DOCUMENT = ROOT / "studies" / "bench.md"
 SCHEMA = "vibrident.bench/1"
 STYLE = {"met": "green", "NOT met": "bold red", "not measured": "yellow", "": ""}
 

@@ -4,7 +4,7 @@ python -m bench.scenarios --runs 500         the full study; stops and resumes a
 python -m bench.scenarios --runs 20          a look
 python -m bench.scenarios --only piezo/shock cells whose name holds the text
 
-The page is docs/scenarios.md; see :mod:`bench.study`.
+The page is studies/scenarios.md; see :mod:`bench.study`.
 """
 
 from __future__ import annotations

@@ -34,12 +34,10 @@ NOISE = ("--response-noise", "0.01")
 #: Formats and what they need beside a result.
 EXPORTS = {
     "c": ("--rate", "51200"),
-    "control": (),
     "csv": (),
     "dcc": ("--country", "DE"),
     "fmu": ("--rate", "51200"),
     "sacpz": ("--channel", "XX.STA.00.HHZ"),
-    "scipy": (),
     "stationxml": ("--channel", "XX.STA.00.HHZ"),
 }
 TABLE = """[sensor]

@@ -40,7 +40,7 @@ class Cell(Protocol):
 class Study:
     """A study and its command line."""
 
-    name: str  # of the module; of the file of runs, bench/results/<name>.jsonl, and the page, docs/<name>.md
+    name: str  # of the module; of the file of runs, bench/results/<name>.jsonl, and the page, studies/<name>.md
     title: str  # for ``--help``
     runs: int  # a cell, unless asked otherwise
     cells: Sequence[Cell]  # all of them
@@ -70,7 +70,7 @@ class Study:
         if given.trial:
             sys.stdout.write(page)
         else:
-            target = ROOT / "docs" / f"{self.name}.md"
+            target = ROOT / "studies" / f"{self.name}.md"
             target.write_text(page, encoding="utf-8")
             STDERR.print(f"written: {target}", soft_wrap=True)
         return 0

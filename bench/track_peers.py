@@ -16,7 +16,7 @@ from tests.support.tracked import ACCELEROMETER, fed, record, tracker
 from bench.against import ENVIRONMENTS, ask
 from bench.figures import Figure, Options, Section, steps
 from vibrident.data.records import FloatArray
-from vibrident.use.tracking.network import TAPS, Linearised, Network
+from vibrident.use.tracking.network import INPUT_TAPS, Linearised, Network
 
 RUNS, SAMPLES, NOISE, START_U = 60, 8000, 0.01, 0.05
 SETTLED = 400  # samples by which the sensor has forgotten its state: columns of it make RecursiveLS lose its digits
@@ -30,7 +30,7 @@ PEERS = {
 def measure(options: Options) -> Section:
     """Error, coverage and time a sample."""
     runs = 3 if options.quick else RUNS
-    network = Network.of(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
+    network = Network.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
     truth, rows = np.array(list(TRUTH.values())), []
     begin, steps_taken = 0.0, 0
     ours: list[tuple[FloatArray, FloatArray]] = []
@@ -39,10 +39,10 @@ def measure(options: Options) -> Section:
         u, y = record("random", SAMPLES, rng, NOISE)
         one = tracker(rng, u=START_U)
         start = one.state.point[network.nuisances :] * one.network.scale
-        first, count = network.first, len(u) - TAPS + 1
+        first, count = network.first, len(u) - INPUT_TAPS + 1
         inputs = network.inputs(u, count)
         response = y[-first : count - first]
-        out, _ = Linearised.at(one.network, np.ones(3)).run(one.state.cell, inputs)
+        out, _ = Linearised.at_point(one.network, np.ones(3)).run(one.state.cell, inputs)
         columns = np.insert(out[:, 1 + network.order :], 0, 1.0, axis=1)  # the offset's
         noise = NOISE * np.std(y) / np.hypot(1.0, NOISE)
         more = response - out[:, 0]

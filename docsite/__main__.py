@@ -1,24 +1,34 @@
-"""Write the made pages into docs/, where mkdocs finds them beside the written ones; git ignores them."""
+"""Write the made pages into docs/, where mkdocs finds them beside the written ones; git ignores them.
+
+``python -m docsite NAME…`` runs the tutorials of these names alone.
+"""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
-from docsite import executed, gallery, schemas
+from docsite import executed, gallery, schemas, studies, walkthrough, warnings
 from docsite.made import MADE
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main() -> None:
-    """Write every made page and schema, then pages with pictures: the gallery, and the notebooks."""
+    """Write every made page and schema, then pages with pictures: gallery, tutorials and warnings."""
+    if names := sys.argv[1:]:
+        executed.write(DOCS, names)
+        return
     for name, content in MADE.items():
         (DOCS / name).write_text(content(), encoding="utf-8")
     for name, schema in schemas.SCHEMAS.items():
         (DOCS / name).parent.mkdir(exist_ok=True)
         (DOCS / name).write_text(schemas.text(schema()), encoding="utf-8")
     gallery.write(DOCS / "gallery")
+    walkthrough.write(DOCS)
     executed.write(DOCS)
+    warnings.write(DOCS)
+    studies.write(DOCS)
 
 
 main()

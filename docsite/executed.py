@@ -1,9 +1,11 @@
 """Programs that are pages of the documentation and notebooks to download: ``notebooks/NAME.py``, run once for both.
 
-A program has cells between ``# %%`` lines. A ``# %% [markdown]`` cell is text. Other cells are run as Jupyter does:
-what they print, the value of a last expression, and figures left open are shown below them. A ``# %% [check]`` cell is
-run and not shown: it holds what must be true for the text to be true, so that a story that no longer holds ends the
-build.
+A program has cells between ``# %%`` lines. A ``# %% [markdown]`` cell is text. Other cells are run as
+Jupyter does: what they print, the value of a last expression, and figures left open are shown below
+them. A ``# %% [folded] Title`` cell is run and shown as its title, which opens it: the data of a story
+are made there. A ``# %% [check]`` cell is run and not shown: it holds what must be true for the text
+to be true, so that a story that no longer holds ends the build. So does a line that a tutorial prints
+and that is too wide for the page.
 """
 
 from __future__ import annotations
@@ -16,27 +18,51 @@ import linecache
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nbformat import NotebookNode, validate, writes
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PROGRAMS = Path(__file__).parent / "notebooks"
 _LINK = r"\]\(([a-z-]+)\.md"  # to a page beside the folder of the notebooks
+_CELL = re.compile(r"^# %%(?: \[(\w+)\](?: ([^\n]+))?)?\n(.*?)(?=^# %%|\Z)", re.M | re.S)
 _DPI = 110
+#: Characters of a line of code or of printed text: as many as the page shows without scrolling.
+MAX_WIDTH = 76
 
 
-def write(docs: Path) -> None:
-    """Run each program, and write its page, its pictures and its notebook into ``notebooks/``."""
+@dataclass(frozen=True)
+class Part:
+    """A cell of a program: its kind (``markdown``, ``check``, ``folded`` or empty), title and text."""
+
+    kind: str
+    title: str
+    text: str
+
+
+def write(docs: Path, names: Sequence[str] = ()) -> None:
+    """Run programs, and write their pages, pictures and notebooks into ``notebooks/``.
+
+    Args:
+        docs: folder of the documentation.
+        names: of the programs, whose pages of before are kept; none: all, in place of all.
+    """
     folder = docs / "notebooks"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
-    for program in sorted(PROGRAMS.glob("*.py")):
-        cells = run(program)
-        (folder / f"{program.stem}.md").write_text(page(cells, folder, program.stem), encoding="utf-8")
-        (folder / f"{program.stem}.ipynb").write_text(notebook(cells), encoding="utf-8")
+    if not names:
+        shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(exist_ok=True)
+    for name in names or sorted(program.stem for program in PROGRAMS.glob("*.py")):
+        cells = run(PROGRAMS / f"{name}.py")
+        require_narrow(cells, name)
+        (folder / f"{name}.md").write_text(page(cells, folder, name), encoding="utf-8")
+        (folder / f"{name}.ipynb").write_text(notebook(cells), encoding="utf-8")
 
 
 def run(program: Path) -> list[NotebookNode]:
@@ -47,23 +73,40 @@ def run(program: Path) -> list[NotebookNode]:
     names: dict[str, Any] = {"__name__": "notebook"}
     made = []
     with tempfile.TemporaryDirectory(prefix="vibrident-notebook-") as folder, contextlib.chdir(folder):
-        for kind, cell in parts(program.read_text(encoding="utf-8")):
-            if kind == "markdown":
-                made.append(new_markdown_cell(re.sub(r"^# ?", "", cell, flags=re.MULTILINE)))
+        for part in parts(program.read_text(encoding="utf-8")):
+            if part.kind == "markdown":
+                made.append(new_markdown_cell(re.sub(r"^# ?", "", part.text, flags=re.MULTILINE)))
                 continue
             name = f"<{program.name}, cell {len(made)}>"
             # As Jupyter does: the source of what a cell defines can be looked up.
-            linecache.cache[name] = len(cell), None, cell.splitlines(keepends=True), name
-            outputs = [*_outputs(cell, names, name)]
-            if kind != "check":
-                made.append(new_code_cell(cell, outputs=outputs))
+            linecache.cache[name] = len(part.text), None, part.text.splitlines(keepends=True), name
+            outputs = [*_outputs(part.text, names, name)]
+            if part.kind == "check":
+                continue
+            cell = new_code_cell(part.text, outputs=outputs)
+            if part.kind == "folded":
+                cell.metadata |= {"jupyter": {"source_hidden": True}, "title": part.title}
+            made.append(cell)
     return made
 
 
-def parts(text: str) -> list[tuple[str, str]]:
-    """Kind (``markdown``, ``check``, or empty for code) and text of each cell."""
-    found = re.findall(r"^# %%(?: \[(\w+)\])?\n(.*?)(?=^# %%|\Z)", text, re.MULTILINE | re.DOTALL)
-    return [(kind, cell.strip()) for kind, cell in found]
+def parts(text: str) -> list[Part]:
+    """Return the cells of a program."""
+    return [Part(kind, title, cell.strip()) for kind, title, cell in _CELL.findall(text)]
+
+
+def wide_lines(text: str) -> list[str]:
+    """Return the lines of code or printed text that are wider than the page."""
+    return [line for line in text.splitlines() if len(line) > MAX_WIDTH]
+
+
+def require_narrow(cells: list[NotebookNode], name: str) -> None:
+    """Raise a ValueError where a printed line is wider than the page."""
+    for output in (output for cell in cells for output in cell.get("outputs", ())):
+        data = output.get("data", {"text/plain": output.get("text", "")})
+        wide = wide_lines(data["text/plain"]) if data.keys() == {"text/plain"} else []
+        if wide:
+            raise ValueError(f"{name} prints lines of more than {MAX_WIDTH} characters: {wide}")
 
 
 def _outputs(cell: str, names: dict[str, Any], name: str) -> Iterator[NotebookNode]:
@@ -76,7 +119,9 @@ def _outputs(cell: str, names: dict[str, Any], name: str) -> Iterator[NotebookNo
             value = eval(compile(ast.Expression(last.value), name, "eval"), names)
     if said.getvalue():
         yield new_output("stream", text=said.getvalue())
-    if value is not None:
+    if hasattr(value, "savefig"):
+        yield _picture(value)
+    elif value is not None:
         as_html = getattr(value, "_repr_html_", None)
         data = {"text/plain": repr(value)} | ({"text/html": as_html()} if as_html else {})
         yield new_output("execute_result", data)
@@ -84,18 +129,23 @@ def _outputs(cell: str, names: dict[str, Any], name: str) -> Iterator[NotebookNo
 
 
 def _figures() -> Iterator[NotebookNode]:
-    """Open figures, which are closed; their titles are what a picture says where it is not seen."""
+    """Return the open figures as outputs, and close them."""
     import matplotlib.pyplot as plt
 
     for number in plt.get_fignums():
         figure = plt.figure(number)
-        title = figure.get_suptitle() or " and ".join(filter(None, (axes.get_title() for axes in figure.axes)))
-        drawn = io.BytesIO()
-        figure.savefig(drawn, format="png", dpi=_DPI)
+        yield _picture(figure)
         plt.close(figure)
-        yield new_output(
-            "display_data", {"image/png": base64.b64encode(drawn.getvalue()).decode(), "text/plain": title}
-        )
+
+
+def _picture(figure: Figure) -> NotebookNode:
+    """Return a figure as an output; its titles are what it says where it is not seen."""
+    titles = (axes.get_title() for axes in figure.axes)
+    title = figure.get_suptitle() or " and ".join(filter(None, titles))
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=_DPI)
+    content = base64.b64encode(drawn.getvalue()).decode()
+    return new_output("display_data", {"image/png": content, "text/plain": title})
 
 
 def page(cells: list[NotebookNode], folder: Path, name: str) -> str:
@@ -105,7 +155,7 @@ def page(cells: list[NotebookNode], folder: Path, name: str) -> str:
         if cell.cell_type == "markdown":
             written.append(re.sub(_LINK, r"](../\1.md", cell.source))
             continue
-        written.append(f"```python\n{cell.source}\n```")
+        written.append(_shown_code(cell))
         for output in cell.outputs:
             data = output.get("data", {"text/plain": output.get("text", "")})
             if "image/png" in data:
@@ -119,6 +169,14 @@ def page(cells: list[NotebookNode], folder: Path, name: str) -> str:
                 written.append(f"```text\n{data['text/plain'].strip()}\n```")
     title, rest = written[0].split("\n", 1)
     return "\n\n".join([title, f"*[This page as a Jupyter notebook]({name}.ipynb)*", rest, *written[1:]]) + "\n"
+
+
+def _shown_code(cell: NotebookNode) -> str:
+    """Return a code cell's Markdown; of a folded one a box that opens."""
+    code = f"```python\n{cell.source}\n```"
+    if "title" not in cell.metadata:
+        return code
+    return f'??? note "{cell.metadata["title"]}"\n\n{textwrap.indent(code, "    ")}'
 
 
 def notebook(cells: list[NotebookNode]) -> str:

@@ -11,6 +11,9 @@ from docsite.excitations import excitations
 from docsite.executed import PROGRAMS
 from docsite.first_steps import first_steps
 from docsite.models import models
+from docsite.studies import STUDIES
+from docsite.walkthrough import PAGES
+from vibrident.base.warning_kinds import WARNINGS
 
 MADE: Mapping[str, Callable[[], str]] = {
     "index.md": first_steps,
@@ -20,5 +23,12 @@ MADE: Mapping[str, Callable[[], str]] = {
     "commands.md": commands,
     "api.md": api,
 }
-#: Everything that is not in git; pages with pictures among it.
-MADE_PAGES = (*MADE, "gallery/index.md", *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))))
+#: Every page that is not in git; pages with pictures among them.
+MADE_PAGES = (
+    *MADE,
+    *PAGES,
+    "gallery/index.md",
+    *(f"notebooks/{program.stem}.md" for program in sorted(PROGRAMS.glob("*.py"))),
+    *(f"warnings/{code}.md" for code in WARNINGS),
+    *(f"studies/{study.name}" for study in sorted(STUDIES.glob("*.md"))),
+)

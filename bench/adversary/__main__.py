@@ -9,7 +9,7 @@ python -m bench.adversary --groups clocks held   groups alone, printed: [--first
                                                  [--cases N] of each [--only TEXT] [--limit CPU-S]
                                                  [--keep before]
 
-The page is docs/adversary.md; see :mod:`bench.study`.
+The page is studies/adversary.md; see :mod:`bench.study`.
 """
 
 from __future__ import annotations

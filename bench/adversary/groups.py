@@ -18,7 +18,7 @@ from vibrident.show.media import markdown
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 WIDE = 3.0  # ratio of u to that of the same recordings without what is wrong
-PAGE = RESULTS.parents[1] / "docs" / "adversary.md"
+PAGE = RESULTS.parents[1] / "studies" / "adversary.md"
 MAX_CASE_CPU_S = 120.0  # a case that needs more is given up and counts as a traceback
 SECTION = "## Drawn groups: "
 TEXT = """Written by `python -m bench.adversary --groups NAME … --first RUN --keep {state}`. The number of

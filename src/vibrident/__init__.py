@@ -14,31 +14,59 @@ from typing import Any
 from vibrident.base.binding import bind
 from vibrident.base.version import __version__
 
+# At once: importing the package of the same name later would put it in the place of the function.
+from vibrident.export import export as export
+
+#: Public name → the module that defines it.
 _WHERE = {
+    # data
+    "read": "vibrident.data.io",
+    "inspect": "vibrident.use.inspection",
+    "simulate": "vibrident.physics.simulation",
+    "with_noise": "vibrident.physics.simulation",
+    "one_third_octave": "vibrident.physics.simulation",
     "Calibration": "vibrident.data.records",
     "Record": "vibrident.data.records",
     "ResponseTable": "vibrident.data.records",
-    "KnownResponse": "vibrident.data.known",
     "Provenance": "vibrident.data.records",
-    "Result": "vibrident.result",
-    "IdentifiedSensor": "vibrident.result.sensor",
-    "InputError": "vibrident.base.errors",
-    "ModelError": "vibrident.base.errors",
-    "NotConverged": "vibrident.base.errors",
-    "VibridentError": "vibrident.base.errors",
-    "read": "vibrident.data.io",
+    "KnownResponse": "vibrident.data.known",
+    "SystematicEffect": "vibrident.data.effects",
+    # models
     "Model": "vibrident.physics.models",
     "ParameterSpec": "vibrident.physics.models",
+    "parse_model": "vibrident.physics.models",
+    # identification
     "identify": "vibrident.use.identification",
     "identify_many": "vibrident.lab.many",
     "identify_together": "vibrident.fit.joint",
-    "simulate": "vibrident.physics.simulation",
+    "Ipnn": "vibrident.fit.estimators",
+    "MaximumLikelihood": "vibrident.fit.estimators",
+    "LeastSquares": "vibrident.paper.estimators.lsm",
+    "Sampling": "vibrident.fit.uncertainty.posterior",
+    "Result": "vibrident.result",
+    "IdentifiedSensor": "vibrident.result.sensor",
+    # uses of a result
     "predict": "vibrident.use.prediction",
     "correct": "vibrident.use.correction",
     "plan": "vibrident.use.planning",
-    "Ipnn": "vibrident.fit.estimators",
-    "LeastSquares": "vibrident.paper.estimators.lsm",
-    "MaximumLikelihood": "vibrident.fit.estimators",
+    "Recording": "vibrident.use.planning",
+    "compare": "vibrident.use.methods",
+    "track": "vibrident.use.tracking.following",
+    "SensorTracker": "vibrident.use.tracking.following",
+    "sensitivity_matrix": "vibrident.use.triaxial",
+    # documents and other programs
+    "report": "vibrident.show.report",
+    "check_certificate": "vibrident.show.issue",
+    "verify": "vibrident.lab.signatures",
+    "export": "vibrident.export",
+    # many sensors, and their years
+    "Fleet": "vibrident.lab.fleets",
+    "History": "vibrident.lab.histories",
+    # errors
+    "VibridentError": "vibrident.base.errors",
+    "InputError": "vibrident.base.errors",
+    "ModelError": "vibrident.base.errors",
+    "NotConverged": "vibrident.base.errors",
 }
 
 #: What methods of a result, a sensor and a model call, and the optimiser of the paper.
@@ -46,11 +74,12 @@ bind(
     adam="vibrident.paper.optimiser:Adam",
     summary="vibrident.show.terminal:text",
     plot="vibrident.show.plots:draw",
+    plot_inspection="vibrident.show.plots:draw_inspection",
     result_html="vibrident.show.notebook:result",
     known_response="vibrident.result.known:known_response",
     sensor_html="vibrident.show.notebook:sensor",
     with_add_ons="vibrident.physics.models:with_add_ons",
-    zeros_and_poles="vibrident.export.python_source:system",
+    zeros_and_poles="vibrident.export.approximation:system",
 )
 
 __all__ = [*_WHERE, "__version__"]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -1,26 +1,40 @@
-"""Files that documents and docstrings name are there."""
+"""Files, modules and documents that texts, comments and docstrings name are there."""
 
 from __future__ import annotations
 
+import ast
+import io
 import re
+import sys
+import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 from tests.support.sources import ROOT
 
 PACKAGE = ROOT / "src" / "vibrident"
-TOP = {"src", "tests", "docs", "docsite", "bench", "examples", "deploy"}
+TOP = {"src", "tests", "docs", "docsite", "bench", "examples", "deploy", "studies"}
 ROOMS = {folder.name for folder in PACKAGE.iterdir() if folder.is_dir()}
-#: A path in backticks, without blanks, whose first folder is one of the repository or a room of the package.
+#: A path in backticks, without blanks; its first folder is one of the repository or a room.
 NAMED = re.compile(r"`{1,2}([a-z_]+(?:/[A-Za-z0-9_.-]+)+/?)`{1,2}")
+#: In comments and docstrings, a path without backticks too.
+BARE = re.compile(r"(?<![\w/.:-])([a-z_]+(?:/[A-Za-z0-9_-]+)+(?:\.[a-z]+)?)")
+#: A dotted name in backticks, such as ``records.cut``.
+DOTTED = re.compile(r"`{1,2}~?((?:[a-z_]\w*\.)+[A-Za-z_]\w*)(?:\(\))?`")
+#: What a dotted name is not, where it ends so: a file that a command writes.
+ENDINGS = {"csv", "html", "json", "md", "p12", "parquet", "pdf", "pem", "toml"}
+#: Names of documents that are no part of the repository.
+ELSEWHERE = re.compile(r"\b(?:DESIGN|CORE|STYLE|PAPER)(?:\.md)?\b(?! =)(?=[,:)]| section| §)")
 #: What commands write, and cells of the scenarios, which look like paths.
 WRITTEN = re.compile(r"^(docs|bench)/(results|images)/|^paper/[a-z]+/[a-f]$")
 
 
 def documents() -> Iterator[Path]:
     yield from (ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))
-    yield from sorted((ROOT / "docs").glob("*.md"))
+    for folder in ("docs", "studies"):
+        yield from sorted((ROOT / folder).glob("*.md"))
     for folder in ("src", "tests", "bench", "docsite"):
         others = sorted((ROOT / folder).rglob("*.py"))
         yield from (path for path in others if path != Path(__file__))
@@ -47,6 +61,62 @@ def test_named_files_exist():
     ]
     if complaints:
         pytest.fail("\n".join(complaints), pytrace=False)
+
+
+def remarks(source: str) -> Iterator[str]:
+    """Docstrings and comments of a module."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node, clean=False) or ""
+    yield from (token.string for token in tokens(source) if token.type == tokenize.COMMENT)
+
+
+def tokens(source: str) -> Iterator[tokenize.TokenInfo]:
+    return tokenize.generate_tokens(io.StringIO(source).readline)
+
+
+@cache
+def stems() -> set[str]:
+    """Names of modules and packages of the repository."""
+    folders = (PACKAGE, *(ROOT / name for name in TOP))
+    paths = [path for folder in folders for path in folder.rglob("*.py")]
+    return {path.stem for path in paths} | {path.parent.name for path in paths}
+
+
+def unknown(source: str, folder: Path) -> list[str]:
+    """Names in comments and docstrings of a module, which lies in a folder, that nothing bears."""
+    used = {token.string for token in tokens(source) if token.type == tokenize.NAME}
+    known = used | stems() | set(sys.stdlib_module_names) | {"vibrident"}
+    found = []
+    for text in remarks(source):
+        found += missing("".join(f"`{name}` " for name in BARE.findall(text)))
+        found += ELSEWHERE.findall(text)
+        for name in DOTTED.findall(text):
+            first, second = name.split(".")[:2]
+            beside = folder / f"{first}.py"
+            if name.split(".")[-1] in ENDINGS:
+                continue
+            other = beside.read_text(encoding="utf-8") if beside.exists() else second
+            if first not in known or not re.search(rf"\b{second}\b", other):
+                found.append(name)
+    return found
+
+
+def test_what_comments_and_docstrings_name_exists():
+    modules = [path for path in documents() if path.suffix == ".py"]
+    complaints = [
+        f"{path.relative_to(ROOT)} names {name}, which is nowhere"
+        for path in modules
+        for name in unknown(path.read_text(encoding="utf-8"), path.parent)
+    ]
+    if complaints:
+        pytest.fail("\n".join(complaints), pytrace=False)
+
+
+def test_a_name_that_is_gone_is_seen():
+    source = "# see fit/measure, ``measure_of.lines`` and ``re.compile``, as DESIGN, section 3, says"
+    assert unknown(source, ROOT) == ["fit/measure", "DESIGN", "measure_of.lines"]
+    assert unknown("# ``registry.nothing``", PACKAGE / "fit") == ["registry.nothing"]
 
 
 def test_a_file_that_is_gone_is_seen():

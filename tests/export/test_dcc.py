@@ -286,10 +286,10 @@ def test_a_nonlinear_sensor_is_certified_all_the_same(tmp_path):
     root = written(made, tmp_path)
     unit = real(root, "cubic_stiffness").findtext("si:unit", namespaces=SPACES)
     assert unit == r"\volt\tothe{-2}"
-    for form in ("c", "stationxml", "scipy", "fmu"):
+    for form in ("c", "stationxml", "sacpz", "fmu"):
         with pytest.raises(InputError, match="linear sensors only"):
             export(made, form, tmp_path, rate_hz=51200.0)
-    (path,) = export(made, "scipy", tmp_path, without=["cubic"])
+    (path,) = export(made, "sacpz", tmp_path, without=["cubic"])
     assert "small signals only" in path.read_text()
 
 

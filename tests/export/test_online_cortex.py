@@ -61,12 +61,12 @@ def test_a_cortex_m4f_says_what_the_same_code_says_here(case):
 
 
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="there is no cppcheck")
-def test_the_deviations_from_misra_are_those_of_the_docs(case):
+def test_the_deviations_from_misra_are_those_of_the_study(case):
     """By what cppcheck's addon looks at; nothing is claimed of the other rules."""
     command = ["cppcheck", "--std=c99", "--addon=misra", "--quiet", "--template={id}", "sensor.c"]
     done = subprocess.run(command, cwd=case[1], capture_output=True, text=True, check=True)
     found = set(re.findall(r"misra-c2012-(\d+\.\d+)", done.stderr))
-    text = (ROOT / "docs" / "tracking.md").read_text(encoding="utf-8")
+    text = (ROOT / "studies" / "misra.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| (\d+\.\d+) \|", text, re.MULTILINE))
     assert found
     assert found <= listed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -24,13 +23,6 @@ TOLERANCE = 1e-9
 def model_response(made, f, quantity="acceleration"):
     values = {name: made.parameters[name].value for name in parse(made.model).parameter_names}
     return parse(made.model).frequency_response(values, f, quantity)
-
-
-def loaded(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -71,23 +63,15 @@ def test_uncertainty_of_poles_is_that_of_a_monte_carlo():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_control_and_scipy_modules_evaluate_to_the_model(name, tmp_path):
-    import control
+def test_objects_of_control_and_scipy_evaluate_to_the_model(name):
     from scipy import signal
 
     made = case(name)
     f = sensor_of(made).band
     wanted = model_response(made, f)
-    module = loaded(*export(made, "control", tmp_path))
-    assert isinstance(module.sensor(), control.TransferFunction)
-    np.testing.assert_allclose(module.sensor()(2j * np.pi * f), wanted, rtol=TOLERANCE)
-    module = loaded(*export(made, "scipy", tmp_path))
-    np.testing.assert_allclose(signal.freqresp(module.sensor(), 2 * np.pi * f)[1], wanted, rtol=TOLERANCE)
-    for key, (value, unit, u) in module.PARAMETERS.items():
-        p = made.parameters[key]
-        assert (value, unit, u) == (p.value, p.unit, p.standard_uncertainty)
-    u = np.array([made.parameters[n].standard_uncertainty for n in made.correlation.names])
-    np.testing.assert_array_equal(module.COVARIANCE, np.array(made.correlation.matrix) * np.outer(u, u))
+    sensor = made.to_sensor()
+    np.testing.assert_allclose(sensor.to_control()(2j * np.pi * f), wanted, rtol=TOLERANCE)
+    np.testing.assert_allclose(signal.freqresp(sensor.to_scipy(), 2 * np.pi * f)[1], wanted, rtol=TOLERANCE)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -133,7 +117,8 @@ def test_sacpz_evaluated_by_obspy_is_the_model(name, tmp_path):
     h, f = paz_to_freq_resp(paz.poles, paz.zeros, paz.gain, 1 / rate, 512, freq=True)
     inside = f >= sensor_of(made).band_hz[0]
     wanted = model_response(made, f[inside], "displacement")
-    np.testing.assert_allclose(h[inside], wanted, rtol=TOLERANCE)
+    # ObsPy writes seven digits: 5e-7 over the damping ratio at a resonance.
+    np.testing.assert_allclose(h[inside], wanted, rtol=1e-4)
 
 
 def test_sacpz_and_stationxml_say_what_they_cannot_hold(tmp_path):
@@ -178,7 +163,7 @@ def test_what_would_be_wrong_is_refused(tmp_path):
     with pytest.raises(InputError, match="ahead of the reference"):
         export(result("accelerometer+delay", {**PAPER, "delay": -1e-5}), "stationxml", tmp_path)
     with pytest.raises(InputError, match="too long"):
-        export(result("accelerometer+delay", {**PAPER, "delay": 0.1}), "control", tmp_path)
+        export(result("accelerometer+delay", {**PAPER, "delay": 0.1}), "stationxml", tmp_path)
     with pytest.raises(InputError, match="did you mean 'stationxml'"):
         export(paper(), "stationXml", tmp_path)
     with pytest.raises(InputError, match="cannot be left out"):

@@ -94,7 +94,7 @@ def test_the_network_with_physics_beats_those_without_and_exact_weights_beat_eul
     assert deviation[methods.EXACT]["mean"] <= 0.005
     assert abs(deviation[methods.EXACT]["at_peak"]) <= 0.02
     euler = run.document["rates"][0]
-    assert 15.0 < abs(euler["peak_percent"]) < 19.0  # PAPER: 17 % at 51.2 kHz
+    assert 15.0 < abs(euler["peak_percent"]) < 19.0  # 17 % at 51.2 kHz
     assert euler["errors"]["damping_ratio"] == pytest.approx(0.21, abs=0.02)
 
 

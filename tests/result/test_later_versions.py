@@ -70,7 +70,7 @@ def test_fields_of_a_later_version_are_given_back_wherever_they_are(drawn):
     first = Result.from_dict(json.loads(json.dumps(document)))
     again = json.loads(first.to_json())
     assert again == document
-    assert Result.from_dict(again) == first
+    assert Result.from_dict(again).to_json() == first.to_json()
     # what is changed meanwhile takes nothing along
     changed = replace(first, parameters=dict(first.parameters), warnings=first.warnings, estimator="x")
     assert changed.to_dict() == {**document, "estimator": "x"}
@@ -168,9 +168,9 @@ def test_excerpts_of_earlier_versions_are_read(rng):
 def test_a_result_without_excerpts_says_the_rest(tmp_path):
     full = whole()
     bare = Result.load(full.save(tmp_path / "r.json", excerpts=False))
-    assert bare == full.without_excerpts()
+    assert bare.to_json() == full.without_excerpts().to_json()
     assert [(s.record, s.rmse, s.nrmse) for s in bare.signals] == [(s.record, s.rmse, s.nrmse) for s in full.signals]
-    assert replace(bare, signals=()) == replace(full, signals=())
+    assert replace(bare, signals=()).to_json() == replace(full, signals=()).to_json()
     assert fit_unit(bare) == fit_unit(full)
     assert fit_figures.signals(bare) is None
     by_record, of_full = (fit_figures.residuals(result).stacks[0].panels[0] for result in (bare, full))

@@ -8,14 +8,14 @@ from vibrident.physics.discretisation import Weights
 from vibrident.physics.network.unroll import (
     Lanes,
     Nuisance,
-    chained,
+    chain_states,
     fit_nuisance,
-    free_part,
-    free_response,
-    from_rest,
+    free_response_rows,
     nuisance_response,
     per_lane,
     projection,
+    respond_freely,
+    respond_from_rest,
 )
 
 
@@ -104,7 +104,7 @@ def physical_residual(z, coordinates, layout, data, noise):
 
 def respond(weights: Weights, lanes: Lanes, nuisance: Nuisance):
     """Response of every lane, shape (L, M). ``weights`` carry a leading axis: one set a sampling interval."""
-    forced, ends = from_rest(weights, lanes)
-    rows, power = free_response(weights, lanes.response.shape[0])
-    starts = chained(per_lane(power, lanes.rate), ends, lanes.first, nuisance.state[lanes.segment].T)
-    return forced + free_part(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]
+    forced, ends = respond_from_rest(weights, lanes)
+    rows, power = free_response_rows(weights, lanes.response.shape[0])
+    starts = chain_states(per_lane(power, lanes.rate), ends, lanes.first, nuisance.state[lanes.segment].T)
+    return forced + respond_freely(rows, lanes.rate, starts) + nuisance.offset[lanes.segment]

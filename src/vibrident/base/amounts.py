@@ -12,7 +12,7 @@ NONE = "–"  # printed where there is no number
 
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
-    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    """Return a number without stated uncertainty: that many significant digits at most; – for None and not finite."""
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:.{digits}g}"
@@ -23,7 +23,10 @@ def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
 
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {"u": -6, "μ": -6}
+_EXPONENTS = {prefix: exponent for exponent, prefix in _PREFIXES.items() if prefix} | {
+    "u": -6,
+    "μ": -6,
+}
 
 #: Powers of ten that engineers write before each unit: 475 mHz or km/s² are not used.
 _NATURAL = {
@@ -51,7 +54,7 @@ class Scale:
 
     @property
     def printed(self) -> str:
-        """The unit; empty for the unit one."""
+        """Return the unit; empty for the unit one."""
         return "" if self.unit == "1" else self.unit
 
     @overload
@@ -59,7 +62,7 @@ class Scale:
     @overload
     def times(self, value: float | None) -> float | None: ...
     def times(self, value: float | None) -> float | None:
-        """A value in the unit; None stays None."""
+        """Return a value in the unit; None stays None."""
         return None if value is None else value * self.factor
 
 
@@ -73,18 +76,26 @@ def pretty(unit: str) -> str:
 def scaled(unit: str, size: float) -> Scale:
     """Choose the SI prefix that makes a number of about ``size`` (in ``unit``) read well.
 
-    ``unit``: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may carry a prefix already; ``size``:
-    typical magnitude of the number; zero and values that are not finite leave the unit as it is.
+    ``unit``: unit of the number, such as ``V/(m/s^2)``, ``s`` or ``1``; it may carry a prefix
+    already; ``size``: typical magnitude of the number; zero and values that are not finite leave
+    the unit as it is.
 
     Returns:
         factor and unit; the factor is 1 where no prefix is natural for the unit.
     """
     lead = re.match(r"[A-Za-zµμΩ]+", unit)
-    if lead is None or unit[lead.end() : lead.end() + 1] in ("^", "²", "³") or not math.isfinite(size) or size == 0:
+    if (
+        lead is None
+        or unit[lead.end() : lead.end() + 1] in ("^", "²", "³")
+        or not math.isfinite(size)
+        or size == 0
+    ):
         return Scale(1.0, pretty(unit))
-    symbol, present = lead.group(), 0
+    symbol = lead.group()
+    present = 0
     if symbol not in _NATURAL and symbol[:1] in _EXPONENTS:
-        present, symbol = _EXPONENTS[symbol[0]], symbol[1:]
+        present = _EXPONENTS[symbol[0]]
+        symbol = symbol[1:]
     if symbol not in _NATURAL:
         return Scale(1.0, pretty(unit))
     decade = math.floor(math.log10(abs(size)) + 1e-9) + present
@@ -92,10 +103,12 @@ def scaled(unit: str, size: float) -> Scale:
     wanted = min(max(3 * math.floor(decade / 3), lowest), highest)
     if symbol == "Hz" and 0 <= decade < 4:  # 4096 Hz reads better than 4.096 kHz
         wanted = 0
-    return Scale(10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :]))
+    return Scale(
+        10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :])
+    )
 
 
 def amount(value: float, unit: str, digits: int = 5) -> str:
-    """A number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
+    """Return a number with its unit for a message: ``812.34 Hz``, ``1.2 µs``; the number alone where the unit is one."""
     scale = scaled(unit, value)
     return f"{plain(value * scale.factor, digits)} {scale.printed}".rstrip()

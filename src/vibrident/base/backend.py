@@ -1,8 +1,9 @@
 """The only door to JAX (extra ``network``): float64, the compilation cache, and arithmetic that is checked.
 
-JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU, unless XLA is given a flag.
-It is set here for those versions. On every version but 0.10.1, which was sound, that computation is made when JAX is
-loaded, and nothing more where it is wrong. Import ``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here.
+JAX 0.10.2 to 0.12.0.1 return garbage for small batched matrix products in float64 on CPU, unless
+XLA is given a flag. It is set here for those versions. On every version but 0.10.1, which was
+sound, that computation is made when JAX is loaded, and nothing more where it is wrong. Import
+``jax``, ``jnp``, ``lax``, ``equinox`` and ``optax`` from here.
 """
 
 from __future__ import annotations
@@ -17,15 +18,22 @@ from vibrident.base.errors import InputError
 from vibrident.base.extras import library
 
 TRUSTED = "0.10.1"
-FIRST_FAULTY, LAST_FAULTY = (0, 10, 2), (0, 12, 0, 1)
-MOST_MAPS = 40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
+FIRST_FAULTY = (0, 10, 2)
+LAST_FAULTY = (0, 12, 0, 1)
+MOST_MAPS = (
+    40_000  # memory maps of a process at which its kernels are freed; Linux's usual limit is 65 530
+)
 LEAST_ERROR = 1e-12  # largest relative error of sound arithmetic
 _CURE = "--xla_cpu_experimental_ynn_fusion_type="
 
 
 def _with_cure(flags: str, version: str) -> str:
     """XLA's flags with the one that a faulty version needs; XLA ends a process whose flags it does not know."""
-    faulty = FIRST_FAULTY <= tuple(int(part) for part in version.split(".") if part.isdigit()) <= LAST_FAULTY
+    faulty = (
+        FIRST_FAULTY
+        <= tuple(int(part) for part in version.split(".") if part.isdigit())
+        <= LAST_FAULTY
+    )
     return f"{flags} {_CURE}".strip() if faulty and _CURE not in flags else flags
 
 
@@ -33,7 +41,8 @@ def _required(name: str) -> Any:
     return library(
         name,
         "network",
-        "Springs, learned residuals, Adam and the paper's experiments need JAX, which is not installed.",
+        "Springs, learned residuals, Adam and the paper's experiments need JAX, which is not "
+        "installed.",
         "this model, setting or command; linear sensors need none",
     )
 
@@ -42,7 +51,8 @@ try:
     _installed = importlib.metadata.version("jax")
 except importlib.metadata.PackageNotFoundError:
     _installed = ""
-# Cached kernels carry two tuning hints that XLA's loader reports as "unsupported features" on stderr, harmlessly.
+# Cached kernels carry two tuning hints that XLA's loader reports as "unsupported features" on
+# stderr, harmlessly.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 if _CURE in (_flags := _with_cure(os.environ.get("XLA_FLAGS", ""), _installed)):
     os.environ["XLA_FLAGS"] = _flags
@@ -64,7 +74,7 @@ def __getattr__(name: str) -> Any:
 
 
 def cache_folder() -> Path | None:
-    """Folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None if the variable is empty."""
+    """Return the folder of compiled kernels: ``$VIBRIDENT_CACHE``, else the user's cache; None if the variable is empty."""
     chosen = os.environ.get("VIBRIDENT_CACHE")
     if chosen is not None:
         return Path(chosen) if chosen else None
@@ -73,12 +83,14 @@ def cache_folder() -> Path | None:
 
 
 def arithmetic_error() -> float:
-    """Largest relative error of the computation that faulty JAX releases get wrong.
+    """Return the largest relative error of the computation that faulty JAX releases get wrong.
 
-    ``jit`` of ``sum(vmap(A @ x))`` in float64 against NumPy; 0 to a few ulp where JAX is sound, 1e235 or NaN where not.
+    ``jit`` of ``sum(vmap(A @ x))`` in float64 against NumPy; 0 to a few ulp where JAX is sound,
+    1e235 or NaN where not.
     """
     rng = np.random.default_rng(20240501)
-    matrix, vectors = rng.standard_normal((3, 3)), rng.standard_normal((512, 3))
+    matrix = rng.standard_normal((3, 3))
+    vectors = rng.standard_normal((512, 3))
     computed = jax.jit(lambda a, x: jnp.sum(jax.vmap(lambda v: a @ v)(x), axis=0))(matrix, vectors)
     expected = np.sum(vectors @ matrix.T, axis=0)
     error = np.max(np.abs(np.asarray(computed) - expected)) / np.max(np.abs(expected))
@@ -88,8 +100,8 @@ def arithmetic_error() -> float:
 def release_kernels(most_maps: int = MOST_MAPS) -> bool:
     """Free compiled kernels before the process runs out of memory maps; return whether it did.
 
-    Linux allows a process 65 530 maps; beyond, XLA crashes. Identifying thousands of data sets of many lengths reaches
-    that. Freed kernels are loaded again from the cache on disk.
+    Linux allows a process 65 530 maps; beyond, XLA crashes. Identifying thousands of data sets of
+    many lengths reaches that. Freed kernels are loaded again from the cache on disk.
     """
     maps = Path("/proc/self/maps")
     if not maps.exists() or maps.read_bytes().count(b"\n") < most_maps:

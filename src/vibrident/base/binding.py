@@ -1,6 +1,7 @@
 """Functions of later rooms that methods of earlier objects call: ``result.plot()``, ``sensor.to_scipy()``.
 
-The package's ``__init__`` binds them, as it binds the public names, so that a room knows none that comes after it.
+The package's ``__init__`` binds them, as it binds the public names, so that a room knows none that
+comes after it.
 """
 
 from __future__ import annotations
@@ -18,5 +19,5 @@ def bind(**places: str) -> None:
 
 
 def bound(name: str) -> Callable[..., Any]:
-    """The function that is bound to a name."""
+    """Return the function that is bound to a name."""
     return pkgutil.resolve_name(_PLACES[name])

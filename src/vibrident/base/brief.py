@@ -17,7 +17,7 @@ class _Short(reprlib.Repr):
     """The standard library's, with arrays by their shape and mappings by what they hold."""
 
     def repr1(self, x: Any, level: int) -> str:
-        """One value, ``level`` levels deep at most."""
+        """Return one value, ``level`` levels deep at most."""
         if isinstance(x, np.ndarray):
             shape = "×".join(str(length) for length in x.shape)
             return f"<{shape} {x.dtype}>" if x.size > 4 else repr(x.tolist())
@@ -29,7 +29,10 @@ class _Short(reprlib.Repr):
 
 
 _short = _Short()
-_short.maxlevel, _short.maxtuple, _short.maxlist, _short.maxdict = 3, 4, 4, 8
+_short.maxlevel = 3
+_short.maxtuple = 4
+_short.maxlist = 4
+_short.maxdict = 8
 _short.maxstring = _short.maxother = 80
 
 
@@ -41,6 +44,8 @@ def brief(self: Any) -> str:
         empty = value is None or (isinstance(value, str | tuple | Mapping) and not value)
         if each.repr and not empty:
             text = _short.repr(value)
-            parts.append(f"{each.name}={text if len(text) <= MOST_A_FIELD else text[: MOST_A_FIELD - 1] + '…'}")
+            parts.append(
+                f"{each.name}={text if len(text) <= MOST_A_FIELD else text[: MOST_A_FIELD - 1] + '…'}"
+            )
     text = f"{type(self).__name__}({', '.join(parts)})"
     return text if len(text) <= MOST else text[: MOST - 2] + "…)"

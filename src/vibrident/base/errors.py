@@ -32,8 +32,8 @@ class _Text:
 class InputError(VibridentError):
     """The input cannot be used as it is.
 
-    Its texts name settings by markers (``vibrident.base.settings``). They are read in the words of Python;
-    ``in_words`` gives those of another surface, and ``vars`` the texts with their markers.
+    Its texts name settings by markers (``vibrident.base.settings``). They are read in the words of
+    Python; ``in_words`` gives those of another surface, and ``vars`` the texts with their markers.
 
     Args:
         problem: one sentence, what is wrong.
@@ -43,9 +43,21 @@ class InputError(VibridentError):
         remedy: what the user can do about it.
     """
 
-    problem, expected, found, where, remedy = _Text(), _Text(), _Text(), _Text(), _Text()
+    problem = _Text()
+    expected = _Text()
+    found = _Text()
+    where = _Text()
+    remedy = _Text()
 
-    def __init__(self, problem: str, *, expected: str = "", found: str = "", where: str = "", remedy: str = "") -> None:
+    def __init__(
+        self,
+        problem: str,
+        *,
+        expected: str = "",
+        found: str = "",
+        where: str = "",
+        remedy: str = "",
+    ) -> None:
         self.problem = problem
         self.expected = expected
         self.found = found
@@ -54,16 +66,18 @@ class InputError(VibridentError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        return "\n".join([self.problem, *(f"  {label + ':':<10}{text}" for label, text in self.parts)])
+        return "\n".join(
+            [self.problem, *(f"  {label + ':':<10}{text}" for label, text in self.parts)]
+        )
 
     @property
     def parts(self) -> list[tuple[str, str]]:
-        """Label and text of what is said beside the problem."""
+        """Return the label and text of what is said beside the problem."""
         labels = ("expected", "found", "where", "remedy")
         return [(label, text) for label in labels if (text := getattr(self, label))]
 
     def at(self, where: str) -> InputError:
-        """The same error, of another place."""
+        """Return the same error, of another place."""
         return type(self)(**{**vars(self), "where": where})
 
     def within(self, place: str) -> InputError:
@@ -79,9 +93,13 @@ class InputError(VibridentError):
 
 
 def did_you_mean(
-    name: str, known: Iterable[str], otherwise: str = "choose one of the expected", *, likeness: float = 0.6
+    name: str,
+    known: Iterable[str],
+    otherwise: str = "choose one of the expected",
+    *,
+    likeness: float = 0.6,
 ) -> str:
-    """The remedy for an unknown name: the nearest known one, in either case, if one is similar."""
+    """Return the remedy for an unknown name: the nearest known one, in either case, if one is similar."""
     by_lower = {other.lower(): other for other in known}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
@@ -99,7 +117,7 @@ def unknown(
     otherwise: str = "choose one of the expected",
     kind: type[InputError] = InputError,
 ) -> InputError:
-    """The error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
+    """Return the error of a name that is not one of those known; the remedy names the nearest one, else ``otherwise``."""
     names = tuple(known)
     remedy = did_you_mean(str(name), names, otherwise)
     return kind(problem, expected=" | ".join(names), found=repr(name), where=where, remedy=remedy)

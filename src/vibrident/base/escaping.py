@@ -1,8 +1,9 @@
 """Text of others (names, units, remarks) made harmless for each medium that it is written to: one function a medium.
 
-Serial numbers, column names and customers' texts come from files that anybody may have written. Whatever they hold, a
-program's code, a page's markup and a terminal's state must not depend on it. Every character that cannot be seen
-(controls, escape sequences, marks that turn the direction of writing) gets a visible mark in its place.
+Serial numbers, column names and customers' texts come from files that anybody may have written.
+Whatever they hold, a program's code, a page's markup and a terminal's state must not depend on it.
+Every character that cannot be seen (controls, escape sequences, marks that turn the direction of
+writing) gets a visible mark in its place.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from html import escape
 from typing import Any
 
 MARK = "\N{REPLACEMENT CHARACTER}"  # in place of what cannot be seen
-_JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"  # unseen, but part of words in some scripts
+_JOINERS = (
+    "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"  # unseen, but part of words in some scripts
+)
 #: A spreadsheet takes a cell that begins so for a formula.
 _FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # and their full-width forms
 _MARKDOWN = re.compile(r"([\\`*_\[\]<>~$|])|(&)(?=[#\w])|(:)(?=//)|(?<=www)(\.)", re.IGNORECASE)
@@ -22,19 +25,22 @@ _MARKDOWN_NAMED = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 
 def one_line(text: object) -> str:
-    """One line of characters that can be seen."""
+    """Return one line of characters that can be seen."""
     return _seen(" ".join(str(text).split()))
 
 
 def lines(text: object) -> str:
-    """The same, line by line."""
+    """Return the same, line by line."""
     return "\n".join(one_line(line) for line in str(text).splitlines())
 
 
 def _seen(text: str) -> str:
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c in _JOINERS or unicodedata.category(c) == "Zs" else MARK for c in text)
+    return "".join(
+        c if c.isprintable() or c in _JOINERS or unicodedata.category(c) == "Zs" else MARK
+        for c in text
+    )
 
 
 def c_comment(text: object) -> str:
@@ -75,7 +81,9 @@ def plotly(text: object) -> str:
 
 def markdown(text: object) -> str:
     """For a table's cell, a heading or a part of a line of Markdown, with GitHub's extensions."""
-    return _MARKDOWN.sub(lambda found: _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}"), one_line(text))
+    return _MARKDOWN.sub(
+        lambda found: _MARKDOWN_NAMED.get(found[0], f"\\{found[0]}"), one_line(text)
+    )
 
 
 def markdown_paragraph(text: object) -> str:
@@ -102,4 +110,6 @@ def csv_cell(text: object) -> str:
 
 def terminal(text: object) -> str:
     """For a terminal: line ends and tabs, and no other control."""
-    return "\n".join("\t".join(_seen(part) for part in line.split("\t")) for line in str(text).split("\n"))
+    return "\n".join(
+        "\t".join(_seen(part) for part in line.split("\t")) for line in str(text).split("\n")
+    )

@@ -33,5 +33,9 @@ def require(name: str, extra: str, problem: str, where: str) -> None:
 
 def _missing(name: str, extra: str, problem: str, where: str, found: str) -> InputError:
     return InputError(
-        problem, expected=name.partition(".")[0], found=found, where=where, remedy=f"⟦install = vibrident[{extra}]⟧"
+        problem,
+        expected=name.partition(".")[0],
+        found=found,
+        where=where,
+        remedy=f"⟦install = vibrident[{extra}]⟧",
     )

@@ -13,8 +13,9 @@ FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31)
 
 
 def fast_length(least: int) -> int:
-    """Smallest 2^a 3^b 5^c at or above ``least``: a length with a fast FFT."""
-    best, fives = 2 ** max(0, (least - 1).bit_length()), 1
+    """Return the smallest 2^a 3^b 5^c at or above ``least``: a length with a fast FFT."""
+    best = 2 ** max(0, (least - 1).bit_length())
+    fives = 1
     while fives < best:
         threes = fives
         while threes < best:
@@ -26,7 +27,7 @@ def fast_length(least: int) -> int:
 
 @functools.lru_cache(maxsize=64)
 def fast_below(most: int, lost: float = LEAST_LOST) -> int:
-    """Largest length up to ``most`` that transforms fast; ``most`` where that would lose a larger part than ``lost``.
+    """Return the largest length up to ``most`` that transforms fast; ``most`` where that would lose a larger part than ``lost``.
 
     A length with a large prime factor takes fifteen times as long, and twice the memory.
     """

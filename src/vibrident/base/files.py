@@ -1,7 +1,7 @@
 """Files that are there whole or not at all, even if the process is ended: written beside their place, then renamed.
 
-If the power fails, files that the system had not yet written are missing or empty. There is no fsync: on a busy disk it
-takes longer than the work.
+If the power fails, files that the system had not yet written are missing or empty. There is no
+fsync: on a busy disk it takes longer than the work.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ENDING = ".part"  # of an unfinished file, whose name begins with a dot
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """The name to write a file under; it is ``path`` after the block, and gone where that fails."""
+    """Yield the name to write a file under; it is ``path`` after the block, and gone where that fails."""
     partial = path.with_name(f".{uuid.uuid4().hex}{ENDING}")
     try:
         yield partial
@@ -27,8 +27,10 @@ def whole(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def unwritable(error: OSError, where: object, remedy: str = "give another ⟦export.folder⟧, or make room") -> InputError:
-    """The error of an output that cannot be written."""
+def unwritable(
+    error: OSError, where: object, remedy: str = "give another ⟦export.folder⟧, or make room"
+) -> InputError:
+    """Return the error of an output that cannot be written."""
     return InputError(
         "The output cannot be written.",
         expected="a folder that can be written, with room for the files",

@@ -16,10 +16,11 @@ ONE_THREAD: dict[str, str] = dict.fromkeys(
 )
 VARIABLE = "VIBRIDENT_MEMORY_MB"  # most megabytes for a file's numbers; replaces all rules below
 ALWAYS_BYTES = 128 << 20  # allowed for any file: 16 million samples
-#: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor of 10 at most;
-#: float64 takes four times the room of 16 bit.
+#: Beyond it: largest ratio of numbers to file size. Compression of measured signals gains a factor
+#: of 10 at most; float64 takes four times the room of 16 bit.
 EXPANSION = 64
-_SHARE_OF_FREE = 1 / 3  # of the free memory for a file's numbers; scaling and the rest need as much again
+# of the free memory for a file's numbers; scaling and the rest need as much again
+_SHARE_OF_FREE = 1 / 3
 _MEGABYTE = 1_000_000
 LONG = 2**18  # records longer than this return unused memory to the system at once
 _KEPT = 64 << 20  # freed bytes that a process keeps
@@ -31,20 +32,21 @@ _M_MMAP_THRESHOLD = -3  # glibc's mallopt: bytes above which an array has pages 
 def use_one_thread() -> None:
     """Compute on one core, unless the user's environment says otherwise; before NumPy is loaded.
 
-    The matrices of an identification are small: more threads wait for each other, which takes a busy machine twice
-    to eight times the time.
+    The matrices of an identification are small: more threads wait for each other, which takes a
+    busy machine twice to eight times the time.
     """
     for name, number in ONE_THREAD.items():
         os.environ.setdefault(name, number)
 
 
 _limited = threading.Lock()
-_inside, _limit = 0, contextlib.ExitStack()
+_inside = 0
+_limit = contextlib.ExitStack()
 
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    """The limit belongs to the process: the first caller sets it, and the last one takes it back."""
+    """Yield the limit belongs to the process: the first caller sets it, and the last one takes it back."""
     global _inside
     if any(name in os.environ for name in ONE_THREAD):
         yield
@@ -64,8 +66,8 @@ def _one_thread() -> Iterator[None]:
                 _limit.close()
 
 
-#: Decorator of a function: its matrices are on one core, unless the user's environment says otherwise. For scripts,
-#: which have loaded NumPy before.
+#: Decorator of a function: its matrices are on one core, unless the user's environment says
+#: otherwise. For scripts, which have loaded NumPy before.
 in_one_thread = _one_thread()
 
 
@@ -73,8 +75,8 @@ in_one_thread = _one_thread()
 def keep_freed() -> None:
     """Keep freed memory for the next arrays (glibc), once for all.
 
-    Else the system takes the pages of each array of a record back, and clears them for the next one: a tenth of the
-    time of an identification.
+    Else the system takes the pages of each array of a record back, and clears them for the next
+    one: a tenth of the time of an identification.
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         library = ctypes.CDLL(None)
@@ -95,7 +97,7 @@ def give_back_after(samples: int) -> None:
 
 
 def most_bytes(file_bytes: int) -> float:
-    """Most bytes that the numbers of a file of this size may take.
+    """Return the most bytes that the numbers of a file of this size may take.
 
     Raises:
         ValueError: the environment variable holds no number above 0.
@@ -112,8 +114,13 @@ def most_bytes(file_bytes: int) -> float:
 def free_bytes() -> float:
     """Free memory within the limits of this process; infinite if the system does not tell."""
     free = math.inf
-    with contextlib.suppress(OSError, ValueError, StopIteration), open("/proc/meminfo", encoding="ascii") as stream:
-        free = 1024.0 * int(next(line for line in stream if line.startswith("MemAvailable")).split()[1])
+    with (
+        contextlib.suppress(OSError, ValueError, StopIteration),
+        open("/proc/meminfo", encoding="ascii") as stream,
+    ):
+        free = 1024.0 * int(
+            next(line for line in stream if line.startswith("MemAvailable")).split()[1]
+        )
     with contextlib.suppress(ImportError, OSError, ValueError):
         import resource
 

@@ -8,10 +8,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of one decade, ISO 266:1997
-#: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far below the distance
-#: of nominal and exact values.
+#: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far
+#: below the distance of nominal and exact values.
 SAME = 1e-4
-REFERENCES_HZ = (160.0, 1.0)  # where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
+# where none is stated: accelerometers (ISO 16063-21), seismometers and geophones
+REFERENCES_HZ = (
+    160.0,
+    1.0,
+)
 
 
 @dataclass(frozen=True)
@@ -23,19 +27,19 @@ class Nominal:
 
     @property
     def name(self) -> str:
-        """The nominal value as text, in Hz: "31.5"."""
+        """Return the nominal value as text, in Hz: "31.5"."""
         return f"{self.nominal_hz:.6g}"
 
 
 @functools.cache
 def nominal_value(n: int) -> float:
-    """Nominal value of the exact frequency 10^(n/10) Hz."""
+    """Return the nominal value of the exact frequency 10^(n/10) Hz."""
     decade, step = divmod(n, 10)
     return float(f"{NOMINAL[step]}e{decade}")  # as a decimal, so that 0.63 is the float 0.63
 
 
 def nominal_name(frequency_hz: float, within: float = SAME) -> str | None:
-    """Nominal name (Hz) of an exact one-third-octave frequency (158.49 → "160"); None for any other frequency."""
+    """Return the nominal name (Hz) of an exact one-third-octave frequency (158.49 → "160"); None for any other frequency."""
     if not (math.isfinite(frequency_hz) and frequency_hz > 0):
         return None
     n = round(10 * math.log10(frequency_hz))
@@ -43,19 +47,21 @@ def nominal_name(frequency_hz: float, within: float = SAME) -> str | None:
 
 
 def same(one_hz: float, other_hz: float) -> bool:
-    """Whether two frequencies are the same within a tone's uncertainty."""
+    """Return whether two frequencies are the same within a tone's uncertainty."""
     return abs(one_hz / other_hz - 1.0) <= SAME
 
 
 def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> tuple[Nominal, ...]:
-    """Nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; may be empty.
+    """Return the nominal frequencies from ``low_hz`` to ``high_hz``, both included, in ascending order; may be empty.
 
-    Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the data were taken at
-    nominal values (160.00 Hz) than at exact ones. ``measured_hz``: frequencies at which there are data.
+    Each means the exact base-10 frequency 10^(n/10) Hz (nominal 160: 158.49 Hz), unless more of the
+    data were taken at nominal values (160.00 Hz) than at exact ones. ``measured_hz``: frequencies
+    at which there are data.
     """
     if not (0 < low_hz <= high_hz and math.isfinite(high_hz)):
         return ()
-    first, last = (math.floor(10 * math.log10(low_hz)) - 1, math.ceil(10 * math.log10(high_hz)) + 1)
+    first = math.floor(10 * math.log10(low_hz)) - 1
+    last = math.ceil(10 * math.log10(high_hz)) + 1
     literal = _literal(f for f in measured_hz if f and f > 0)
     found = []
     for n in range(first, last + 1):
@@ -66,7 +72,7 @@ def series(low_hz: float, high_hz: float, measured_hz: Iterable[float] = ()) -> 
 
 
 def _literal(measured_hz: Iterable[float]) -> bool:
-    """Whether more frequencies are nominal values than exact ones, of those where the two differ."""
+    """Return whether more frequencies are nominal values than exact ones, of those where the two differ."""
     nominal = exact = 0
     for frequency in measured_hz:
         pair = _apart(round(10 * math.log10(frequency)))
@@ -78,7 +84,7 @@ def _literal(measured_hz: Iterable[float]) -> bool:
 
 @functools.cache
 def _apart(n: int) -> Nominal | None:
-    """Nominal and exact value of 10^(n/10) Hz; None where they are the same."""
+    """Return the nominal and exact value of 10^(n/10) Hz; None where they are the same."""
     pair = Nominal(nominal_value(n), 10 ** (n / 10))
     return None if same(pair.nominal_hz, pair.frequency_hz) else pair
 
@@ -86,9 +92,10 @@ def _apart(n: int) -> Nominal | None:
 def reference(
     low_hz: float, high_hz: float, measured_hz: Iterable[float] = (), stated_hz: float | None = None
 ) -> tuple[Nominal | None, str]:
-    """The reference frequency of a measured band, and how it was chosen.
+    """Return the reference frequency of a measured band, and how it was chosen.
 
-    ``measured_hz``: frequencies at which there are data; ``stated_hz``: what the calibration file asks for.
+    ``measured_hz``: frequencies at which there are data; ``stated_hz``: what the calibration file
+    asks for.
 
     Returns:
         the frequency (None if the stated one lies outside the band, or the band holds no nominal one), and the reason.
@@ -100,7 +107,10 @@ def reference(
             return at_nominal, "as stated"
         if low_hz * (1 - SAME) <= stated_hz <= high_hz * (1 + SAME):
             return Nominal(stated_hz, stated_hz), "as stated"
-        return None, f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band"
+        return (
+            None,
+            f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band",
+        )
     for number, wanted in enumerate(REFERENCES_HZ):
         for item in available:
             if item.nominal_hz == wanted:

@@ -1,7 +1,7 @@
 """Values through a pipe and back, without pickle: a sender can make no other objects than these.
 
-Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this package. Each value is
-one line of JSON; the raw bytes of its arrays follow the line.
+Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this
+package. Each value is one line of JSON; the raw bytes of its arrays follow the line.
 """
 
 from __future__ import annotations
@@ -77,15 +77,21 @@ class _Buffers:
 
 
 def _plain(value: Any, buffers: list[memoryview]) -> Any:
-    """The value as JSON holds it: scalars as they are, anything else as [kind, …]."""
+    """Return the value as JSON holds it: scalars as they are, anything else as [kind, …]."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, list | tuple):
-        return ["list" if isinstance(value, list) else "tuple", *(_plain(item, buffers) for item in value)]
+        return [
+            "list" if isinstance(value, list) else "tuple",
+            *(_plain(item, buffers) for item in value),
+        ]
     if isinstance(value, Mapping):
-        return ["mapping", *([_plain(key, buffers), _plain(item, buffers)] for key, item in value.items())]
+        return [
+            "mapping",
+            *([_plain(key, buffers), _plain(item, buffers)] for key, item in value.items()),
+        ]
     if isinstance(value, PurePath):
         return ["path", str(value)]
     if isinstance(value, bytes | bytearray):
@@ -97,7 +103,9 @@ def _plain(value: Any, buffers: list[memoryview]) -> Any:
         return ["array", whole.dtype.str, list(value.shape), whole.nbytes]
     kind = type(value)
     if is_dataclass(value) and kind.__module__.startswith(_PACKAGE):
-        filled = [[f.name, _plain(getattr(value, f.name), buffers)] for f in fields(value) if f.init]
+        filled = [
+            [f.name, _plain(getattr(value, f.name), buffers)] for f in fields(value) if f.init
+        ]
         return ["dataclass", kind.__module__, kind.__qualname__, filled]
     raise TypeError(f"a {kind.__module__}.{kind.__qualname__} cannot be sent")
 

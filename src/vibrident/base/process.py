@@ -1,8 +1,8 @@
 """Functions called in another process, with limits on memory and time, progress, and errors as they are raised.
 
-The one mechanism for readers of untrusted files, identifications of the page and of fleets, and pictures. Calls and
-answers are parcels over the pipes of the child. The child ends when its stdin ends, in the middle of whatever it does:
-whoever started it is gone.
+The one mechanism for readers of untrusted files, identifications of the page and of fleets, and
+pictures. Calls and answers are parcels over the pipes of the child. The child ends when its stdin
+ends, in the middle of whatever it does: whoever started it is gone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from vibrident.base.errors import InputError, NotConverged, VibridentError
 from vibrident.base.memory import ONE_THREAD, keep_freed
 
 _WORK = "from vibrident.base.process import work; work()"
-#: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they are foreign code.
+#: One thread of arithmetic, because the stack of each counts as memory. No plug-ins of HDF5: they
+#: are foreign code.
 _SURROUNDINGS = {
     **ONE_THREAD,
     "HDF5_PLUGIN_PRELOAD": "::",
@@ -48,7 +49,7 @@ _T = TypeVar("_T")
 
 
 def _signal(number: int) -> str:
-    """A signal's number and name: ``signal 9, SIGKILL``."""
+    """Return a signal's number and name: ``signal 9, SIGKILL``."""
     try:
         return f"signal {number}, {signal.Signals(number).name}"
     except ValueError:
@@ -66,9 +67,13 @@ class Ended(Exception):
 class Died(Exception):
     """The process ended, or had to be ended, during a call: ``ending`` in words, and what it printed last."""
 
-    def __init__(self, reason: Literal["time", "memory", "crash"], ending: str, printed: str = "") -> None:
+    def __init__(
+        self, reason: Literal["time", "memory", "crash"], ending: str, printed: str = ""
+    ) -> None:
         super().__init__(f"{ending}\n{printed}".rstrip())
-        self.reason, self.ending, self.printed = reason, ending, printed
+        self.reason = reason
+        self.ending = ending
+        self.printed = printed
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,9 @@ class Limits:
     """Limits of a call; None where there is none."""
 
     seconds: float | None = None  # most time of the clock
-    memory_bytes: int | None = None  # most memory beside the process's code, where the system can limit it (Linux)
+    memory_bytes: int | None = (
+        None  # most memory beside the process's code, where the system can limit it (Linux)
+    )
     file_bytes: int | None = None  # most bytes of a file that it writes
     answer_bytes: int = _LONGEST_ANSWER  # longest message that is taken from it
 
@@ -103,7 +110,8 @@ class Process:
         wrapper: Sequence[str] = (),
     ) -> None:
         self._arguments = (_name(prepare) if prepare else "", "" if idle_s is None else str(idle_s))
-        self._folder, self._wrapper = folder, wrapper
+        self._folder = folder
+        self._wrapper = wrapper
         self._child: _Child | None = None
         self._ended = False
         self._lock = threading.Lock()  # held during a call
@@ -116,7 +124,7 @@ class Process:
 
     @property
     def alive(self) -> bool:
-        """Whether a process is waiting for calls."""
+        """Return whether a process is waiting for calls."""
         return self._child is not None and self._child.popen.poll() is None
 
     def start(self) -> None:
@@ -155,7 +163,12 @@ class Process:
             InputError, NotConverged: as the function raises them.
             OSError: no process can be started.
         """
-        call = {"name": _name(function), "args": args, "limits": limits, "progress": progress is not None}
+        call = {
+            "name": _name(function),
+            "args": args,
+            "limits": limits,
+            "progress": progress is not None,
+        }
         with self._lock:
             try:
                 self.start()
@@ -194,7 +207,8 @@ class Process:
 
     def close(self) -> None:
         """End it and what it started; the next call starts another."""
-        child, self._child = self._child, None
+        child = self._child
+        self._child = None
         if child is not None:
             child.close()
 
@@ -202,15 +216,22 @@ class Process:
 class _Child:
     """One life of a process."""
 
-    def __init__(self, arguments: Sequence[str], folder: Path | None, wrapper: Sequence[str]) -> None:
+    def __init__(
+        self, arguments: Sequence[str], folder: Path | None, wrapper: Sequence[str]
+    ) -> None:
         self.popen = subprocess.Popen(
-            # -P: no imports from the user's folder. In a session of its own Ctrl-C does not reach it.
+            # -P: no imports from the user's folder. In a session of its own Ctrl-C does not reach
+            # it.
             [*wrapper, sys.executable, "-P", "-c", _WORK, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=folder,
-            env={**os.environ, **_SURROUNDINGS, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env={
+                **os.environ,
+                **_SURROUNDINGS,
+                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            },
             start_new_session=True,
         )
         assert self.popen.stdin is not None
@@ -220,7 +241,9 @@ class _Child:
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
-    def answer(self, call: Mapping[str, Any], limits: Limits, progress: Callable[..., object]) -> dict[str, Any]:
+    def answer(
+        self, call: Mapping[str, Any], limits: Limits, progress: Callable[..., object]
+    ) -> dict[str, Any]:
         """Send a call; return the last message about it.
 
         Raises:
@@ -282,8 +305,10 @@ class _Child:
 
 
 def processors() -> int:
-    """How many processors this process may use: of the machine, by its affinity, and by the quota of its container."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return how many processors this process may use: of the machine, by its affinity, and by the quota of its container."""
+    count = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     with contextlib.suppress(OSError, ValueError):  # the quota "max" is no number
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text(encoding="ascii").split()
         count = min(count, math.ceil(int(quota) / int(period)))
@@ -354,15 +379,19 @@ def set_limits(limits: Limits) -> None:
     if limits.seconds is not None:
         used = resource.getrusage(resource.RUSAGE_SELF)
         most[resource.RLIMIT_CPU] = used.ru_utime + used.ru_stime + limits.seconds * processors()
-    sys.dont_write_bytecode |= limits.file_bytes is not None  # a file of code cut short would be loaded later
+    # a file of code cut short would be loaded later
+    sys.dont_write_bytecode |= limits.file_bytes is not None
     for what, wanted in most.items():
         _, hard = resource.getrlimit(what)
         if wanted is not None:
-            resource.setrlimit(what, (math.ceil(wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)), hard))
+            resource.setrlimit(
+                what,
+                (math.ceil(wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)), hard),
+            )
 
 
 def _told(error: Exception) -> dict[str, Any]:
-    """An error as plain values."""
+    """Return an error as plain values."""
     if isinstance(error, InputError):
         return {"input": vars(error)}
     if isinstance(error, VibridentError):
@@ -371,7 +400,7 @@ def _told(error: Exception) -> dict[str, Any]:
 
 
 def _error(said: Mapping[str, Any]) -> Exception:
-    """The error that a process told."""
+    """Return the error that a process told."""
     if "input" in said:
         return InputError(**said["input"])
     if "error" in said:

@@ -1,9 +1,10 @@
 """What can be added: sensor models, estimators, readers and exports, built in, of a package, or given by Python.
 
-A built-in one is a module of its own in the folder of its kind, and holds one object: the module ``velocity_pickup``
-holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is the same kind of object behind an entry
-point whose name is the object's. Names are known without loading anything; an object is loaded on first use.
-One that cannot be used is named once, in one line, and left out.
+A built-in one is a module of its own in the folder of its kind, and holds one object: the module
+``velocity_pickup`` holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is
+the same kind of object behind an entry point whose name is the object's. Names are known without
+loading anything; an object is loaded on first use. One that cannot be used is named once, in one
+line, and left out.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class PlugIn:
 
     @property
     def line(self) -> str:
-        """One line that names it, and its problem."""
+        """Return one line that names it, and its problem."""
         said = f"{self.name} ({self.group}) of {self.package}"
         return f"The plug-in {said} cannot be used: {self.problem}" if self.problem else said
 
@@ -65,8 +66,12 @@ class Registry(Generic[T]):
         where: str,
         error: type[InputError] = InputError,
     ) -> None:
-        self.kind, self.group, self.where = kind, group, where
-        self._folders, self._classes, self._error = folders, classes, error
+        self.kind = kind
+        self.group = group
+        self.where = where
+        self._folders = folders
+        self._classes = classes
+        self._error = error
         self._loaded: dict[str, T] = {}
         self._problems: dict[str, str] = {}
         self._given: list[str] = []  # names of objects given by Python
@@ -77,7 +82,9 @@ class Registry(Generic[T]):
         found = {}
         for folder in self._folders:
             for file in (_ROOT / folder).glob("[!_]*.py"):
-                found[file.stem.replace("_", "-")] = f"vibrident.{folder.replace('/', '.')}.{file.stem}"
+                found[file.stem.replace("_", "-")] = (
+                    f"vibrident.{folder.replace('/', '.')}.{file.stem}"
+                )
         return dict(sorted(found.items()))
 
     @functools.cached_property
@@ -91,12 +98,16 @@ class Registry(Generic[T]):
 
     @functools.cached_property
     def _points(self) -> list[EntryPoint]:
-        return sorted(installed().get(self.group, ()), key=lambda point: (point.name, _package(point)))
+        return sorted(
+            installed().get(self.group, ()), key=lambda point: (point.name, _package(point))
+        )
 
     def names(self) -> tuple[str, ...]:
-        """Every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
+        """Return every name; nothing is loaded. A plug-in that turns out not to be usable is left out from then on."""
         installed_names = (*self._built_in, *self._added)
-        return tuple(name for name in (*installed_names, *self._given) if name not in self._problems)
+        return tuple(
+            name for name in (*installed_names, *self._given) if name not in self._problems
+        )
 
     def __contains__(self, name: object) -> bool:
         return name in self.names()
@@ -138,7 +149,7 @@ class Registry(Generic[T]):
         return len(self.all())
 
     def __iter__(self) -> Iterator[str]:
-        """Names of what can be used; everything is loaded."""
+        """Yield the names of what can be used; everything is loaded."""
         return iter(self.all())
 
     def all(self) -> dict[str, T]:
@@ -146,11 +157,11 @@ class Registry(Generic[T]):
         return {name: found for name in self.names() if (found := self._object(name)) is not None}
 
     def one_by_one(self) -> Iterator[T]:
-        """Every usable object; a plug-in is loaded when the iteration reaches it."""
+        """Yield every usable object; a plug-in is loaded when the iteration reaches it."""
         return (found for name in self.names() if (found := self._object(name)) is not None)
 
     def __getitem__(self, name: str) -> T:
-        """The object of this name.
+        """Return the object of this name.
 
         Raises:
             InputError: the name is unknown, or its package cannot be loaded.
@@ -179,7 +190,7 @@ class Registry(Generic[T]):
         return tuple(self._built_in)
 
     def find(self, name: str) -> T | None:
-        """The object of this name; None if there is no such object.
+        """Return the object of this name; None if there is no such object.
 
         Raises:
             InputError: its package cannot be loaded.
@@ -202,26 +213,34 @@ class Registry(Generic[T]):
         try:
             self._loaded[point.name] = self._checked(point.name, point.load())
         except (Exception, SystemExit) as error:  # loading a foreign package may raise any error
-            problem = str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
+            problem = (
+                str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
+            )
             self._problems[point.name] = " ".join(problem.split())
-            _log.warning(PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line)
+            _log.warning(
+                PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line
+            )
 
     def _checked(self, name: str, found: Any) -> T:
         classes = tuple(map(pkgutil.resolve_name, self._classes))
         if not isinstance(found, classes):
             wanted = " or ".join(path.replace(":", ".") for path in self._classes)
-            raise _Unusable(f"expected an object of {wanted}, found one of {type(found).__qualname__}")
+            raise _Unusable(
+                f"expected an object of {wanted}, found one of {type(found).__qualname__}"
+            )
         if found.name != name:
             raise _Unusable(f"its entry point is called {name!r}, the object {found.name!r}")
         return found
 
     def plug_ins(self) -> list[PlugIn]:
-        """Every plug-in of this kind, loaded, with the problem of each that cannot be used."""
+        """Return every plug-in of this kind, loaded, with the problem of each that cannot be used."""
         self.all()
         found = []
         for point in self._points:
             taken = self._added.get(point.name) is not point
-            problem = f"the name {point.name!r} is taken" if taken else self._problems.get(point.name, "")
+            problem = (
+                f"the name {point.name!r} is taken" if taken else self._problems.get(point.name, "")
+            )
             found.append(PlugIn(self.group, point.name, _package(point), problem))
         return found
 
@@ -232,11 +251,15 @@ class _Unusable(Exception):
 
 @functools.cache
 def installed() -> dict[str, list[EntryPoint]]:
-    """Entry points by group, of the groups of this package."""
+    """Return the entry points by group, of the groups of this package."""
     from importlib.metadata import entry_points
 
     points = entry_points()
-    return {group: list(points.select(group=group)) for group in points.groups if group.startswith("vibrident.")}
+    return {
+        group: list(points.select(group=group))
+        for group in points.groups
+        if group.startswith("vibrident.")
+    }
 
 
 def _package(point: EntryPoint) -> str:

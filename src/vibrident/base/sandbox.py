@@ -1,7 +1,8 @@
 """A function run in its own process, with limits on memory and time: for untrusted files.
 
-The process protects its caller from a file's cost (memory, time) and from a crash of a native library. It does not
-confine code: it runs as the same user and may read that user's files. Its answer is data, never code.
+The process protects its caller from a file's cost (memory, time) and from a crash of a native
+library. It does not confine code: it runs as the same user and may read that user's files. Its
+answer is data, never code.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ def run(function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
     """Run an importable function in a fresh process and return what it returns. It can be called from a thread.
 
     Raises:
-        InputError, NotConverged: as the function does; or it needs more memory or time, or crashed (InputError).
+        InputError, NotConverged: as the function does; or it needs more memory or time, or crashed
+            (InputError).
         WorkerError: anything else that the function raised.
     """
     return _run(Process(), function, args, limits)
@@ -37,7 +39,8 @@ class WarmProcess:
     """
 
     def __init__(self, prepare: Callable[[], None], wrapper: Sequence[str] = ()) -> None:
-        self._prepare, self._wrapper = prepare, wrapper
+        self._prepare = prepare
+        self._wrapper = wrapper
         self._waiting: Process | None = None
         self._lock = threading.Lock()
         self._closed = False
@@ -52,9 +55,12 @@ class WarmProcess:
     def run(self, function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
         """As the function ``run``."""
         with self._lock:
-            process, self._waiting = self._waiting, None
+            process = self._waiting
+            self._waiting = None
         try:
-            return _run(process or Process(self._prepare, wrapper=self._wrapper), function, args, limits)
+            return _run(
+                process or Process(self._prepare, wrapper=self._wrapper), function, args, limits
+            )
         finally:
             self.prepare()
 
@@ -62,12 +68,15 @@ class WarmProcess:
         """End the waiting process and start no other."""
         with self._lock:
             self._closed = True
-            process, self._waiting = self._waiting, None
+            process = self._waiting
+            self._waiting = None
         if process is not None:
             process.close()
 
 
-def _run(process: Process, function: Callable[..., _T], args: tuple[Any, ...], limits: Limits) -> _T:
+def _run(
+    process: Process, function: Callable[..., _T], args: tuple[Any, ...], limits: Limits
+) -> _T:
     try:
         with process:
             return process.call(function, *args, limits=limits)
@@ -84,7 +93,10 @@ def _refusal(death: Died, limits: Limits) -> InputError:
             remedy="export the data again, or in another format such as CSV",
         )
     expected, found = {
-        "memory": (f"{(limits.memory_bytes or 0) / 1e6:.0f} MB of memory", "a file that needs more"),
+        "memory": (
+            f"{(limits.memory_bytes or 0) / 1e6:.0f} MB of memory",
+            "a file that needs more",
+        ),
         "time": (f"{limits.seconds:.3g} s", "a file that takes longer"),
     }[death.reason]
     return InputError(

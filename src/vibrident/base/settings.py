@@ -3,8 +3,9 @@
 A text holds ``⟦export.rate_hz⟧``, or ``⟦export.rate_hz = HZ⟧`` with a value as Python writes it (a
 placeholder in capitals). The first part is the command, the last the keyword of its function. Four
 names are no settings: ``⟦command = identify⟧`` is a command, ``⟦install = vibrident[dcc]⟧`` a
-package to install (or several, by blanks), ``⟦here⟧`` the place where settings are given, and ``⟦environment.NAME⟧`` a
-variable. ``⟦--rate⟧``, an option, occurs in messages of the command line alone.
+package to install (or several, by blanks), ``⟦here⟧`` the place where settings are given, and
+``⟦environment.NAME⟧`` a variable. ``⟦--rate⟧``, an option, occurs in messages of the command line
+alone.
 
 Texts are rendered last: between processes they travel with their markers.
 """

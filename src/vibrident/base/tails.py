@@ -1,7 +1,8 @@
 """Tails and quantiles of the distributions that verdicts need: χ², F and Student's t.
 
-By the continued fractions and series of the incomplete gamma and beta functions (DLMF 8.9.2, 8.11.4, 8.17.22). They
-agree with SciPy's to about 1e-12, and spare a linear sensor its loading, which takes longer than reading 21 records.
+By the continued fractions and series of the incomplete gamma and beta functions (DLMF 8.9.2,
+8.11.4, 8.17.22). They agree with SciPy's to about 1e-12, and spare a linear sensor its loading,
+which takes longer than reading 21 records.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ LARGE = 16.0  # from here on the logarithm of the gamma function is its asymptot
 
 
 def gamma_tail(shape: float, value: float) -> float:
-    """Q(a, x): chance that a gamma variate of this shape and scale one exceeds the value."""
+    """Return Q(a, x): chance that a gamma variate of this shape and scale one exceeds the value."""
     if not value > 0.0 or math.isinf(value):
         return value if math.isnan(value) else float(value <= 0.0)
     if value < shape + 1.0:
@@ -34,12 +35,12 @@ def gamma_tail(shape: float, value: float) -> float:
 
 
 def chi2_tail(degrees: float, value: float) -> float:
-    """Chance that a χ² of so many degrees of freedom exceeds the value."""
+    """Return the chance that a χ² of so many degrees of freedom exceeds the value."""
     return gamma_tail(0.5 * degrees, 0.5 * value)
 
 
 def f_tail(above: float, below: float, value: float) -> float:
-    """Chance that an F exceeds the value; degrees of freedom of its numerator and of its denominator."""
+    """Return the chance that an F exceeds the value; degrees of freedom of its numerator and of its denominator."""
     if not value > 0.0 or not (above > 0.0 and below > 0.0):
         return 1.0 if value <= 0.0 else math.nan
     if math.isinf(below):
@@ -49,11 +50,13 @@ def f_tail(above: float, below: float, value: float) -> float:
 
 
 def student_quantile(degrees: float, chance: float) -> float:
-    """Value that Student's t of so many degrees of freedom stays below with a chance of one half or more."""
+    """Return the value that Student's t of so many degrees of freedom stays below with a chance of one half or more."""
     if not degrees > 0.0:
         return math.nan
-    outside, t = 2.0 * (1.0 - chance), 1.0
-    for _ in range(100):  # Newton's steps on a function that is convex here: from below, never too far
+    outside = 2.0 * (1.0 - chance)
+    t = 1.0
+    # Newton's steps on a function that is convex here: from below, never too far
+    for _ in range(100):
         density = math.exp(
             _log_gamma_ratio(0.5 * degrees) - 0.5 * (degrees + 1.0) * math.log1p(t * t / degrees)
         ) / math.sqrt(math.pi * degrees)
@@ -65,7 +68,7 @@ def student_quantile(degrees: float, chance: float) -> float:
 
 
 def _beta_below(a: float, b: float, x: float, rest: float) -> float:
-    """I_x(a, b): chance that a beta variate stays below x; ``rest`` is 1 − x, which x near one does not hold."""
+    """Return I_x(a, b): chance that a beta variate stays below x; ``rest`` is 1 − x, which x near one does not hold."""
     if x <= 0.0 or rest <= 0.0:
         return float(rest <= 0.0)
     if x > (a + 1.0) / (a + b + 2.0):
@@ -76,15 +79,16 @@ def _beta_below(a: float, b: float, x: float, rest: float) -> float:
 
 
 def _beta_steps(a: float, b: float, x: float, off: float) -> Iterator[tuple[float, float]]:
-    """Numerators and denominators of Didonato & Morris' fraction (1992, eq. 9)."""
+    """Yield the numerators and denominators of Didonato & Morris' fraction (1992, eq. 9)."""
     for m in range(1, MOST):
-        before, behind = a + 2 * m - 1.0, a + 2 * m + 1.0
+        before = a + 2 * m - 1.0
+        behind = a + 2 * m + 1.0
         above = m * (a + m - 1.0) / before * ((a + b + m - 1.0) / before) * (b - m) * x * x
         yield above, m + m * (b - m) * x / before + (a + m) * (off + 1.0 + m * (2.0 - x)) / behind
 
 
 def _continued(first: float, steps: Iterator[tuple[float, float]]) -> float:
-    """b0 + a1/(b1 + a2/(b2 + …)) by Lentz's method."""
+    """Return b0 + a1/(b1 + a2/(b2 + …)) by Lentz's method."""
     value = c = first or TINY
     d = 0.0
     for a, b in steps:
@@ -97,26 +101,29 @@ def _continued(first: float, steps: Iterator[tuple[float, float]]) -> float:
 
 
 def _gamma_density(a: float, x: float) -> float:
-    """x^a e^(−x) / Γ(a + 1), without a difference of large numbers."""
+    """Return x^a e^(−x) / Γ(a + 1), without a difference of large numbers."""
     off = (x - a) / a
-    return math.exp(a * (_log_of(x / a, off) - off) - _stirling_rest(a)) / math.sqrt(2.0 * math.pi * a)
+    return math.exp(a * (_log_of(x / a, off) - off) - _stirling_rest(a)) / math.sqrt(
+        2.0 * math.pi * a
+    )
 
 
 def _beta_density(a: float, b: float, x: float, y: float) -> float:
-    """x^a y^b / B(a, b) with y = 1 − x, without a difference of large numbers."""
-    n, off = a + b, b * x - a * y
+    """Return x^a y^b / B(a, b) with y = 1 − x, without a difference of large numbers."""
+    n = a + b
+    off = b * x - a * y
     rest = _stirling_rest(n) - _stirling_rest(a) - _stirling_rest(b)
     power = a * _log_of(x * n / a, off / a) + b * _log_of(y * n / b, -off / b)
     return math.exp(power + rest) * math.sqrt(a * b / (2.0 * math.pi * n))
 
 
 def _log_of(ratio: float, off: float) -> float:
-    """Logarithm of a ratio, which is one and ``off``."""
+    """Return the logarithm of a ratio, which is one and ``off``."""
     return math.log(ratio) if ratio < 0.5 else math.log1p(off)
 
 
 def _stirling_rest(a: float) -> float:
-    """Log Γ(a) less (a − 1/2) log a − a + log(2π)/2 (DLMF 5.11.1)."""
+    """Return the log Γ(a) less (a − 1/2) log a − a + log(2π)/2 (DLMF 5.11.1)."""
     if a < LARGE:
         return math.lgamma(a) - (a - 0.5) * math.log(a) + a - 0.5 * math.log(2.0 * math.pi)
     s = 1.0 / a**2
@@ -124,6 +131,8 @@ def _stirling_rest(a: float) -> float:
 
 
 def _log_gamma_ratio(a: float) -> float:
-    """Log Γ(a + 1/2) − log Γ(a)."""
+    """Return the log Γ(a + 1/2) − log Γ(a)."""
     half = a + 0.5
-    return a * math.log1p(0.5 / a) + 0.5 * math.log(a) - 0.5 + _stirling_rest(half) - _stirling_rest(a)
+    return (
+        a * math.log1p(0.5 / a) + 0.5 * math.log(a) - 0.5 + _stirling_rest(half) - _stirling_rest(a)
+    )

@@ -6,9 +6,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]  # what a calibration file can state
+# what a calibration file can state
+StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]
 EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding", "edges", "clocks"]
-_UNITS: dict[EffectKind, str] = {"timing": "s", "phase": "rad", "edges": "s"}  # the others are relative
+_UNITS: dict[EffectKind, str] = {
+    "timing": "s",
+    "phase": "rad",
+    "edges": "s",
+}  # the others are relative
 
 
 @dataclass(frozen=True)
@@ -16,20 +21,23 @@ class SystematicEffect:
     """One systematic contribution to the uncertainty, common to all points (GUM 4.3, type B)."""
 
     source: str  # what it comes from, in words
-    # how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad), ``mounting``
-    # (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling rate, relative). Found in an
-    # interferometer's signals: ``ellipse`` and ``cyclic``; found in the records, each with a ``pattern``:
-    # ``rounding`` (relative), ``edges`` (of a held drive, s) and ``clocks`` (the ratio of two, relative)
+    # how it acts: ``gain`` (relative), ``timing`` (skew between the channels, s), ``phase`` (rad),
+    # ``mounting`` (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling
+    # rate, relative). Found in an interferometer's signals: ``ellipse`` and ``cyclic``; found in
+    # the records, each with a ``pattern``: ``rounding`` (relative), ``edges`` (of a held drive, s)
+    # and ``clocks`` (the ratio of two, relative)
     kind: EffectKind
     standard_uncertainty: float  # in ``unit``
     frequency_hz: float | None = None  # of a mounting effect; None otherwise
-    degrees_of_freedom: float = math.inf  # behind the standard uncertainty; infinite where it is taken as known
-    # frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where that has no formula
+    # behind the standard uncertainty; infinite where it is taken as known
+    degrees_of_freedom: float = math.inf
+    # frequency in Hz and change of log H for one unit of the effect, real and imaginary part, where
+    # that has no formula
     pattern: tuple[tuple[float, float, float], ...] = field(default=(), repr=False)
 
     @property
     def unit(self) -> str:
-        """Unit of the standard uncertainty; "1" for a relative one."""
+        """Return the unit of the standard uncertainty; "1" for a relative one."""
         return _UNITS.get(self.kind, "1")
 
 
@@ -37,7 +45,8 @@ class SystematicEffect:
 class Capability:
     """The least expanded uncertainty (k = 2) that a laboratory may state over a band (CMC; ILAC-P14)."""
 
-    quantity: Literal["magnitude", "phase"]  # of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad)
+    # of the sensitivity: ``magnitude`` (relative) or ``phase`` (rad)
+    quantity: Literal["magnitude", "phase"]
     expanded_uncertainty: float  # relative, or in rad
     # from_hz, to_hz: the band, both ends included
     from_hz: float = 0.0
@@ -50,5 +59,7 @@ class Circumstances:
 
     run: str = ""  # which of several runs it belongs to; empty where there is one
     mounting: str = ""  # during which mounting of the sensor; empty where it was mounted once
-    axis: str = ""  # axis of the sensor along which it was moved: ``x``, ``y`` or ``z``; empty for a sensor of one axis
+    # axis of the sensor along which it was moved: ``x``, ``y`` or ``z``; empty for a sensor of one
+    # axis
+    axis: str = ""
     temperature_c: float | None = None  # of the sensor, in °C

@@ -6,11 +6,20 @@ from typing import Any
 
 from vibrident.base.registry import Registry
 
-#: ``vibrident.data.io.reader.Reader`` objects; their names are for messages, a file's ending finds them.
+#: ``vibrident.data.io.reader.Reader`` objects; their names are for messages, a file's ending finds
+#: them.
 READERS: Registry[Any] = Registry(
-    "reader", "vibrident.readers", ("data/io/formats",), ("vibrident.data.io.reader:Reader",), "file ending"
+    "reader",
+    "vibrident.readers",
+    ("data/io/formats",),
+    ("vibrident.data.io.reader:Reader",),
+    "file ending",
 )
 #: ``vibrident.data.sources.source.Source`` objects.
 SOURCES: Registry[Any] = Registry(
-    "source", "vibrident.sources", ("data/sources/kinds",), ("vibrident.data.sources.source:Source",), "⟦track.source⟧"
+    "source",
+    "vibrident.sources",
+    ("data/sources/kinds",),
+    ("vibrident.data.sources.source:Source",),
+    "⟦track.source⟧",
 )

@@ -1,7 +1,7 @@
 """Band-limited values at other instants: between samples, at a lower rate, and back from uneven stamps.
 
-All use one kernel, a sinc under Kaiser's window of 130 dB (Kaiser 1974), which passes to 0.45 of the
-slower rate to 1e-6. What lies above 0.45 of that rate is not reproduced.
+All use one kernel, a sinc under Kaiser's window of 130 dB (Kaiser 1974), which passes to 0.45 of
+the slower rate to 1e-6. What lies above 0.45 of that rate is not reproduced.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ HALF_LENGTH = 2 * HALF
 PASS_BAND = 0.45  # of the slower rate
 DOUBTFUL = 2 * HALF_LENGTH  # samples at either end of evened ones, as nothing is known beyond
 _BLOCK = 1 << 14  # stamps that are evened at once
-_OVERLAP = 4 * HALF_LENGTH  # beside a block; what lies beyond moves its inner values by less than 1e-9
+# beside a block; what lies beyond moves its inner values by less than 1e-9
+_OVERLAP = 4 * HALF_LENGTH
 _MAX_ITERATIONS = 500  # of conjugate gradients; some 40 are usual
 _TOLERANCE = 1e-10  # of conjugate gradients, relative
 _RIDGE = 1e-10  # keeps values beyond the stamps at zero
@@ -42,9 +43,9 @@ def lost(spacing: float) -> int:
 def evened(values: FloatArray, positions: FloatArray) -> FloatArray:
     """Return the even samples whose band-limited interpolation passes through uneven ones.
 
-    Least squares on the kernel's matrix, by conjugate gradients, block by block. Jitter of up to half
-    an interval leaves the problem well conditioned (Kadec 1964 for a quarter; the kernel's band
-    of less than half the rate for more).
+    Least squares on the kernel's matrix, by conjugate gradients, block by block. Jitter of up to
+    half an interval leaves the problem well conditioned (Kadec 1964 for a quarter; the kernel's
+    band of less than half the rate for more).
 
     Args:
         values: shape (n,), at the positions.
@@ -78,5 +79,7 @@ def _solve(values: FloatArray, positions: FloatArray) -> FloatArray:
     level = float(np.mean(values))  # a constant needs no unknowns beyond the ends
     squared = aslinearoperator(transposed) * aslinearoperator(matrix)
     normal = squared + aslinearoperator(_RIDGE * eye_array(size, format="csr"))
-    solution, _ = cg(normal, transposed @ (values - level), rtol=_TOLERANCE, maxiter=_MAX_ITERATIONS)
+    solution, _ = cg(
+        normal, transposed @ (values - level), rtol=_TOLERANCE, maxiter=_MAX_ITERATIONS
+    )
     return level + solution[half + 1 : half + 1 + count]

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibrident.result import Result
+    from vibrident.result.given import GivenResult
+    from vibrident.show.issue import GivenCertificate
 
 __all__ = ["export"]
 
 
 def export(
-    result: Result,
+    result: GivenResult,
     form: str,
     folder: str | os.PathLike[str],
     *,
@@ -27,6 +28,7 @@ def export(
     band_hz: tuple[float, float] | None = None,
     without: Sequence[str] = (),
     name: str = "sensor",
+    certificate: GivenCertificate = (),
     schema: str | os.PathLike[str] | None = None,
     country: str | None = None,
     channel: str | None = None,
@@ -35,13 +37,16 @@ def export(
     """Write a result in another program's format.
 
     Args:
-        result: from :func:`vibrident.identify` or :meth:`vibrident.Result.load`.
+        result: from :func:`vibrident.identify`, or the path of a ``result.json``.
         form: name of the format, one of ``EXPORTS``.
         folder: of the files; created if missing.
-        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has one.
-        band_hz: band over which errors are stated and the correction filter holds; None takes that of the data.
+        rate_hz: sampling rate of discrete forms; None takes that of the result's network, if it has
+            one.
+        band_hz: band over which errors are stated and the correction filter holds; None takes that
+            of the data.
         without: add-ons to leave out, ``delay`` or ``boxcar``; the file states the error.
         name: of the files, and in them.
+        certificate: what a certificate states, given after the fit, as for :func:`vibrident.report`.
         schema: XSD to validate a certificate against.
         country: ISO 3166-1 code of the laboratory's country, for a certificate.
         channel: NET.STA.LOC.CHA, for seismological forms.
@@ -56,12 +61,14 @@ def export(
     from vibrident.export.form import Options
     from vibrident.export.registry import EXPORTS
     from vibrident.export.sensor import check_band, sensor_of
+    from vibrident.show.issue import issued
 
+    known, _ = issued(result, certificate)
     chosen = EXPORTS[form]
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
     options = Options(rate_hz, band, tuple(without), name, xsd, country, channel, online)
-    sensor = sensor_of(result, band).without(options.without)
+    sensor = sensor_of(known, band).without(options.without)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     return chosen.write(sensor, target, options)

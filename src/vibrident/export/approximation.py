@@ -1,8 +1,8 @@
 """Poles and zeros for a delay and an average over a window, by Padé's approximants of e^{−x}.
 
-The [n/n] approximant Q(−x)/Q(x) is all-pass, and n is raised until the tolerance is met over the band. The window's (1
-− e^{−x})/x follows
-from the same Q: (Q(x) − Q(−x))/(x Q(x)), whose numerator is divisible by x.
+The [n/n] approximant Q(−x)/Q(x) is all-pass, and n is raised until the tolerance is met over the
+band. The window's (1 − e^{−x})/x follows from the same Q: (Q(x) − Q(−x))/(x Q(x)), whose numerator
+is divisible by x.
 """
 
 from __future__ import annotations
@@ -16,20 +16,32 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.export.poles_zeros import PolesZeros, paired, poles_zeros
 from vibrident.export.sensor import Exported, require_linear
+from vibrident.result.sensor import IdentifiedSensor
 from vibrident.show.views import K
 
 TOLERANCE = 1e-10  # largest relative error of an approximation over the band
 MOST_ORDER = 12
 
 
+def system(known: IdentifiedSensor) -> PolesZeros:
+    """Return a sensor as poles and zeros in rad/s; delay and window are approximated in its band.
+
+    Raises:
+        InputError: the model is not linear, or poles and zeros cannot hold it.
+    """
+    return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
+
+
 def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     """The whole sensor as poles and zeros, and a description of approximations and their errors.
 
     Raises:
-        InputError: the delay is negative, delay or window is too long for the band, or the model is not linear.
+        InputError: the delay is negative, delay or window is too long for the band, or the model is
+            not linear.
     """
     require_linear(sensor)
-    system, words = poles_zeros(sensor), []
+    system = poles_zeros(sensor)
+    words = []
     if sensor.model.has_delay and sensor.delay_s != 0.0:
         late, said = _late(sensor)
         system = system.times(late)
@@ -43,17 +55,25 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
                 expected="add-ons that are ratios of polynomials, delays or averages",
                 found=f"{addon.name}: {addon.title}",
                 where="⟦export.form⟧",
-                remedy=f"give ⟦export.without = [{addon.name!r}]⟧: the file then states the error over the band",
+                remedy=(
+                    f"give ⟦export.without = [{addon.name!r}]⟧: the file then states the error "
+                    "over the band"
+                ),
             )
         length = float(sensor.values[addon.window])
-        order = _order(partial(_boxcar, length), partial(_averaged, length), sensor, addon.name, length)
+        order = _order(
+            partial(_boxcar, length), partial(_averaged, length), sensor, addon.name, length
+        )
         system = system.times(_boxcar(length, order))
         words.append(
-            f"{addon.name} of {length!r} s: the last {order} poles and {len(_boxcar(length, order).zeros)} zeros are "
-            f"its approximation of order {order} (Pade)"
+            f"{addon.name} of {length!r} s: the last {order} poles and "
+            f"{len(_boxcar(length, order).zeros)} zeros are its approximation of order {order} "
+            "(Pade)"
         )
     if words:
-        error = float(np.max(np.abs(system.response(sensor.band) / sensor.response(sensor.band) - 1.0)))
+        error = float(
+            np.max(np.abs(system.response(sensor.band) / sensor.response(sensor.band) - 1.0))
+        )
         words.append(f"largest deviation from the model over the band, relative: {error:.1e}")
         words.append("poles and zeros of an approximation are not valid outside the band")
     return system, words
@@ -61,13 +81,19 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
 
 def _late(sensor: Exported) -> tuple[PolesZeros, str]:
     """The sensor's delay, in poles and zeros and in words."""
-    delay, name = sensor.delay_s, next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
+    delay = sensor.delay_s
+    name = next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
     if delay < 0 and -delay <= K * sensor.delay_u_s:
         none = np.empty(0, complex)
-        return PolesZeros(none, none, 1.0), f"delay of {delay!r} s, which is zero within its U (k = 2): left out"
+        return PolesZeros(
+            none, none, 1.0
+        ), f"delay of {delay!r} s, which is zero within its U (k = 2): left out"
     if delay < 0:
         raise InputError(
-            "The response is ahead of the reference, which stable poles and zeros cannot represent.",
+            (
+                "The response is ahead of the reference, which stable poles and zeros cannot "
+                "represent."
+            ),
             expected="a delay of 0 or above",
             found=f"delay = {delay!r} s",
             where="result.json, parameters",
@@ -76,8 +102,8 @@ def _late(sensor: Exported) -> tuple[PolesZeros, str]:
         )
     order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
     return _delay(delay, order), (
-        f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are its all-pass "
-        f"approximation of order {order} (Pade)"
+        f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are "
+        f"its all-pass approximation of order {order} (Pade)"
     )
 
 
@@ -93,7 +119,9 @@ def _order(
     seconds: float,
 ) -> int:
     s = 2j * np.pi * sensor.band
-    for order in range(2, MOST_ORDER + 1, 2):  # even, so that the delay's approximant is +1 far above the band
+    for order in range(
+        2, MOST_ORDER + 1, 2
+    ):  # even, so that the delay's approximant is +1 far above the band
         if np.max(np.abs(make(order).response(sensor.band) / exact(s) - 1.0)) < 0.3 * TOLERANCE:
             return order
     raise InputError(
@@ -101,7 +129,10 @@ def _order(
         expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
         found=f"{what} of {seconds!r} s, band up to {sensor.band_hz[1]:g} Hz",
         where="⟦export.form⟧",
-        remedy=f"give ⟦export.without = [{what!r}]⟧ (the file then states the error), or a narrower ⟦export.band_hz⟧",
+        remedy=(
+            f"give ⟦export.without = [{what!r}]⟧ (the file then states the error), or a narrower "
+            "⟦export.band_hz⟧"
+        ),
     )
 
 
@@ -127,4 +158,6 @@ def _boxcar(length_s: float, order: int) -> PolesZeros:
     zeros = np.ravel([[1j * np.sqrt(-v), -1j * np.sqrt(-v)] for v in np.roots(odd[::-1]).real])
     gain = odd[-1] / q[-1]
     excess = len(poles) - len(zeros)
-    return PolesZeros(np.asarray(zeros, complex) / length_s, poles / length_s, gain / length_s**excess)
+    return PolesZeros(
+        np.asarray(zeros, complex) / length_s, poles / length_s, gain / length_s**excess
+    )

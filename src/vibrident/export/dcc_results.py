@@ -35,7 +35,9 @@ _PREFIXES = {
     "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro", "m": "milli", "c": "centi",
     "k": "kilo", "M": "mega", "G": "giga",
 }  # fmt: skip
-_TOKEN = re.compile(r"\s*(?:(\()|(\))|([*·/])|\^(\([+-]?\d+\)|[+-]?\d+)|(1(?![\d.])|[^\W\d_]+|[%°]))")
+_TOKEN = re.compile(
+    r"\s*(?:(\()|(\))|([*·/])|\^(\([+-]?\d+\)|[+-]?\d+)|(1(?![\d.])|[^\W\d_]+|[%°]))"
+)
 _PLAIN = str.maketrans({"²": "^2", "³": "^3"})
 
 
@@ -45,7 +47,11 @@ def d_si(unit: str) -> str:
     Raises:
         InputError: the unit is unknown, or dsiUnits is not installed.
     """
-    parts = (name if power == 1 else f"{name}\\tothe{{{power}}}" for name, power in _parsed(unit).items() if power)
+    parts = (
+        name if power == 1 else f"{name}\\tothe{{{power}}}"
+        for name, power in _parsed(unit).items()
+        if power
+    )
     text = "".join(parts) or "\\one"
     kind = library("dsi_unit", "dcc").DsiUnit
     with warnings.catch_warnings():
@@ -70,14 +76,17 @@ def _parsed(unit: str) -> dict[str, int]:
         opened, closed, operator, power, name = found.groups()
         if opened:
             signs.append(signs[-1] * sign)
-            sign, last = 1, []
+            sign = 1
+            last = []
         elif closed:
             if len(signs) == 1:
                 raise _unknown(unit, text)
             signs.pop()
-            sign, last = 1, []
+            sign = 1
+            last = []
         elif operator:
-            sign, last = (-1 if operator == "/" else 1), []
+            sign = -1 if operator == "/" else 1
+            last = []
         elif power is not None:
             if not last:
                 raise _unknown(unit, text)
@@ -123,36 +132,51 @@ def measurement(tree: Tree, result: Result) -> Any:
     Raises:
         InputError: a unit has no form in D-SI.
     """
-    make, text = tree.make, tree.text
-    stated, version = result.certificate, result.provenance.get("vibrident")
+    make = tree.make
+    text = tree.text
+    stated = result.certificate
+    version = result.provenance.get("vibrident")
     release = cleaned(f"v{version}" if version else "not stated")
     methods = []
     if stated.get("procedure"):
         said = tree.stated("description", stated["procedure"])
         methods.append(make("usedMethod", text("name", "calibration procedure"), said))
-    about = text("description", "identification of a parametric model of the sensor from its calibration data")
+    about = text(
+        "description",
+        "identification of a parametric model of the sensor from its calibration data",
+    )
     methods.append(make("usedMethod", text("name", evaluation(result, Say(LANGUAGE))), about))
     equipment = [_equipment(tree, entry) for entry in stated.get("instruments", ())]
     conditions = [
-        _condition(tree, stated, *entry) for entry in _CONDITIONS if stated.get(f"{entry[1]}_{entry[2]}") is not None
+        _condition(tree, stated, *entry)
+        for entry in _CONDITIONS
+        if stated.get(f"{entry[1]}_{entry[2]}") is not None
     ]
     quantities = [_parameter(tree, result, *p) for p in result.parameters.items()]
     results = [_result(tree, "parameters", tree.titled("parameters"), quantities)]
     if result.correlation.names and np.isfinite(np.array(result.correlation.matrix, float)).all():
         title = text("name", "Correlation of the estimated parameters")
         results.append(_result(tree, "correlation", title, [_correlation(tree, result)]))
-    for key, title, curve in (("response", "curve", result.response), ("measured", "measured", result.measured)):
+    for key, title, curve in (
+        ("response", "curve", result.response),
+        ("measured", "measured", result.measured),
+    ):
         # Points with frequency and magnitude: D-SI's lists allow no blanks.
         whole = np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude))
         if whole.size:
-            results.append(_result(tree, key, tree.titled(title), [_curve(tree, result, curve, whole)]))
+            results.append(
+                _result(tree, key, tree.titled(title), [_curve(tree, result, curve, whole)])
+            )
     if lists := _budget(tree, result):
         results.append(_result(tree, "budget", tree.titled("budget"), lists))
     return make(
         "measurementResult",
         text("name", "Sensitivity of a vibration sensor"),
         make("usedMethods", *methods),
-        make("usedSoftware", make("software", text("name", "vibrident"), make("release", text=release))),
+        make(
+            "usedSoftware",
+            make("software", text("name", "vibrident"), make("release", text=release)),
+        ),
         make("measuringEquipments", *equipment) if equipment else None,
         make("influenceConditions", *conditions) if conditions else None,
         make("results", *results),
@@ -166,7 +190,9 @@ _CONDITIONS = (
 )
 
 
-def _condition(tree: Tree, stated: Mapping[str, Any], title: str, key: str, suffix: str, unit: str) -> Any:
+def _condition(
+    tree: Tree, stated: Mapping[str, Any], title: str, key: str, suffix: str, unit: str
+) -> Any:
     expanded = stated.get(f"{key}_uncertainty_{suffix}")  # stated with k = 2
     real = _real(tree, float(stated[f"{key}_{suffix}"]), unit, _expanded(tree, expanded, 0.95))
     quantity = tree.make("quantity", tree.text("name", title), real)
@@ -174,14 +200,21 @@ def _condition(tree: Tree, stated: Mapping[str, Any], title: str, key: str, suff
 
 
 def _equipment(tree: Tree, entry: Mapping[str, Any]) -> Any:
-    make, text = tree.make, tree.text
-    notes = [f"{key.replace('_', ' ')}: {entry[key]}" for key in ("certificate", "calibrated_until") if entry.get(key)]
+    make = tree.make
+    text = tree.text
+    notes = [
+        f"{key.replace('_', ' ')}: {entry[key]}"
+        for key in ("certificate", "calibrated_until")
+        if entry.get(key)
+    ]
     serial = entry.get("serial_number")
     return make(
         "measuringEquipment",
         tree.named(entry["name"]),
         text("description", "; ".join(notes)) if notes else None,
-        make("manufacturer", tree.named(entry["manufacturer"])) if entry.get("manufacturer") else None,
+        make("manufacturer", tree.named(entry["manufacturer"]))
+        if entry.get("manufacturer")
+        else None,
         tree.optional("model", entry.get("type")),
         make("identifications", tree.identification("manufacturer", serial)) if serial else None,
     )
@@ -194,15 +227,30 @@ def _result(tree: Tree, key: str, name: Any, data: Sequence[Any]) -> Any:
 def _budget(tree: Tree, result: Result) -> list[Any]:
     """For each parameter the standard uncertainty that each source contributes, in the order of the sources."""
     rows = result.settings.get("uncertainty_budget") or ()
-    rows = [row for row in rows if isinstance(row, Mapping) and isinstance(row.get("contributions"), Mapping)]
-    sources = [f"{number}: {row['source']} (type {row.get('type')})" for number, row in enumerate(rows, 1)]
-    names = [n for n in dict.fromkeys(n for row in rows for n in row["contributions"]) if n in result.parameters]
+    rows = [
+        row
+        for row in rows
+        if isinstance(row, Mapping) and isinstance(row.get("contributions"), Mapping)
+    ]
+    sources = [
+        f"{number}: {row['source']} (type {row.get('type')})" for number, row in enumerate(rows, 1)
+    ]
+    names = [
+        n
+        for n in dict.fromkeys(n for row in rows for n in row["contributions"])
+        if n in result.parameters
+    ]
     found = []
     for name in names:
         sizes = [row["contributions"].get(name) for row in rows]
         if None not in sizes:
             about = tree.make("description", tree.make("content", text=cleaned("; ".join(sources))))
-            values = _list(tree, f"standard uncertainty of {name} by source", sizes, d_si(result.parameters[name].unit))
+            values = _list(
+                tree,
+                f"standard uncertainty of {name} by source",
+                sizes,
+                d_si(result.parameters[name].unit),
+            )
             found.append(tree.make("list", tree.text("name", name), about, values))
     return found
 
@@ -231,7 +279,9 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
         said = _real(tree, p.value, d_si(p.unit), spread, name)
     else:  # a derived one: JSON has no infinity, nor has D-SI
         said = tree.text("noQuantity", "no finite value")
-    return tree.make("quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said)
+    return tree.make(
+        "quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said
+    )
 
 
 def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = None) -> Any:
@@ -258,9 +308,14 @@ def _expanded(tree: Tree, expanded: float | None, probability: float) -> Any:
 
 def _correlation(tree: Tree, result: Result) -> Any:
     names = result.correlation.names
-    rows = [_list(tree, name, row, r"\one") for name, row in zip(names, result.correlation.matrix, strict=True)]
+    rows = [
+        _list(tree, name, row, r"\one")
+        for name, row in zip(names, result.correlation.matrix, strict=True)
+    ]
     order = "columns in the order of the rows: " + ", ".join(names)
-    return tree.make("list", tree.text("name", "Correlation matrix"), tree.text("description", order), *rows)
+    return tree.make(
+        "list", tree.text("name", "Correlation matrix"), tree.text("description", order), *rows
+    )
 
 
 def _curve(tree: Tree, result: Result, curve: Curve, whole: np.ndarray) -> Any:
@@ -268,7 +323,9 @@ def _curve(tree: Tree, result: Result, curve: Curve, whole: np.ndarray) -> Any:
     unit = d_si(unit_of_sensitivity(result))
     probability = coverage(result).probability
     sizes, phases = (column(curve, name)[whole] for name in ("magnitude", "phase_deg"))
-    u_sizes, u_phases = (column(curve, f"{name}_uncertainty")[whole] for name in ("magnitude", "phase_deg"))
+    u_sizes, u_phases = (
+        column(curve, f"{name}_uncertainty")[whole] for name in ("magnitude", "phase_deg")
+    )
     parts = [
         _list(tree, "Frequency", curve.frequency_hz[whole], d_si("Hz")),
         _list(tree, "Magnitude", sizes, unit, u_sizes, probability),

@@ -43,7 +43,10 @@ class Tree:
         """A number by which its issuer knows a thing."""
         known = self.make("value", text=cleaned(value))
         return self.make(
-            "identification", self.make("issuer", text=issuer), known, self.text("name", name) if name else None
+            "identification",
+            self.make("issuer", text=issuer),
+            known,
+            self.text("name", name) if name else None,
         )
 
     def named(self, text: object) -> Any:

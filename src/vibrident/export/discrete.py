@@ -1,12 +1,13 @@
 """The sensor in discrete time: its cell by first-order hold, and second-order sections with its own poles and zeros.
 
-First-order hold is the best single step of the network that needs no future sample: with straight lines between the
-samples (Franklin, Powell & Workman 1998, sec. 6.3),
+First-order hold is the best single step of the network that needs no future sample: with straight
+lines between the samples (Franklin, Powell & Workman 1998, sec. 6.3),
 
     x_k = Φ x_{k−1} + Γ0 a_{k−1} + Γ1 a_k,   y_k = C x_k + D a_k,
 
-which is the paper's cell with the inputs (a_{k−1}, a_k): W3 = Φ, W1 = (Γ0, Γ1), W2 = C, W4 = (0, D). Stored is
-Φ − 1, computed without cancellation: for a sensor that is slow relative to the sampling rate, a float cannot hold Φ.
+which is the paper's cell with the inputs (a_{k−1}, a_k): W3 = Φ, W1 = (Γ0, Γ1), W2 = C, W4 = (0,
+D). Stored is Φ − 1, computed without cancellation: for a sensor that is slow relative to the
+sampling rate, a float cannot hold Φ.
 
 For the same reason sections are kept in δ = z − 1 (Middleton & Goodwin 1990): poles as e^{pT} − 1.
 """
@@ -47,7 +48,8 @@ def cell_of(sensor: ExportedSensor, interval_s: float) -> HoldCell:
     from scipy.linalg import expm
 
     system = realise(sensor.model.rational(sensor.values, sensor.quantity))
-    a, n = system.a, system.order
+    a = system.a
+    n = system.order
     step = np.zeros((n + 2, n + 2))
     step[:n, :n] = a * interval_s
     step[:n, n] = system.b * interval_s
@@ -87,22 +89,30 @@ class SecondOrderSections:
         return max(float(np.max(np.abs(1.0 + np.roots([1.0, a1, a2])))) for *_, a1, a2 in self.rows)
 
 
-def sections_of(system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float) -> SecondOrderSections:
+def sections_of(
+    system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float
+) -> SecondOrderSections:
     """Sections with a system's poles and zeros mapped by e^{sT}, and its magnitude at one frequency.
 
-    ``system``: at most as many zeros as poles; ``filling``: zeros in z for each zero at infinity; ``at_hz``: where the
-    magnitude is exact; the sign is the system's.
+    ``system``: at most as many zeros as poles; ``filling``: zeros in z for each zero at infinity;
+    ``at_hz``: where the magnitude is exact; the sign is the system's.
     """
-    zeros = np.concatenate([np.expm1(system.zeros * interval_s), np.asarray(filling, complex) - 1.0])
+    zeros = np.concatenate(
+        [np.expm1(system.zeros * interval_s), np.asarray(filling, complex) - 1.0]
+    )
     poles = np.expm1(system.poles * interval_s)
     if len(poles) % 2:
         zeros, poles = np.append(zeros, -1.0), np.append(poles, -1.0)  # z/z
-    pairs, rows = _pairs(zeros), []
-    for pole in sorted(_pairs(poles), key=lambda pair: float(np.min(np.abs(pair)))):  # each with the nearest zeros
+    pairs = _pairs(zeros)
+    rows = []
+    for pole in sorted(
+        _pairs(poles), key=lambda pair: float(np.min(np.abs(pair)))
+    ):  # each with the nearest zeros
         near = min(pairs, key=lambda pair: abs(np.mean(pair) - np.mean(pole)))
         pairs = [pair for pair in pairs if pair is not near]
         rows.append([*np.poly(near).real, *np.poly(pole).real[1:]])
-    sections, at = SecondOrderSections(np.array(rows), interval_s), np.array([at_hz])
+    sections = SecondOrderSections(np.array(rows), interval_s)
+    at = np.array([at_hz])
     gain = float(np.abs(system.response(at) / sections.response(at))[0])
     sections.rows[0, :3] *= np.copysign(gain, system.gain)
     return sections

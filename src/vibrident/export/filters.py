@@ -1,10 +1,11 @@
 """Causal filters for firmware: the sensor's model, and the correction that turns its response back into acceleration.
 
-Each is a delay line with taps, then second-order sections. The model's sections have the sensor's own poles and zeros,
-the correction's those of its inverse with a low-pass, and, for each zero of the sensor at zero frequency, a high-pass
-instead of an integrator. The taps adjust both to the target response over the band, with a delay of whole samples, by
-least squares. With the poles already right, the remaining target is smooth, so a few taps suffice: the error falls like
-a power of frequency/rate with their number. Small weights outside the band limit the gain there.
+Each is a delay line with taps, then second-order sections. The model's sections have the sensor's
+own poles and zeros, the correction's those of its inverse with a low-pass, and, for each zero of
+the sensor at zero frequency, a high-pass instead of an integrator. The taps adjust both to the
+target response over the band, with a delay of whole samples, by least squares. With the poles
+already right, the remaining target is smooth, so a few taps suffice: the error falls like a power
+of frequency/rate with their number. Small weights outside the band limit the gain there.
 """
 
 from __future__ import annotations
@@ -65,13 +66,18 @@ def fitted(
         size: weight of the taps' size, to which rounding is proportional.
         fewest: least number of taps.
     """
-    (low, high), top, ts = band_hz, 0.5 * rate_hz, 1.0 / rate_hz
+    (low, high) = band_hz
+    top = 0.5 * rate_hz
+    ts = 1.0 / rate_hz
 
     def fit(order: np.ndarray, latency: int) -> tuple[np.ndarray, float]:
         """Taps at these delays, and their largest relative error over the band."""
-        taps, points = len(order), 3 * len(order) + 40
+        taps = len(order)
+        points = 3 * len(order) + 40
         # Dense towards both ends, as a polynomial needs it.
-        inside = low + (high - low) * 0.5 * (1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points))
+        inside = low + (high - low) * 0.5 * (
+            1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points)
+        )
         inside = np.concatenate([inside, np.geomspace(low, high, 40), [low, high]])
         above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, points)
 
@@ -102,9 +108,12 @@ def fitted(
 
 
 USABLE = 0.45  # highest usable frequency over the sampling rate
-MODEL_TOLERANCE = 1e-10  # relative error of the model over the band at which no further taps are added
+MODEL_TOLERANCE = (
+    1e-10  # relative error of the model over the band at which no further taps are added
+)
 CORRECTION_TOLERANCE = 1e-4  # the same of the correction
-#: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby 1984).
+#: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby
+#: 1984).
 _SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
 BELOW = 0.01  # corner of the correction's high-pass, in place of an integrator, over the band's lower edge
 OUTSIDE = 1e-3  # weight of the correction's gain above the band, relative to its error in the band
@@ -127,12 +136,19 @@ class Filter:
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
         """Response to e^{jωt} sampled, latency included."""
-        return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(frequency_hz)
+        return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(
+            frequency_hz
+        )
 
     def in_single_precision(self) -> Filter:
         """The same with coefficients rounded to float."""
-        taps, rows = (values.astype(np.float32).astype(float) for values in (self.taps.taps, self.sections.rows))
-        return replace(self, taps=replace(self.taps, taps=taps), sections=replace(self.sections, rows=rows))
+        taps, rows = (
+            values.astype(np.float32).astype(float)
+            for values in (self.taps.taps, self.sections.rows)
+        )
+        return replace(
+            self, taps=replace(self.taps, taps=taps), sections=replace(self.sections, rows=rows)
+        )
 
     def late(self, frequency_hz: FloatArray) -> np.ndarray:
         """The factor e^{−jωT·latency}."""
@@ -141,9 +157,14 @@ class Filter:
     @property
     def noise_gain(self) -> float:
         """Root of the mean of |response|² from 0 to half the rate: output over input, for white noise."""
-        f = np.concatenate([np.geomspace(1e-7, 0.01, 2000), np.linspace(0.01, 0.5, 4000)[1:]]) * self.rate_hz
+        f = (
+            np.concatenate([np.geomspace(1e-7, 0.01, 2000), np.linspace(0.01, 0.5, 4000)[1:]])
+            * self.rate_hz
+        )
         power = np.abs(self.response(f)) ** 2
-        return float(np.sqrt(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(f)) / (0.5 * self.rate_hz)))
+        return float(
+            np.sqrt(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(f)) / (0.5 * self.rate_hz))
+        )
 
 
 def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
@@ -159,7 +180,9 @@ def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
         raise InputError(
             "This format needs a sampling rate.",
             expected="samples per second, above 0",
-            found="none, and no network with one in the result" if rate_hz is None else f"{rate_hz!r}",
+            found="none, and no network with one in the result"
+            if rate_hz is None
+            else f"{rate_hz!r}",
             where="⟦export.rate_hz⟧",
             remedy="give ⟦export.rate_hz = HZ⟧",
         )
@@ -193,7 +216,9 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
             remedy="give a higher ⟦export.rate_hz⟧",
         )
     filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
-    sections = sections_of(system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1])))
+    sections = sections_of(
+        system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1]))
+    )
     shift = (sensor.delay_s + 0.5 * sensor.window_s) * rate_hz
     if abs(shift) > LONGEST:
         raise InputError(
@@ -230,7 +255,8 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
     near = np.array([0.9, 1.0]) * sensor.band_hz[1]
 
     def wanted(f: FloatArray) -> np.ndarray:
-        # The taps do not restore what the high-pass removes: they would have to be as long as its impulse response.
+        # The taps do not restore what the high-pass removes: they would have to be as long as its
+        # impulse response.
         s = 2j * np.pi * f
         return (s / (s + corner)) ** (2 * still) / sensor.response(f)
 

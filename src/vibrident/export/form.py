@@ -13,7 +13,9 @@ from vibrident.base import extras
 from vibrident.base.errors import InputError
 from vibrident.export.sensor import ExportedSensor
 
-_NAME = re.compile(r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII)
+_NAME = re.compile(
+    r"(?!(?:con|prn|aux|nul|com\d|lpt\d)\Z)[a-z][a-z0-9_]{0,40}", re.IGNORECASE | re.ASCII
+)
 
 
 @dataclass(frozen=True)
@@ -40,21 +42,28 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
 class Options:
     """Choices."""
 
-    rate_hz: float | None = None  # sampling rate of discrete formats; None takes the network's, if there is one
+    rate_hz: float | None = (
+        None  # sampling rate of discrete formats; None takes the network's, if there is one
+    )
     # band for errors and for the correction filter; None takes that of the data
     band_hz: tuple[float, float] | None = None
     without: Sequence[str] = ()  # add-ons to leave out
     name: str = "sensor"  # of files, and of what is defined in them
     schema: Path | None = None  # XSD to validate a certificate against
     country: str | None = None  # ISO 3166-1 code of the calibration laboratory, for a certificate
-    channel: str | None = None  # NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX)
+    channel: str | None = (
+        None  # NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX)
+    )
     online: bool = False  # of C: the tracker in place of the fixed filters
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise InputError(
                 "The name cannot be used.",
-                expected="letters, digits and _, a letter first, 41 characters at most, no device (con, nul, …)",
+                expected=(
+                    "letters, digits and _, a letter first, 41 characters at most, no device "
+                    "(con, nul, …)"
+                ),
                 found=repr(self.name),
                 where="⟦export.name⟧",
                 remedy="choose another",
@@ -67,7 +76,9 @@ def library(name: str, extra: str) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    return extras.library(name, extra, "This format needs a library that is not installed.", "⟦export.form⟧")
+    return extras.library(
+        name, extra, "This format needs a library that is not installed.", "⟦export.form⟧"
+    )
 
 
 def template(name: str) -> str:
@@ -85,10 +96,14 @@ class Format:
     write: Callable[[ExportedSensor, Path, Options], list[Path]]
     holds: str  # parts of a result in it
     cannot_hold: str  # parts of a result not in it
-    options: tuple[str, ...] = ()  # fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``
+    options: tuple[
+        str, ...
+    ] = ()  # fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``
     extra: str = ""  # extra of vibrident, or package, with its library; empty: none
 
     def __post_init__(self) -> None:
         for option in self.options:
             if option not in OPTIONS:
-                raise ValueError(f"{option!r} is not an option of an export; there are {', '.join(OPTIONS)}")
+                raise ValueError(
+                    f"{option!r} is not an option of an export; there are {', '.join(OPTIONS)}"
+                )

@@ -1,7 +1,7 @@
 """The tracker as C99: learner, detector and corrector as one header and one source, with the certificate's constants.
 
-The corrector is the model's inverse, a(t) = (V + 2 δ/ωn V̇ + V̈/ωn²)/S0: three fixed filters, a low-pass and its
-derivatives, each times a coefficient that follows the parameters.
+The corrector is the model's inverse, a(t) = (V + 2 δ/ωn V̇ + V̈/ωn²)/S0: three fixed filters, a
+low-pass and its derivatives, each times a coefficient that follows the parameters.
 """
 
 from __future__ import annotations
@@ -17,13 +17,18 @@ from vibrident.export.filters import checked_rate
 from vibrident.export.form import Options, template
 from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.use.tracking import learner, network, tracker
-from vibrident.use.tracking.information import LEFT, NONE, WITHIN
+from vibrident.use.tracking.information import (
+    INITIAL_INFORMATION,
+    MIN_INDEPENDENT_PART,
+    RETAINED_INFORMATION,
+)
 from vibrident.use.tracking.knowledge import SECONDS_A_YEAR
 from vibrident.use.tracking.state import Settings
 from vibrident.use.tracking.tracker import Tracker
 
 REACH = 48  # samples of the corrector on either side
-#: The corrector passes all up to so much of the sampling rate beyond the band, and nothing TRANSITION further on.
+#: The corrector passes all up to so much of the sampling rate beyond the band, and nothing
+#: TRANSITION further on.
 FLAT = 0.03
 TRANSITION = 0.1
 BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010, sec. 7.5)
@@ -45,28 +50,34 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tr
             remedy="leave ⟦export.online⟧ out, or track it with ⟦command = track⟧",
         )
     sensor.known.require_uncertainty()
-    return Tracker(sensor.model, sensor.values, sensor.known.covariance, rate_hz, sensor.quantity, settings)
+    return Tracker(
+        sensor.model, sensor.values, sensor.known.covariance, rate_hz, sensor.quantity, settings
+    )
 
 
 def corrector(high_hz: float, rate_hz: float, ahead_s: float) -> FloatArray:
     """Low-pass and its first two derivatives, shape (3, 2 REACH + 1); oldest sample first, late by REACH samples.
 
-    A windowed kernel is differentiated as a whole, so that the three belong together. ``ahead_s``: by which the
-    filters are earlier, less than a sampling interval.
+    A windowed kernel is differentiated as a whole, so that the three belong together. ``ahead_s``:
+    by which the filters are earlier, less than a sampling interval.
     """
     passed = high_hz + FLAT * rate_hz
     f = np.linspace(0.0, passed + TRANSITION * rate_hz, 4001)
     share = np.clip((f - passed) / (f[-1] - passed), 0.0, 1.0)
     spectrum = 1.0 + np.cos(np.pi * share)  # one half of it, and both signs of frequency
     t = ahead_s - np.arange(-REACH, REACH + 1) / rate_hz
-    turn, whole = 2j * np.pi * f, 1j * np.pi * rate_hz / (REACH + 1)
+    turn = 2j * np.pi * f
+    whole = 1j * np.pi * rate_hz / (REACH + 1)
     waves = np.exp(turn * t[:, None]) * spectrum
     k = [np.trapezoid((waves * turn**order).real, f, axis=1) / rate_hz for order in range(3)]
     parts = [
-        [c * ((whole * n) ** order * np.exp(whole * n * t)).real for n, c in enumerate(BLACKMAN)] for order in range(3)
+        [c * ((whole * n) ** order * np.exp(whole * n * t)).real for n, c in enumerate(BLACKMAN)]
+        for order in range(3)
     ]
     w = [np.sum(part, axis=0) for part in parts]
-    return np.array([k[0] * w[0], k[1] * w[0] + k[0] * w[1], k[2] * w[0] + 2.0 * k[1] * w[1] + k[0] * w[2]])
+    return np.array(
+        [k[0] * w[0], k[1] * w[0] + k[0] * w[1], k[2] * w[0] + 2.0 * k[1] * w[1] + k[0] * w[2]]
+    )
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -97,8 +108,10 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> dict[str, str]:
-    net, settings, thresholds = made.network, made.settings, made.knowledge.thresholds
-    lag = net.first + network.TAPS - 1
+    net = made.network
+    settings = made.settings
+    thresholds = made.knowledge.thresholds
+    lag = net.first + network.INPUT_TAPS - 1
     delay = float(sensor.model.delay_s(sensor.values)) if net.model.has_delay else 0.0
     late = round(delay * rate)
     start = [sensor.values[each] for each in net.model.parameter_names]
@@ -126,8 +139,8 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "BLOCK": str(settings.block),
         "PARTS": str(settings.parts),
         "LEVELS": str(settings.levels),
-        "TAPS": str(network.TAPS),
-        "REFERENCES": str(network.TAPS + max(0, -lag)),
+        "TAPS": str(network.INPUT_TAPS),
+        "REFERENCES": str(network.INPUT_TAPS + max(0, -lag)),
         "RESPONSES": str(1 + max(0, lag)),
         "CORRECTOR_TAPS": str(2 * REACH + 1),
         "CORRECTOR_LATENCY": str(REACH + late),
@@ -138,7 +151,7 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "INTERVAL": repr(net.interval_s),
         "DELAY": repr(net.delay_s),
         "FIRST": str(net.first),
-        "FIRST_PART": str(tracker.FIRST),
+        "FIRST_PART": str(tracker.PARTS_OF_FIRST_BLOCK),
         "SCALE": _text(net.scale),
         "START": _text(start),
         "PRIOR": _text(made.state.known[k:, k:-1]),
@@ -152,12 +165,12 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "FURTHER": _text(thresholds.further),
         "FILTER": _text(net.filters.T),
         "CORRECTOR": _text(corrector(sensor.band_hz[1], rate, delay - late / rate)),
-        "EXCITED": repr(learner.EXCITED),
-        "NONE": repr(NONE),
-        "LEFT": repr(LEFT),
-        "WITHIN": repr(WITHIN),
-        "ALONE": repr(tracker.ALONE),
-        "FURTHEST": repr(network.FURTHEST),
+        "EXCITED": repr(learner.MIN_EXCITATION_RATIO),
+        "NONE": repr(INITIAL_INFORMATION),
+        "LEFT": repr(RETAINED_INFORMATION),
+        "WITHIN": repr(MIN_INDEPENDENT_PART),
+        "ALONE": repr(tracker.MIN_SEPARATE_INFORMATION),
+        "FURTHEST": repr(network.MAX_STEP_FACTOR),
     }
 
 

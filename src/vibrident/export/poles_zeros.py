@@ -1,7 +1,7 @@
 """A sensor as poles, zeros and gain: H(s) = k ∏(s − z)/∏(s − p), in rad/s.
 
-Each add-on has its own factor of the denominator, of second order at most, so the poles come from quadratics and are
-exact to rounding at any distance.
+Each add-on has its own factor of the denominator, of second order at most, so the poles come from
+quadratics and are exact to rounding at any distance.
 """
 
 from __future__ import annotations
@@ -37,12 +37,15 @@ class PolesZeros:
 
     def times(self, other: PolesZeros) -> PolesZeros:
         """The two in series."""
-        zeros, poles = np.concatenate([self.zeros, other.zeros]), np.concatenate([self.poles, other.poles])
+        zeros = np.concatenate([self.zeros, other.zeros])
+        poles = np.concatenate([self.poles, other.poles])
         return PolesZeros(zeros, poles, self.gain * other.gain)
 
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
         """Numerator and denominator, real, descending powers of s."""
-        return self.gain * np.atleast_1d(np.poly(self.zeros).real), np.atleast_1d(np.poly(self.poles).real)
+        return self.gain * np.atleast_1d(np.poly(self.zeros).real), np.atleast_1d(
+            np.poly(self.poles).real
+        )
 
 
 def poles_zeros(sensor: Exported) -> PolesZeros:
@@ -51,7 +54,8 @@ def poles_zeros(sensor: Exported) -> PolesZeros:
     Raises:
         InputError: the core is no ratio of polynomials.
     """
-    model, values = sensor.model, sensor.values
+    model = sensor.model
+    values = sensor.values
     if model.core.factor is not None:
         raise InputError(
             f"Poles and zeros cannot hold the model {model.core.name!r}.",
@@ -63,7 +67,11 @@ def poles_zeros(sensor: Exported) -> PolesZeros:
     system = model.rational(values, sensor.quantity)
     unit = Rational(1.0, (1.0,), (1.0,), system.angular_scale)
     factors = [model.core.rational(values).denominator]
-    factors += [addon.rational(values, unit).denominator for addon in model.add_ons if addon.rational is not None]
+    factors += [
+        addon.rational(values, unit).denominator
+        for addon in model.add_ons
+        if addon.rational is not None
+    ]
     poles = np.concatenate([roots(np.array(factor, float)) for factor in factors])
     numerator = np.trim_zeros(np.array(system.numerator, float), "b")
     return PolesZeros(roots(numerator), poles, float(system.gain) * float(numerator[-1]))
@@ -102,7 +110,9 @@ def _polished(c: np.ndarray) -> np.ndarray:
     slope = np.polyder(descending)
     for _ in range(3):
         step = np.polyval(descending, found) / np.polyval(slope, found)
-        found = found - np.where(np.isfinite(step) & (np.abs(step) < 1e-3 * np.abs(found)), step, 0.0)
+        found = found - np.where(
+            np.isfinite(step) & (np.abs(step) < 1e-3 * np.abs(found)), step, 0.0
+        )
     return scale * paired(found)
 
 
@@ -128,7 +138,9 @@ def uncertainties(sensor: Exported, which: str) -> np.ndarray | None:
         moved = [{**known.values, name: known.values[name] + sign * step} for sign in (-1.0, 1.0)]
         near = [replace(sensor, known=replace(known, values=values)) for values in moved]
         low, high = (getattr(poles_zeros(one), which) for one in near)
-        slopes.append((high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base)))
+        slopes.append(
+            (high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base))
+        )
     slope: np.ndarray = np.stack(slopes, axis=1)  # (roots, parameters)
     real, imag = (
         np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", part, known.covariance, part), 0.0))

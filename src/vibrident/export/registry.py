@@ -8,5 +8,9 @@ from vibrident.base.registry import Registry
 
 #: ``vibrident.export.form.Format`` objects.
 EXPORTS: Registry[Any] = Registry(
-    "export format", "vibrident.exports", ("export/formats",), ("vibrident.export.form:Format",), "⟦export.form⟧"
+    "export format",
+    "vibrident.exports",
+    ("export/formats",),
+    ("vibrident.export.form:Format",),
+    "⟦export.form⟧",
 )

@@ -27,7 +27,9 @@ class Exported:
     known: IdentifiedSensor  # the identified sensor
     model: SensorModel  # the exported model: the result's without what is left out
     band_hz: tuple[float, float]  # lowest and highest frequency of the data, or the user's choice
-    left_out: tuple[str, ...] = field(default=(), kw_only=True)  # add-ons of the result that the export does not hold
+    left_out: tuple[str, ...] = field(
+        default=(), kw_only=True
+    )  # add-ons of the result that the export does not hold
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -47,7 +49,11 @@ class Exported:
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
         """Complex sensitivity to ``quantity`` at ``frequency_hz``, shape (points,), for e^{+jωt}."""
-        return np.asarray(self.model.frequency_response(self.values, np.asarray(frequency_hz, float), self.quantity))
+        return np.asarray(
+            self.model.frequency_response(
+                self.values, np.asarray(frequency_hz, float), self.quantity
+            )
+        )
 
     @property
     def delay_s(self) -> float:
@@ -88,7 +94,9 @@ class Exported:
         for name in names:
             if name not in possible:
                 remedy = "identify with a model without it, if the sensor has none"
-                raise unknown(f"{name!r} cannot be left out.", name, possible, "⟦export.without⟧", remedy)
+                raise unknown(
+                    f"{name!r} cannot be left out.", name, possible, "⟦export.without⟧", remedy
+                )
         kept = [addon for addon in self.model.add_ons if addon.name not in names]
         gone = tuple(addon.name for addon in self.model.add_ons if addon.name in names)
         model = parse("+".join([self.model.core.name, *(addon.name for addon in kept)]))
@@ -97,7 +105,11 @@ class Exported:
     @property
     def apart(self) -> list[str]:
         """Add-ons of the exported model that its poles and zeros do not hold, a delay first."""
-        return [addon.name for addon in reversed(self.model.add_ons) if addon.rational is None and addon.force is None]
+        return [
+            addon.name
+            for addon in reversed(self.model.add_ons)
+            if addon.rational is None and addon.force is None
+        ]
 
     @property
     def window_s(self) -> float:
@@ -145,7 +157,10 @@ def require_linear(sensor: Exported) -> None:
             expected="a linear model, or a format of tables and curves",
             found=sensor.model.name,
             where="⟦export.form⟧",
-            remedy=f"give ⟦export.without = [{bent[0].name!r}]⟧ for what the sensor is to small signals",
+            remedy=(
+                f"give ⟦export.without = [{bent[0].name!r}]⟧ for what the sensor is to small "
+                "signals"
+            ),
         )
 
 
@@ -167,10 +182,15 @@ def identity(sensor: ExportedSensor) -> list[str]:
     result = sensor.result
     named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]
     lines = ["sensor: " + (" ".join(part for part in named if part) or "not named")]
-    lines.append(f"model: {result.model}, identified by vibrident ({result.estimator}), written by {__version__}")
+    lines.append(
+        f"model: {result.model}, identified by vibrident ({result.estimator}), written by "
+        f"{__version__}"
+    )
     when = result.provenance.get("time")
     lines += [f"identified: {when}"] if when else []
-    lines.append(f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative")
+    lines.append(
+        f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative"
+    )
     lines.append(f"band of the data: {sensor.band_hz[0]!r} Hz to {sensor.band_hz[1]!r} Hz")
     for name, p in result.parameters.items():
         unit = "" if p.unit == "1" else f" {p.unit}"
@@ -180,10 +200,15 @@ def identity(sensor: ExportedSensor) -> list[str]:
     if result.warning_codes:
         lines.append("warnings of the result: " + ", ".join(result.warning_codes))
     lines += [f"left out on request: {name}" for name in sensor.left_out]
-    bent = {addon.name: addon.title for addon in sensor.known.model.add_ons if addon.force is not None}
+    bent = {
+        addon.name: addon.title for addon in sensor.known.model.add_ons if addon.force is not None
+    }
     spring = "without the {} this is the sensor's response to small signals only"
     lines += [spring.format(bent[name]) for name in sensor.left_out if name in bent]
     if set(sensor.left_out) - set(bent):
         error = sensor.error_of_leaving_out
-        lines.append(f"without it, the response deviates from the model by up to {error:.2e} (relative) over the band")
+        lines.append(
+            f"without it, the response deviates from the model by up to {error:.2e} (relative) "
+            "over the band"
+        )
     return [one_line(line) for line in lines]

@@ -1,1 +1,1 @@
-"""From data to result: ``identification`` is the path on one screen."""
+"""Estimation, from data to result: ``identification`` is the path on one screen."""

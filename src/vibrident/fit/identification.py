@@ -118,11 +118,13 @@ def _fit_model(
     return fitted
 
 
-def _held_network(asked: str | Estimator) -> Ipnn | None:
+def _held_network(estimator: str | Estimator) -> Ipnn | None:
     """Return the network of a held drive; None where another was asked for."""
-    if asked == AUTO:
+    if estimator == AUTO:
         return Ipnn(discretisation="zoh")
-    return asked if isinstance(asked, Ipnn) and asked.discretisation == "zoh" else None
+    if isinstance(estimator, Ipnn) and estimator.discretisation == "zoh":
+        return estimator
+    return None
 
 
 def _fit_drive(
@@ -135,7 +137,10 @@ def _fit_drive(
         plain = Fitted.from_evidence(evidence, chosen, progress)
         if plain.adequate:
             return plain
-        held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
+        # The hold turns the phase by half a sample: what explains most of the motion is near.
+        near = plain.values if plain.judgement.explained > 0.5 else None
+        held = Fitted.from_evidence(replace(evidence, start=near), stairs, progress)
+        held = fit_stairs(replace(held, evidence=evidence))
         return held if held.adequate else plain
     held = fit_stairs(Fitted.from_evidence(evidence, stairs, progress))
     if held.adequate or chosen is stairs:
@@ -156,15 +161,15 @@ def _data_scale(estimate: Estimate, data: BudgetRow) -> float:
 
 
 def _estimator(
-    evidence: Evidence, asked: str | Estimator, scope: Uncertainty
+    evidence: Evidence, estimator: str | Estimator, scope: Uncertainty
 ) -> tuple[Estimator, str]:
     """Return the estimator asked for or the one that suits, and the reason.
 
     ``scope``: what the uncertainty covers.
     """
-    if not isinstance(asked, str):
-        return asked, "chosen by the user"
+    if not isinstance(estimator, str):
+        return estimator, "chosen by the user"
     chosen, reason = (
-        choose(evidence) if asked == AUTO else (ESTIMATORS[asked], "chosen by the user")
+        choose(evidence) if estimator == AUTO else (ESTIMATORS[estimator], "chosen by the user")
     )
     return (chosen.for_noise_alone() if scope == "noise" else chosen), reason

@@ -61,22 +61,25 @@ def identify_many(
     """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
 
     Args:
-        calibrations: calibrations, or paths of calibration files, taken one by one as results are asked for, so that
-            only a few are in memory.
+        calibrations: calibrations, or paths of calibration files, taken one by one as results are
+            asked for, so that only a few are in memory.
         model: as for :func:`vibrident.identify`, the same for all.
         estimator: as for :func:`vibrident.identify`, the same for all.
         uncertainty: as for :func:`vibrident.identify`, the same for all.
-        workers: processes, this one among them; the others have one thread of arithmetic each. A script that asks for
-            more than 1 needs the usual ``if __name__ == "__main__":``.
-        refused: on an error of input or model: ``raise`` it, which ends the iteration, or ``return`` it in place of the
-            result.
+        workers: processes, this one among them; the others have one thread of arithmetic each. A
+            script that asks for more than 1 needs the usual ``if __name__ == "__main__":``.
+        refused: on an error of input or model: ``raise`` it, which ends the iteration, or
+            ``return`` it in place of the result.
 
     Raises:
         ModelError: a model made in Python, and several processes.
         ValueError: ``workers`` is below one, or ``refused`` is something else.
     """
     if workers < 1 or refused not in ("raise", "return"):
-        raise ValueError(f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, {refused!r}")
+        raise ValueError(
+            f"workers of 1 or more and refused 'raise' or 'return' are needed, not {workers}, "
+            f"{refused!r}"
+        )
     if workers > 1 and not (model is None or isinstance(model, str)):
         raise ModelError(
             "A model made in Python cannot go to other processes.",
@@ -86,11 +89,17 @@ def identify_many(
             remedy="leave workers out, or register the model as a plug-in",
         )
     given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
-    found = (_identified(one, given) for one in calibrations) if workers == 1 else _beside(calibrations, given, workers)
+    found = (
+        (_identified(one, given) for one in calibrations)
+        if workers == 1
+        else _beside(calibrations, given, workers)
+    )
     return _told(found, refused)
 
 
-def _told(found: Iterable[Result | VibridentError], refused: str) -> Iterator[Result | VibridentError]:
+def _told(
+    found: Iterable[Result | VibridentError], refused: str
+) -> Iterator[Result | VibridentError]:
     for one in found:
         if isinstance(one, VibridentError) and refused == "raise":
             raise one
@@ -106,13 +115,16 @@ def _identified(calibration: Given, given: dict[str, Any]) -> Result | Vibrident
         return error
 
 
-def _beside(calibrations: Iterable[Given], given: dict[str, Any], workers: int) -> Iterator[Result | VibridentError]:
+def _beside(
+    calibrations: Iterable[Given], given: dict[str, Any], workers: int
+) -> Iterator[Result | VibridentError]:
     """Here and in further processes, a few calibrations ahead of the caller.
 
-    The others are started once this one has worked as long as that takes, which a few small sensors do not need; and
-    this one works on meanwhile, and where it would wait for one of them.
+    The others are started once this one has worked as long as that takes, which a few small sensors
+    do not need; and this one works on meanwhile, and where it would wait for one of them.
     """
-    rest, spent_s = iter(calibrations), 0.0
+    rest = iter(calibrations)
+    spent_s = 0.0
     for calibration in rest:
         begin = time.perf_counter()
         found = _identified(calibration, given)
@@ -144,7 +156,9 @@ def _started(processes: int) -> ProcessPoolExecutor:
     os.environ.update(ONE_THREAD)
     try:
         pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
-        for _ in range(processes + 1):  # a pool takes one call more than it can work on, and does not give it back
+        for _ in range(
+            processes + 1
+        ):  # a pool takes one call more than it can work on, and does not give it back
             pool.submit(_load)
     finally:
         for name, value in before.items():

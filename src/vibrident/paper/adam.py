@@ -23,12 +23,14 @@ def adam(
 ) -> Trace:
     """Minimise the squared residual by Adam (Kingma & Ba 2015).
 
-    Adam's steps do not depend on the scale of the cost, so the mean and the sum of squares train alike.
+    Adam's steps do not depend on the scale of the cost, so the mean and the sum of squares train
+    alike.
     """
     takes_part("optax")
     z = jnp.asarray(start, dtype=float)
     state = optax.adam(learning_rate).init(z)
-    costs, path = [], []
+    costs = []
+    path = []
     for iteration in range(1, steps + 1):
         local = objective(z, args)
         costs.append(float(local.cost))

@@ -3,8 +3,9 @@
     GRU   Cho et al. 2014, doi:10.3115/v1/D14-1179
     LSTM  Hochreiter & Schmidhuber 1997, doi:10.1162/neco.1997.9.8.1735
 
-The cells are equinox's (Table 3: hidden 16, tanh, no bias); a linear layer without bias reads the output from the
-hidden state. They compute in float32, as is usual for such networks; their errors are far larger.
+The cells are equinox's (Table 3: hidden 16, tanh, no bias); a linear layer without bias reads the
+output from the hidden state. They compute in float32, as is usual for such networks; their errors
+are far larger.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from vibrident.paper.training import Schedule, Trained, train
 from vibrident.paper.unrolled import weighted_mse
 
 Kind = Literal["gru", "lstm"]
-_UNROLL = {"gru": 4, "lstm": 1}  # unrolled steps in a body of the scan: more takes longer to compile and runs no faster
+#: Unrolled steps in a body of the scan: more takes longer to compile and runs no faster.
+_UNROLL = {"gru": 4, "lstm": 1}
 HIDDEN = 16
 
 
@@ -42,11 +44,11 @@ class Recurrent(eqx.Module):
 
     @property
     def weights(self) -> int:
-        """Number of weights that training moves."""
+        """Return the number of weights that training moves."""
         return sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(self, eqx.is_inexact_array)))
 
     def __call__(self, inputs: Any) -> Any:
-        """Outputs, shape (steps, batch), for inputs of the same shape; the hidden state is zero at the first step."""
+        """Return the outputs, shape (steps, batch), for inputs of the same shape; the hidden state is zero at the first step."""
         rest = jnp.zeros((inputs.shape[1], self.readout.shape[0]), jnp.float32)
         start = (rest, rest) if self.kind == "lstm" else rest
 
@@ -70,7 +72,9 @@ def fit_recurrent(dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int
     return train(network, loss, windows, held_back, schedule, rng=rng)
 
 
-def predict_recurrent(network: Recurrent, dataset: Dataset, indices: tuple[int, ...]) -> list[FloatArray]:
+def predict_recurrent(
+    network: Recurrent, dataset: Dataset, indices: tuple[int, ...]
+) -> list[FloatArray]:
     """Normalised response of whole records from a zero state, the samples that are scored."""
     inputs = whole_records(dataset, indices)
     outputs = np.asarray(_outputs(network, jnp.asarray(inputs[:, 0, :])), dtype=float)

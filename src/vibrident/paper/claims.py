@@ -30,17 +30,26 @@ class Claim:
 
 
 def of_the_paper(run: Reproduction) -> list[Claim]:
-    """Every claim of the paper that a number can decide, under its own conditions (Euler, Adam)."""
-    claims = [*_of_section(run.simulation, "simulation"), _rpd(run.simulation), _lstm_worst(run.simulation)]
+    """Return every claim of the paper that a number can decide, under its own conditions (Euler, Adam)."""
+    claims = [
+        *_of_section(run.simulation, "simulation"),
+        _rpd(run.simulation),
+        _lstm_worst(run.simulation),
+    ]
     claims += _curve_claims(run)
-    claims += _of_section(run.interferometer, "experiment, simulated") + _experiment_claims(run.interferometer)
+    claims += _of_section(run.interferometer, "experiment, simulated") + _experiment_claims(
+        run.interferometer
+    )
     if run.seismometer is not None:
-        claims += _of_section(run.seismometer, "experiment, measured") + _experiment_claims(run.seismometer)
+        claims += _of_section(run.seismometer, "experiment, measured") + _experiment_claims(
+            run.seismometer
+        )
     return claims
 
 
 def _of_section(section: PaperSection, where: str) -> list[Claim]:
-    gru, lstm = _rmse(section, "GRU"), _rmse(section, "LSTM")
+    gru = _rmse(section, "GRU")
+    lstm = _rmse(section, "LSTM")
     claims = []
     for name, why in (
         (methods.PUBLISHED, "Euler's discretisation error remains, as large as their errors"),
@@ -71,7 +80,9 @@ def _rmse(section: PaperSection, name: str) -> float:
 
 def _rpd(section: PaperSection) -> Claim:
     names = ("GRU", "LSTM", methods.PUBLISHED)
-    found = {name: metrics.rpd for name in names if (metrics := section.row(name).metrics) is not None}
+    found = {
+        name: metrics.rpd for name in names if (metrics := section.row(name).metrics) is not None
+    }
     return Claim(
         "all three predict reliably, RPD > 3 (simulation)",
         ", ".join(f"{name.split(' (')[0]} {value:.3g}" for name, value in found.items()),
@@ -91,9 +102,12 @@ def _lstm_worst(section: PaperSection) -> Claim:
 
 
 def _curve_claims(run: Reproduction) -> list[Claim]:
-    section, rate = run.simulation, run.settings.rate_hz
-    euler, plain = section.deviations[methods.PUBLISHED], section.deviations[methods.PLAIN]
-    said, said_lsm = published.SIMULATION["IPNN"], published.SIMULATION["LSM"]
+    section = run.simulation
+    rate = run.settings.rate_hz
+    euler = section.deviations[methods.PUBLISHED]
+    plain = section.deviations[methods.PLAIN]
+    said = published.SIMULATION["IPNN"]
+    said_lsm = published.SIMULATION["LSM"]
     why = f"forward Euler at {rate / 1e3:g} kHz; see the study of sampling rates"
     crude = section.deviations[methods.EXTREMES]
     return [
@@ -122,7 +136,8 @@ def _curve_claims(run: Reproduction) -> list[Claim]:
 def _experiment_claims(section: PaperSection) -> list[Claim]:
     where = "simulated" if section.simulated else "measured"
     said = published.EXPERIMENT["IPNN"]
-    euler, exact = section.deviations[methods.PUBLISHED], section.deviations[methods.EXACT]
+    euler = section.deviations[methods.PUBLISHED]
+    exact = section.deviations[methods.EXACT]
     plain = section.deviations.get(methods.PLAIN)
     physics = "exact weights and a delay"
     if not section.simulated:
@@ -140,22 +155,28 @@ def _experiment_claims(section: PaperSection) -> list[Claim]:
         )
     ]
     if plain is None:
-        found, holds = "plain LSM gives no stable sensor", True
+        found = "plain LSM gives no stable sensor"
+        holds = True
         why = "points of small sensitivity dominate, and are noise"
     else:
-        cut, holds = 100.0 * (1.0 - euler.mean / plain.mean), False
-        found, why = f"{euler.mean / plain.mean:.3g} times LSM's", "Euler's error"
+        cut = 100.0 * (1.0 - euler.mean / plain.mean)
+        holds = False
+        found = f"{euler.mean / plain.mean:.3g} times LSM's"
+        why = "Euler's error"
         if cut > 0:
-            found, holds = f"{cut:.3g} % below", cut >= 100.0 * published.DEVIATION_REDUCTION
+            found = f"{cut:.3g} % below"
+            holds = cut >= 100.0 * published.DEVIATION_REDUCTION
             why = "plain LSM weighs 1/H equally, so the points of small sensitivity dominate"
     claim = f"IPNN's mean deviation about 65 % below plain LSM's ({where}), {methods.PUBLISHED}"
     return [*claims, Claim(claim, found, holds, why)]
 
 
 def of_our_own(run: Reproduction) -> list[Claim]:
-    """This package's own targets in the paper's simulation."""
+    """Return this package's own targets in the paper's simulation."""
     exact = run.simulation.deviations[methods.EXACT]
-    point = next(p for p in run.noise.points if p.method == "IPNN, exact weights" and p.level == NOISE_LEVEL)
+    point = next(
+        p for p in run.noise.points if p.method == "IPNN, exact weights" and p.level == NOISE_LEVEL
+    )
     ratios = run.noise.over_bound("IPNN, exact weights", NOISE_LEVEL)
     mean_ratio = point.mean_percent / (run.noise.bound_mean_percent * NOISE_LEVEL)
     words = ", ".join(f"{name.replace('_', ' ')} {ratio:.2f}" for name, ratio in ratios.items())

@@ -15,7 +15,14 @@ import numpy as np
 from scipy import ndimage
 
 from vibrident.base.errors import InputError
-from vibrident.data.records import STANDARD_GRAVITY, BoolArray, Calibration, FloatArray, Provenance, Record
+from vibrident.data.records import (
+    STANDARD_GRAVITY,
+    BoolArray,
+    Calibration,
+    FloatArray,
+    Provenance,
+    Record,
+)
 from vibrident.physics.discretisation import Method, method
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import (
@@ -34,10 +41,12 @@ SENSOR = SENSORS["paper"]
 RATE_HZ = 51200.0
 SAMPLES = 16000
 SNR_DB = 20.0  # excitation over its noise, as the paper states it
-#: Below this frequency a record is sampled more slowly, so that it holds as many periods as this one does.
+#: Below this frequency a record is sampled more slowly, so that it holds as many periods as this
+#: one does.
 SLOWER_BELOW_HZ = 10.0
 TRAINING_SHARE = 0.8  # share of the records that are trained on
-OUTLYING = 10.0  # robust standard deviations from its neighbours beyond which a sample is an outlier
+#: Robust standard deviations from its neighbours beyond which a sample is an outlier.
+OUTLYING = 10.0
 LARGEST_STEP = 0.3  # longest step of RK4 in radians of the natural frequency
 
 
@@ -45,8 +54,9 @@ LARGEST_STEP = 0.3  # longest step of RK4 in radians of the natural frequency
 class Scale:
     """One scale for all records of a channel: physical value = normalised value · unit.
 
-    The smallest and the largest normalised value over the training records lie in [−1, 1] and one of them equals ±1.
-    Zero stays zero, unlike the paper's min–max: a network without bias cannot correct a shift.
+    The smallest and the largest normalised value over the training records lie in [−1, 1] and one
+    of them equals ±1. Zero stays zero, unlike the paper's min–max: a network without bias cannot
+    correct a shift.
     """
 
     unit: float  # physical value of a normalised 1
@@ -54,8 +64,9 @@ class Scale:
 
     @classmethod
     def of(cls, signals: Sequence[FloatArray]) -> Scale:
-        """The scale of these signals together."""
-        low, high = min(float(s.min()) for s in signals), max(float(s.max()) for s in signals)
+        """Return the scale of these signals together."""
+        low = min(float(s.min()) for s in signals)
+        high = max(float(s.max()) for s in signals)
         return cls(max(abs(low), abs(high)), -(high + low) / (high - low))
 
 
@@ -63,7 +74,8 @@ class Scale:
 class Dataset:
     """Records split and scaled."""
 
-    calibration: Calibration  # physical units; outliers are replaced in the signals and marked invalid
+    # Physical units; outliers are replaced in the signals and marked invalid.
+    calibration: Calibration
     training: tuple[int, ...]  # indices of the records to train on
     test: tuple[int, ...]  # indices of the others
     reference: Scale  # scale of the reference channel
@@ -73,8 +85,10 @@ class Dataset:
 
     @property
     def training_calibration(self) -> Calibration:
-        """The training records alone, in physical units."""
-        return replace(self.calibration, records=tuple(self.calibration.records[i] for i in self.training))
+        """Return the training records alone, in physical units."""
+        return replace(
+            self.calibration, records=tuple(self.calibration.records[i] for i in self.training)
+        )
 
     @property
     def sha256(self) -> str:
@@ -85,17 +99,23 @@ class Dataset:
         return digest.hexdigest()
 
 
-def section_4(*, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False) -> Dataset:
-    """The paper's simulated data, at a rate that it does not state; ``seed``: of the noise and of the split.
+def section_4(
+    *, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False
+) -> Dataset:
+    """Return the paper's simulated data, at a rate that it does not state; ``seed``: of the noise and of the split.
 
     ``full_range``: 0.1 to 1000 Hz (41 records) in place of 10 to 1000 Hz (21, the paper's number).
     """
-    calibration, motions = sines(seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0)
+    calibration, motions = sines(
+        seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0
+    )
     return replace(prepared(calibration, seed=seed), motions=motions)
 
 
-def sines(*, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0) -> tuple[Calibration, tuple[Motion, ...]]:
-    """The paper's sines to 1000 Hz with noise motion, the response by RK4; and the motions."""
+def sines(
+    *, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0
+) -> tuple[Calibration, tuple[Motion, ...]]:
+    """Return the paper's sines to 1000 Hz with noise motion, the response by RK4; and the motions."""
     frequencies = one_third_octave(low_hz, 1000.0)
     rates = rate_hz * np.minimum(1.0, frequencies / SLOWER_BELOW_HZ)
     streams = np.random.SeedSequence(seed).spawn(len(frequencies))
@@ -115,7 +135,9 @@ def sines(*, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0) -> t
             frequency_hz=float(frequency),
             provenance=Provenance(history=(made, f"motion: {motion.words}")),
         )
-        for frequency, rate, motion, response in zip(frequencies, rates, motions, responses, strict=True)
+        for frequency, rate, motion, response in zip(
+            frequencies, rates, motions, responses, strict=True
+        )
     ]
     whole = Calibration(
         tuple(records),
@@ -126,7 +148,9 @@ def sines(*, seed: int, rate_hz: float, samples: int, low_hz: float = 10.0) -> t
     return whole, motions
 
 
-def _motion(frequency_hz: float, rate_hz: float, samples: int, rng: np.random.Generator) -> Superposition:
+def _motion(
+    frequency_hz: float, rate_hz: float, samples: int, rng: np.random.Generator
+) -> Superposition:
     rms = STANDARD_GRAVITY / np.sqrt(2.0) * 10.0 ** (-SNR_DB / 20.0)
     noise = excitation_noise(rms, sampling_rate_hz=rate_hz, samples=samples, rng=rng)
     return Superposition((Sine(frequency_hz, STANDARD_GRAVITY, -0.5 * np.pi), noise))
@@ -183,21 +207,24 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
 
 
 def outliers(signal: FloatArray) -> BoolArray:
-    """Samples far from the cubic through their four neighbours, shape (samples,).
+    """Return the samples far from the cubic through their four neighbours, shape (samples,).
 
-    The distance is relative to the usual one in the same record, so neither noise nor a steep signal is an outlier. An
-    outlier also affects its neighbours: of five samples only the farthest counts, which finds spikes of one sample.
+    The distance is relative to the usual one in the same record, so neither noise nor a steep
+    signal is an outlier. An outlier also affects its neighbours: of five samples only the farthest
+    counts, which finds spikes of one sample.
     """
     k = np.arange(2, signal.size - 2)
     distance = np.zeros(signal.size)
-    distance[k] = np.abs(signal[k] - (4.0 * (signal[k - 1] + signal[k + 1]) - signal[k - 2] - signal[k + 2]) / 6.0)
+    distance[k] = np.abs(
+        signal[k] - (4.0 * (signal[k - 1] + signal[k + 1]) - signal[k - 2] - signal[k + 2]) / 6.0
+    )
     # A clean signal's distances are rounding and curvature, and define no usual distance.
     limit = max(OUTLYING * 1.4826 * float(np.median(distance)), 0.02 * float(np.std(signal)))
     return (distance > limit) & (distance == ndimage.maximum_filter1d(distance, 5))
 
 
 def _mended(record: Record) -> tuple[Record, int]:
-    """The record with its outliers replaced by their neighbours' mean and marked; and how many there were."""
+    """Return the record with its outliers replaced by their neighbours' mean and marked; and how many there were."""
     channels = {"reference": reference_of(record), "response": record.response}
     found = {name: outliers(signal) for name, signal in channels.items()}
     bad = found["reference"] | found["response"]
@@ -208,7 +235,9 @@ def _mended(record: Record) -> tuple[Record, int]:
         for name, signal in channels.items()
     }
     marked = record.without(bad, "outliers")
-    return replace(marked, reference=smooth["reference"], response=smooth["response"]), int(np.sum(bad))
+    return replace(marked, reference=smooth["reference"], response=smooth["response"]), int(
+        np.sum(bad)
+    )
 
 
 def reference_of(record: Record) -> FloatArray:
@@ -220,7 +249,8 @@ def reference_of(record: Record) -> FloatArray:
 RUN_IN = 512  # steps of a window that are run and not scored, also at the beginning of a record
 SCORED = 512  # steps of a window that are scored
 RUN_OUT = 40  # steps at the end of a record that are not scored
-HOLD_BACK = 5  # one of so many windows of the training records is held back for early stopping: 8:2 again
+#: One of so many windows of the training records is held back for early stopping: 8:2 again.
+HOLD_BACK = 5
 
 
 class Windows(NamedTuple):
@@ -241,7 +271,8 @@ class Seen:
 
     def of(self, record: Record, unit: float) -> FloatArray:
         """Normalised inputs of a record, shape (samples, terms)."""
-        late, every = self.delay_s * record.sampling_rate_hz, np.ones(record.samples, dtype=bool)
+        late = self.delay_s * record.sampling_rate_hz
+        every = np.ones(record.samples, dtype=bool)
         return self.method.inputs(reference_of(record), every, self.terms, late).coefficients / unit
 
 
@@ -262,12 +293,14 @@ def _of_record(dataset: Dataset, record: Record, seen: Seen) -> Windows:
     score = record.mask.astype(float)[take]
     score[:, :RUN_IN] = 0.0
     return Windows(
-        seen.of(record, dataset.reference.unit)[take], (record.response / dataset.response.unit)[take], score
+        seen.of(record, dataset.reference.unit)[take],
+        (record.response / dataset.response.unit)[take],
+        score,
     )
 
 
 def scored(record: Record) -> slice:
-    """The samples of a whole record on which predictions are compared."""
+    """Return the samples of a whole record on which predictions are compared."""
     return slice(RUN_IN, record.samples - RUN_OUT)
 
 

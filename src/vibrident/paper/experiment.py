@@ -1,9 +1,11 @@
 """The data for the paper's section 5, whose own are private: the same protocol on two other sets.
 
-``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion measured by a laser vibrometer of
-50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10 V.
+``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion measured by a
+laser vibrometer of 50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10
+V.
 
-``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, if available.
+``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, if
+available.
 """
 
 from __future__ import annotations
@@ -20,10 +22,12 @@ from vibrident.data.screening import screen
 from vibrident.paper.dataset import SENSOR, Dataset, prepared, reference_of
 from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 
-VIBROMETER = 0.050  # scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it
+#: Scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it.
+VIBROMETER = 0.050
 FULL_SCALE_V = 10.0  # full scale of the converter, V
 BITS = 24  # bits of the converter
-#: Noise of the velocity, (m/s)/√Hz. This and the next four are assumed, because the paper does not state them.
+#: Noise of the velocity, (m/s)/√Hz. This and the next four are assumed, because the paper does not
+#: state them.
 VELOCITY_NOISE = 1e-7
 RESPONSE_NOISE_V = 1e-4  # noise of the sensor's channel, V rms
 VIBROMETER_DELAY_S = 5e-6  # delay of the vibrometer behind the sensor's channel, s
@@ -31,7 +35,10 @@ SHAKER_DB = 40.0  # shaker's own vibration below the sine, dB
 SHAKER_BAND_HZ = (5.0, 4000.0)  # band of that vibration, Hz
 #: The vibrometer is later than the response, so the response's delay relative to it is negative.
 MSV_3000 = Sensor(
-    "msv3000", "MSV 3000 type, simulated", "accelerometer+delay", {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S}
+    "msv3000",
+    "MSV 3000 type, simulated",
+    "accelerometer+delay",
+    {**SENSOR.parameters, "delay": -VIBROMETER_DELAY_S},
 )
 _HALF = 80  # half length of the filter from velocity to acceleration, samples
 _EDGE_HZ = 5000.0  # its upper edge, Hz
@@ -50,7 +57,7 @@ class Experiment:
 
 
 def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000) -> Experiment:
-    """A calibration by a simulated vibrometer, 21 sines of 1 g from 10 to 1000 Hz."""
+    """Return a calibration by a simulated vibrometer, 21 sines of 1 g from 10 to 1000 Hz."""
     white = VELOCITY_NOISE * np.sqrt(rate_hz / 2.0)
     limit = FULL_SCALE_V * VIBROMETER
     calibration = simulate(
@@ -63,12 +70,16 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
         excitation_snr_db=SHAKER_DB,
         excitation_noise_band_hz=SHAKER_BAND_HZ,
         reference_noise=ChannelNoise(white=white, unit="channel", full_scale=limit, bits=BITS),
-        response_noise=ChannelNoise(white=RESPONSE_NOISE_V, unit="channel", full_scale=FULL_SCALE_V, bits=BITS),
+        response_noise=ChannelNoise(
+            white=RESPONSE_NOISE_V, unit="channel", full_scale=FULL_SCALE_V, bits=BITS
+        ),
         seed=seed,
     )
     own = replace(calibration, records=tuple(_cropped(record) for record in calibration.records))
     differentiated = tuple(_differentiated(record) for record in calibration.records)
-    published = replace(calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2")
+    published = replace(
+        calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2"
+    )
     return Experiment(
         "simulated interferometer calibration of an MSV 3000 type sensor",
         True,
@@ -81,13 +92,18 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
 def _cropped(record: Record) -> Record:
     part = slice(_HALF, record.samples - _HALF)
     return replace(
-        record, reference=reference_of(record)[part], response=record.response[part], valid=record.mask[part]
+        record,
+        reference=reference_of(record)[part],
+        response=record.response[part],
+        valid=record.mask[part],
     )
 
 
 def _differentiated(record: Record) -> Record:
     """Velocity to acceleration by a windowed band-limited differentiator, zero above ``_EDGE_HZ``."""
-    acceleration = np.convolve(reference_of(record), _differentiator(record.sampling_rate_hz), mode="valid")
+    acceleration = np.convolve(
+        reference_of(record), _differentiator(record.sampling_rate_hz), mode="valid"
+    )
     return replace(_cropped(record), reference=acceleration)
 
 
@@ -126,26 +142,33 @@ excitation = "sine"
 
 
 def seismometer(data: Path, *, seed: int) -> Experiment | None:
-    """The sine steps of an SM-3 seismometer: drive to laser; None if the folder ``data`` holds no ``sm3``."""
+    """Return the sine steps of an SM-3 seismometer: drive to laser; None if the folder ``data`` holds no ``sm3``."""
     folder = data / "sm3"
     if not any(folder.glob("*Hz.csv")):
         return None
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "sm3-laser.toml"
-        file.write_text(_SEISMOMETER.replace("*Hz.csv", f"{folder.resolve().as_posix()}/*Hz.csv"), encoding="utf-8")
+        file.write_text(
+            _SEISMOMETER.replace("*Hz.csv", f"{folder.resolve().as_posix()}/*Hz.csv"),
+            encoding="utf-8",
+        )
         calibration = read(file)
     records, _ = screen(calibration.records)
     records = [replace(record, name=Path(record.name).stem.replace("_", ".")) for record in records]
     dataset = prepared(_centred(replace(calibration, records=tuple(records))), seed=seed)
-    return Experiment("measured: SM-3 seismometer, laser on its mass", False, dataset, dataset, None)
+    return Experiment(
+        "measured: SM-3 seismometer, laser on its mass", False, dataset, dataset, None
+    )
 
 
 def _centred(calibration: Calibration) -> Calibration:
-    """Both channels without their means: networks without bias cannot hold an offset."""
+    """Return both channels without their means: networks without bias cannot hold an offset."""
     records = []
     for record in calibration.records:
         reference = reference_of(record) - reference_of(record)[record.mask].mean()
         response = record.response - record.response[record.mask].mean()
         provenance = record.provenance.then("means taken off")
-        records.append(replace(record, reference=reference, response=response, provenance=provenance))
+        records.append(
+            replace(record, reference=reference, response=response, provenance=provenance)
+        )
     return replace(calibration, records=tuple(records))

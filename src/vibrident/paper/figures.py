@@ -44,7 +44,10 @@ def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
     """Draw every picture of the run into ``folder`` as PNG; return them in order."""
     wanted = [p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")]
     drawn = [(picture, picture.draw(run)) for picture in wanted]
-    figures = [Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0) for p, stacks in drawn]
+    figures = [
+        Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0)
+        for p, stacks in drawn
+    ]
     for figure in figures:
         plots.save(replace(figure, caption=""), folder / f"{figure.name}.png")
     return figures
@@ -65,7 +68,9 @@ def signals(run: Reproduction) -> Stacks:
             Series(time, reference, "excitation", Look("#9a9a9a", width=0.5)),
             Series(time, response, "response", Look(BLUE, width=1.2)),
         )
-        y = axes.linear("Normalised, one scale a channel" if place == 0 else "Normalised", np.array([-1.0, 1.0]))
+        y = axes.linear(
+            "Normalised, one scale a channel" if place == 0 else "Normalised", np.array([-1.0, 1.0])
+        )
         panel = Panel(axes.linear("Time in ms", time, most=5, margin=0.02), y, series, 1.7)
         stacks.append(Stack((panel,), f"({'abcd'[place]}) {record.name}"))
     return tuple(stacks)
@@ -73,28 +78,36 @@ def signals(run: Reproduction) -> Stacks:
 
 def discrete_sensitivity(run: Reproduction) -> Stacks:
     """Figure 6: the sensitivity of the discrete models with Table 2's parameters against the sensor's own."""
-    model, truth = parse(SENSOR.model), dict(SENSOR.parameters)
+    model = parse(SENSOR.model)
+    truth = dict(SENSOR.parameters)
     frequency = np.geomspace(*BAND_HZ, 301)
     reference = np.abs(model.frequency_response(truth, frequency))
     upper = [Series(frequency, reference, "reference (continuous)", Look(BLACK, width=2.2))]
     lower = []
     for name, look in zip(("euler", "zoh", "bandlimited"), LINES, strict=False):
-        curve, plain = np.abs(discrete_response(name, truth, frequency, run.settings.rate_hz)), replace(look, marker="")
+        curve = np.abs(discrete_response(name, truth, frequency, run.settings.rate_hz))
+        plain = replace(look, marker="")
         upper.append(Series(frequency, curve, name, plain))
         lower.append(Series(frequency, 100.0 * (curve / reference - 1.0), "", plain))
     return _two(frequency, axes.size("|S| in V/(m/s²)", reference), upper, "Deviation in %", lower)
 
 
-def _two(frequency: FloatArray, y: Axis, upper: list[Series], label: str, lower: list[Series]) -> Stacks:
+def _two(
+    frequency: FloatArray, y: Axis, upper: list[Series], label: str, lower: list[Series]
+) -> Stacks:
     """Curves, and below them their deviation."""
-    x, deviations = axes.frequency(frequency), np.concatenate([np.zeros(1), *(one.y for one in lower)])
+    x = axes.frequency(frequency)
+    deviations = np.concatenate([np.zeros(1), *(one.y for one in lower)])
     below = Panel(x, axes.linear(label, deviations), tuple(lower), 1.7)
     return (Stack((Panel(x, y, tuple(upper), 2.2), below)),)
 
 
-def discrete_response(name: str, parameters: dict[str, float], frequency_hz: FloatArray, rate_hz: float) -> Any:
-    """Complex sensitivity of the network whose weights are the physics under a discretisation, shape (points,)."""
-    step, interval = method(name), 1.0 / rate_hz
+def discrete_response(
+    name: str, parameters: dict[str, float], frequency_hz: FloatArray, rate_hz: float
+) -> Any:
+    """Return the complex sensitivity of the network whose weights are the physics under a discretisation, shape (points,)."""
+    step = method(name)
+    interval = 1.0 / rate_hz
     system = realise(parse(SENSOR.model).rational(parameters))
     terms = step.terms(2.0 * np.pi * parameters["natural_frequency"] * interval)
     weights = Weights(*(np.asarray(part) for part in step.weights(system, interval, 0.0, terms)))
@@ -105,40 +118,57 @@ def curves(section: PaperSection) -> Stacks:
     """Figures 7 and 9: (a) sensitivity curves, (b) their relative deviation from the reference."""
     model = plain_model(section.published.calibration.model)
     frequency = np.geomspace(*section.band_hz, 401)
-    upper, lower = [], []
+    upper = []
+    lower = []
     if section.points[0].size:
         order = np.argsort(section.points[0])
         reference = section.points[1][order]
         look = Look(BLACK, marker="o")
-        upper.append(Series(section.points[0][order], reference, "laser interferometer", look, "points"))
+        upper.append(
+            Series(section.points[0][order], reference, "laser interferometer", look, "points")
+        )
     else:
         reference = np.abs(model.frequency_response(section.truth or {}, frequency))
         upper.append(Series(frequency, reference, "theory", Look(BLACK, width=2.4)))
     for name, look in zip(SHOWN, LINES, strict=False):
-        found, deviation = section.row(name).parameters, section.deviations.get(name)
+        found = section.row(name).parameters
+        deviation = section.deviations.get(name)
         if found is None or deviation is None:
             continue
         plain = replace(look, marker="")
-        upper.append(Series(frequency, np.abs(model.frequency_response(found, frequency)), name, plain))
+        upper.append(
+            Series(frequency, np.abs(model.frequency_response(found, frequency)), name, plain)
+        )
         order = np.argsort(deviation.frequency_hz)
-        where, percent = np.array(deviation.frequency_hz)[order], np.array(deviation.percent)[order]
+        where = np.array(deviation.frequency_hz)[order]
+        percent = np.array(deviation.percent)[order]
         lower.append(Series(where, percent, "", look if len(where) < 100 else plain))
     return _two(
-        frequency, axes.size(f"(a) |S| in {_unit(section)}", reference), upper, "(b) relative deviation in %", lower
+        frequency,
+        axes.size(f"(a) |S| in {_unit(section)}", reference),
+        upper,
+        "(b) relative deviation in %",
+        lower,
     )
 
 
 def _unit(section: PaperSection) -> str:
     calibration = section.published.calibration
     below = calibration.reference_unit.replace("m/s^2", "m/s²")
-    return f"{calibration.response_unit}/({below})" if "/" in below else f"{calibration.response_unit}/{below}"
+    return (
+        f"{calibration.response_unit}/({below})"
+        if "/" in below
+        else f"{calibration.response_unit}/{below}"
+    )
 
 
 def by_rate(run: Reproduction) -> Stacks:
     """Parameter error against sampling rate for every discretisation."""
     lines = []
     for discretisation in run.settings.discretisations:
-        points = [p for p in run.rates if p.discretisation == discretisation and p.errors is not None]
+        points = [
+            p for p in run.rates if p.discretisation == discretisation and p.errors is not None
+        ]
         errors = {name: [abs((p.errors or {})[name]) for p in points] for name in PARAMETERS}
         errors["curve"] = [0.01 * (p.mean_percent or 0.0) for p in points]
         lines.append((discretisation, [p.rate_hz for p in points], errors))
@@ -162,7 +192,10 @@ def by_noise(run: Reproduction) -> Stacks:
 
 
 #: Panels of the two studies, and their titles.
-_PANELS = {**{name: f"error of {_SYMBOLS[name]}" for name in PARAMETERS}, "curve": "mean deviation of the curve"}
+_PANELS = {
+    **{name: f"error of {_SYMBOLS[name]}" for name in PARAMETERS},
+    "curve": "mean deviation of the curve",
+}
 
 
 #: A line of each panel: its name, and x and y by panel.
@@ -186,7 +219,11 @@ def _four(lines: Sequence[_Line], label: str, bound: _Line | None = None) -> Sta
 
 
 PICTURES = (
-    Picture("figure5", "Figure 5. Excitation and response at typical frequencies, from the start at rest.", signals),
+    Picture(
+        "figure5",
+        "Figure 5. Excitation and response at typical frequencies, from the start at rest.",
+        signals,
+    ),
     Picture(
         "figure6",
         "Figure 6. Sensitivity of the discrete model with Table 2's parameters against the reference: Euler's, a "

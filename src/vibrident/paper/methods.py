@@ -42,10 +42,12 @@ class MethodResult:
     name: str  # for tables
     weights: int  # numbers that were fitted
     metrics: Metrics | None  # prediction of the test records, normalised; None if the method failed
-    parameters: dict[str, float] | None  # the sensor's, SI units; None for a method without parameters, or that failed
+    # The sensor's, SI units; None for a method without parameters, or that failed.
+    parameters: dict[str, float] | None
     epochs: int | None = None  # of training; None if there was none
     converged: bool = True  # whether the stopping rule ended training, and not the limit
-    seconds: float = field(default=0.0, compare=False)  # of fitting, compilation included; differs from run to run
+    # Of fitting, compilation included; differs from run to run.
+    seconds: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,8 @@ class Judge:
     """Data for all methods, and the evaluation of parameters."""
 
     own: Dataset  # reference as recorded, for the package's estimators
-    published: Dataset  # reference as acceleration (or drive), for all others. The same records and samples
+    # Reference as acceleration (or drive), for all others. The same records and samples.
+    published: Dataset
     schedule: Schedule  # of everything that is trained by Adam
     seed: int  # of everything random
 
@@ -66,24 +69,34 @@ class Judge:
         seconds: float,
         trained: Trained | None = None,
     ) -> MethodResult:
-        """A row from predictions of the test records."""
+        """Return a row from predictions of the test records."""
         data = self.published
         records = [data.calibration.records[i] for i in data.test]
         kept = [record.mask[scored(record)] for record in records]
-        measured = [r.response[scored(r)][m] / data.response.unit for r, m in zip(records, kept, strict=True)]
+        measured = [
+            r.response[scored(r)][m] / data.response.unit
+            for r, m in zip(records, kept, strict=True)
+        ]
         metrics = Metrics.of(
-            np.concatenate(measured), np.concatenate([p[m] for p, m in zip(predicted, kept, strict=True)])
+            np.concatenate(measured),
+            np.concatenate([p[m] for p, m in zip(predicted, kept, strict=True)]),
         )
-        values = None if parameters is None else {key: float(value) for key, value in parameters.items()}
+        values = (
+            None if parameters is None else {key: float(value) for key, value in parameters.items()}
+        )
         course = (None, True) if trained is None else (len(trained.training), trained.converged)
         return MethodResult(name, weights, metrics, values, *course, seconds)
 
-    def sensor(self, name: str, weights: int, found: Mapping[str, float], seconds: float, **more) -> MethodResult:
-        """A row from parameters: the test records predicted by the exact network that has them."""
+    def sensor(
+        self, name: str, weights: int, found: Mapping[str, float], seconds: float, **more
+    ) -> MethodResult:
+        """Return a row from parameters: the test records predicted by the exact network that has them."""
         core = plain_model(self.own.calibration.model)
         network = network_for(self.own, core, found, "bandlimited", delay_s=found.get("delay", 0.0))
         values = {key: found[key] for key in core.parameter_names}
-        return self.of(name, weights, network.predict(values, self.own.test), found, seconds, **more)
+        return self.of(
+            name, weights, network.predict(values, self.own.test), found, seconds, **more
+        )
 
 
 def recurrent(judge: Judge, kind: Kind) -> MethodResult:
@@ -103,7 +116,7 @@ def unrolled_network(
     activation: Activation = "linear",
     progress: Progress = silent,
 ) -> MethodResult:
-    """The unrolled network under Adam; ``near`` is the first estimate of the sensor."""
+    """Return the unrolled network under Adam; ``near`` is the first estimate of the sensor."""
     core = plain_model(judge.published.calibration.model)
     network: Network = network_for(judge.published, core, near, discretisation, activation)
     begin = time.perf_counter()
@@ -122,7 +135,7 @@ def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:
 
 
 def least_squares(judge: Judge, name: str, method: Callable[..., dict[str, float]]) -> MethodResult:
-    """The paper's comparison, without delay; without metrics if it gives no stable oscillator."""
+    """Return the paper's comparison, without delay; without metrics if it gives no stable oscillator."""
     begin = time.perf_counter()
     try:
         found = method(judge.published.training_calibration)
@@ -132,7 +145,7 @@ def least_squares(judge: Judge, name: str, method: Callable[..., dict[str, float
 
 
 def pinn(judge: Judge, near: Mapping[str, float], progress: Progress = silent) -> MethodResult:
-    """The network of time; its sensor predicts the test records, which the network itself cannot."""
+    """Return the network of time; its sensor predicts the test records, which the network itself cannot."""
     core = plain_model(judge.published.calibration.model)
     begin = time.perf_counter()
     own = replace(judge.schedule, most_epochs=PINN_EPOCHS * judge.schedule.most_epochs)

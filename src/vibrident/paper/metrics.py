@@ -61,7 +61,10 @@ class CurveDeviation:
 
 
 def curve_deviation(
-    model: SensorModel, found: Mapping[str, float], truth: Mapping[str, float], band_hz: tuple[float, float]
+    model: SensorModel,
+    found: Mapping[str, float],
+    truth: Mapping[str, float],
+    band_hz: tuple[float, float],
 ) -> CurveDeviation:
     """Deviation of the curve of the estimated parameters from the true one, over a band in log f."""
     frequency = np.geomspace(*band_hz, CURVE_POINTS)
@@ -76,8 +79,11 @@ def curve_deviation(
 
 
 def resonance_hz(model: SensorModel, values: Mapping[str, float]) -> float | None:
-    """The resonance frequency; None if there is none."""
-    return next((float(d.value(values)) for d in model.derived(values) if d.name == "resonance_frequency"), None)
+    """Return the resonance frequency; None if there is none."""
+    return next(
+        (float(d.value(values)) for d in model.derived(values) if d.name == "resonance_frequency"),
+        None,
+    )
 
 
 def deviation_at_points(

@@ -50,5 +50,6 @@ class Adam(Optimiser):
         """Take all steps; arguments as of :meth:`Optimiser.train`, of which ``tolerance`` is not used."""
         from vibrident.paper.adam import adam  # loads JAX
 
-        rate, steps = self.learning_rate, self.steps
+        rate = self.learning_rate
+        steps = self.steps
         return adam(network_objective, z, args, learning_rate=rate, steps=steps, progress=progress)

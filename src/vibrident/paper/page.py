@@ -18,7 +18,7 @@ from vibrident.show.views import Document, Figure, Sentence, Table, document, se
 TITLE = "An IPNN-Based Parameter Identification Method for a Vibration Sensor Sensitivity Model, reproduced"
 _SOURCE = (
     "Li, Liu, Cai, Yao, Pan, Yang. Mathematics 2025, 13(22), 3609. Every table and figure of the paper from this "
-    "package, the paper's numbers in italics beside ours; docs/paper.md explains them. The paper's data are private: "
+    "package, the paper's numbers in italics beside ours; studies/paper.md explains them. The paper's data are private: "
     "section 5 is rerun on a simulated interferometer, and on measured records of another sensor where they are at "
     "hand; each table says which."
 )
@@ -26,7 +26,8 @@ _SOURCE = (
 
 def write(run: Reproduction, folder: Path) -> list[Table]:
     """Write ``paper.md``, ``paper.html``, ``paper.json`` and the pictures; return the tables."""
-    tables, pictures = all_tables(run), draw_all(run, folder)
+    tables = all_tables(run)
+    pictures = draw_all(run, folder)
     page = content(tables, pictures)
     links = {picture.name: f"{picture.name}.png" for picture in pictures}
     (folder / "paper.md").write_text(markdown.render(page, links), encoding="utf-8")
@@ -37,13 +38,15 @@ def write(run: Reproduction, folder: Path) -> list[Table]:
 
 
 def content(tables: Sequence[Table], pictures: Sequence[Figure]) -> Document:
-    """The page: a section a table, and the figures."""
+    """Return the page: a section a table, and the figures."""
     sections = [section(table.name, table.title, replace(table, title="")) for table in tables]
-    return document(TITLE, (Sentence(_SOURCE),), [*sections, section("figures", "Figures", *pictures)])
+    return document(
+        TITLE, (Sentence(_SOURCE),), [*sections, section("figures", "Figures", *pictures)]
+    )
 
 
 def filled(text: str, tables: Sequence[Table], where: str) -> str:
-    """A document with this run's tables between its marks ``<!-- reproduce:begin NAME -->`` and ``end``.
+    """Return a document with this run's tables between its marks ``<!-- reproduce:begin NAME -->`` and ``end``.
 
     Marks of tables that this run has not made stay unchanged.
 
@@ -52,7 +55,8 @@ def filled(text: str, tables: Sequence[Table], where: str) -> str:
     """
     count = 0
     for table in tables:
-        begin, end = f"<!-- reproduce:begin {table.name} -->", f"<!-- reproduce:end {table.name} -->"
+        begin = f"<!-- reproduce:begin {table.name} -->"
+        end = f"<!-- reproduce:end {table.name} -->"
         pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
         block = f"{begin}\n{markdown.markdown_table(replace(table, title=''))}\n{end}"
         text, found = pattern.subn(lambda _, block=block: block, text)
@@ -63,6 +67,6 @@ def filled(text: str, tables: Sequence[Table], where: str) -> str:
             expected="marks such as <!-- reproduce:begin table4 --> … <!-- reproduce:end table4 -->",
             found="none of them",
             where=where,
-            remedy="give a document with marks, docs/paper.md say",
+            remedy="give a document with marks, studies/paper.md say",
         )
     return text

@@ -1,8 +1,8 @@
 """A physics-informed network of time (Raissi et al. 2019), against which the paper's introduction sets its own.
 
-One network maps time to the responses of all training records over a short span; its derivatives in time are exact.
-The equation of motion, divided by K, is a second loss, and S0, ωn and δ are
-trained along:
+One network maps time to the responses of all training records over a short span; its derivatives in
+time are exact. The equation of motion, divided by K, is a second loss, and S0, ωn and δ are trained
+along:
 
     V̂_r(t) = network(t)_r          e_r = (V̂̈_r + 2 δ ωn V̂̇_r + ωn² V̂_r)/K − a_r
     loss = mean (V̂_r − V_r)² + mean e_r²        both normalised
@@ -26,8 +26,10 @@ from vibrident.paper.training import Fitted, Schedule, train
 from vibrident.paper.unrolled import start_of_training
 from vibrident.physics.models import SensorModel
 
-SPAN = 1024  # steps of a record for training, from the middle: the longest that it learns in a minute or two
-HARMONICS = 64  # the network sees sine and cosine of so many multiples of half the span's fundamental
+#: Steps of a record for training, from the middle: the longest that it learns in a minute or two.
+SPAN = 1024
+#: The network sees sine and cosine of so many multiples of half the span's fundamental.
+HARMONICS = 64
 HIDDEN = 64  # neurons of each of the two tanh layers that follow
 BATCH = 128  # points a batch
 
@@ -51,8 +53,9 @@ def fit_pinn(
 ) -> Fitted:
     """Train on the middle of the training records, float64, from the same start values as the unrolled network.
 
-    ``dataset``: records of one sampling rate, acceleration or drive as reference; ``model``: an accelerometer without
-    add-ons; ``near``: first estimate of its parameters; ``schedule``: its batch is ``BATCH`` points instead.
+    ``dataset``: records of one sampling rate, acceleration or drive as reference; ``model``: an
+    accelerometer without add-ons; ``near``: first estimate of its parameters; ``schedule``: its
+    batch is ``BATCH`` points instead.
     """
     records = [dataset.calibration.records[i] for i in dataset.training]
     span = min(SPAN, *(record.samples for record in records))
@@ -76,7 +79,9 @@ def fit_pinn(
 
     begin = {"layers": _layers(len(records), seed), "sensor": jnp.asarray(coordinates.first)}
     own = replace(schedule, batch=BATCH)
-    training, held_back = (CollocationPoints(*(a[chosen] for a in points)) for chosen in (~held, held))
+    training, held_back = (
+        CollocationPoints(*(a[chosen] for a in points)) for chosen in (~held, held)
+    )
     rng = np.random.default_rng([seed, 2])
     trained = train(begin, loss, training, held_back, own, rng=rng, progress=progress)
     weights = sum(leaf.size for leaf in jax.tree.leaves(begin))
@@ -84,7 +89,7 @@ def fit_pinn(
 
 
 def _layers(outputs: int, seed: int) -> list[tuple[Any, Any]]:
-    """Weights and biases (Glorot & Bengio 2010) of two hidden layers and a linear one."""
+    """Return the weights and biases (Glorot & Bengio 2010) of two hidden layers and a linear one."""
     rng = np.random.default_rng([seed, 3])
     sizes = (2 * HARMONICS, HIDDEN, HIDDEN, outputs)
     return [

@@ -9,7 +9,8 @@ from vibrident.paper.metrics import Metrics
 RESONANCE_HZ = 630.0  # table 2
 SENSITIVITY_MV_PER_G = 1020.0
 
-#: Table 3: learning rate, batch, activation, bias, hidden neurons (the paper's row "Hidden Layers").
+#: Table 3: learning rate, batch, activation, bias, hidden neurons (the paper's row "Hidden
+#: Layers").
 HYPER_PARAMETERS = (
     ("learning rate", "0.001", "0.001", "0.001"),
     ("batch size", "36", "36", "36"),
@@ -43,8 +44,11 @@ class Deviation:
 
 #: Of the identified curve from the true one (section 4.2; the largest is at the resonance peak).
 SIMULATION = {"IPNN": Deviation(0.55, 1.25), "LSM": Deviation(4 * 0.55, 3.5)}
-#: Of the identified curve from the interferometer's points (section 5.2; LSM's mean from "approximately 65 % lower").
+#: Of the identified curve from the interferometer's points (section 5.2; LSM's mean from
+#: "approximately 65 % lower").
 EXPERIMENT = {"IPNN": Deviation(0.88, 1.4), "LSM": Deviation(0.88 / 0.35, 2.51)}
 RMSE_REDUCTION = 0.60  # least reduction of the RMSE against GRU and LSTM (abstract)
 DEVIATION_REDUCTION = 0.65  # least reduction of the mean deviation against LSM (section 5.2)
-RELIABLE_RPD = 3.0  # above this ratio of performance to deviation a prediction counts as highly reliable (section 4.2)
+#: Above this ratio of performance to deviation a prediction counts as highly reliable (section
+#: 4.2).
+RELIABLE_RPD = 3.0

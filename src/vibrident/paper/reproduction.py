@@ -16,7 +16,14 @@ from vibrident.paper.experiment import interferometer, seismometer
 from vibrident.paper.methods import Judge, MethodResult, recurrent
 from vibrident.paper.sections import PaperSection, experiment, full_range, simulated, simulation
 from vibrident.paper.settings import Settings, Stages, silently
-from vibrident.paper.studies import NoiseStudy, RatePoint, Residual, error_by_noise, error_by_rate, learned_residuals
+from vibrident.paper.studies import (
+    NoiseStudy,
+    RatePoint,
+    Residual,
+    error_by_noise,
+    error_by_rate,
+    learned_residuals,
+)
 
 KINDS: tuple[Kind, ...] = ("gru", "lstm")
 
@@ -32,17 +39,18 @@ class Reproduction:
     full_range: PaperSection | None  # section 4 from 0.1 Hz; None unless asked for
     rates: tuple[RatePoint, ...]  # the study of sampling rates
     noise: NoiseStudy  # the study of noise
-    residuals: tuple[Residual, ...]  # the learned residual on sensors of known truth; empty if left out
+    # The learned residual on sensors of known truth; empty if left out.
+    residuals: tuple[Residual, ...]
     seconds: float = field(compare=False)  # of the whole
 
     @property
     def sections(self) -> tuple[PaperSection, ...]:
-        """All sections that were run, section 4 first."""
+        """Return all sections that were run, section 4 first."""
         every = (self.simulation, self.full_range, self.interferometer, self.seismometer)
         return tuple(section for section in every if section is not None)
 
     def document(self) -> dict[str, Any]:
-        """All numbers as plain values; times and versions stand apart, under ``run``."""
+        """Return all numbers as plain values; times and versions stand apart, under ``run``."""
         return {
             "seed": self.settings.seed,
             "trial": self.settings.trial,
@@ -64,7 +72,9 @@ class Reproduction:
                 "vibrident": __version__,
                 "python": platform.python_version(),
                 "seconds": self.seconds,
-                "method_seconds": {s.title: {row.name: row.seconds for row in s.rows} for s in self.sections},
+                "method_seconds": {
+                    s.title: {row.name: row.seconds for row in s.rows} for s in self.sections
+                },
             },
         }
 
@@ -78,18 +88,30 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     begin = time.perf_counter()
     with stages("Making the data"):
         first = simulated(settings)
-        laser = interferometer(seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples)
+        laser = interferometer(
+            seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples
+        )
         measured = None if settings.data is None else seismometer(settings.data, seed=settings.seed)
     experiments = [laser] if measured is None else [laser, measured]
-    judges = [first, *(Judge(e.own, e.published, settings.schedule, settings.seed) for e in experiments)]
+    judges = [
+        first,
+        *(Judge(e.own, e.published, settings.schedule, settings.seed) for e in experiments),
+    ]
     rows = _recurrent(judges, settings, stages)
     section_4 = simulation(first, rows[0], stages)
-    sections_5 = [experiment(e, j, r, stages) for e, j, r in zip(experiments, judges[1:], rows[1:], strict=True)]
+    sections_5 = [
+        experiment(e, j, r, stages)
+        for e, j, r in zip(experiments, judges[1:], rows[1:], strict=True)
+    ]
     whole = full_range(settings, stages) if settings.full_range else None
     with stages("Error against sampling rate") as progress:
-        found = error_by_rate(settings.rates_hz, settings.discretisations, seed=settings.seed, progress=progress)
+        found = error_by_rate(
+            settings.rates_hz, settings.discretisations, seed=settings.seed, progress=progress
+        )
     with stages("Error against noise") as progress:
-        noise = error_by_noise(first.own, settings.levels, settings.draws, seed=settings.seed, progress=progress)
+        noise = error_by_noise(
+            first.own, settings.levels, settings.draws, seed=settings.seed, progress=progress
+        )
     residuals: list[Residual] = []
     if settings.residual:
         with stages("Learning what the physics leaves") as progress:
@@ -107,7 +129,9 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
     )
 
 
-def _recurrent(judges: Sequence[Judge], settings: Settings, stages: Stages) -> list[list[MethodResult]]:
+def _recurrent(
+    judges: Sequence[Judge], settings: Settings, stages: Stages
+) -> list[list[MethodResult]]:
     """GRU and LSTM for every set of data, in parallel if there are processes."""
     tasks = [(judge, kind) for judge in judges for kind in KINDS]
     train = recurrent if settings.jobs == 1 else _apart
@@ -116,12 +140,14 @@ def _recurrent(judges: Sequence[Judge], settings: Settings, stages: Stages) -> l
     with stages(title) as progress, ThreadPoolExecutor(settings.jobs) as threads:
         for row in threads.map(train, *zip(*tasks, strict=True)):
             done.append(row)
-            progress(len(done), len(tasks), float("nan") if row.metrics is None else row.metrics.mse)
+            progress(
+                len(done), len(tasks), float("nan") if row.metrics is None else row.metrics.mse
+            )
     return [done[i : i + len(KINDS)] for i in range(0, len(done), len(KINDS))]
 
 
 def _apart(judge: Judge, kind: Kind) -> MethodResult:
-    """A network without physics, trained in another process."""
+    """Return a network without physics, trained in another process."""
     with Process() as process:
         return process.call(recurrent, judge, kind)
 
@@ -134,8 +160,11 @@ def _section(section: PaperSection) -> dict[str, Any]:
         "sha256": data.sha256,
         "test_records": [data.calibration.records[i].name for i in data.test],
         "outliers": data.outliers,
-        "methods": [{k: v for k, v in asdict(row).items() if k != "seconds"} for row in section.rows],
+        "methods": [
+            {k: v for k, v in asdict(row).items() if k != "seconds"} for row in section.rows
+        ],
         "deviations_percent": {
-            name: {"mean": d.mean, "largest": d.largest, "at_peak": d.at_peak} for name, d in section.deviations.items()
+            name: {"mean": d.mean, "largest": d.largest, "at_peak": d.at_peak}
+            for name, d in section.deviations.items()
         },
     }

@@ -40,8 +40,8 @@ class PaperSection:
     simulated: bool  # True for simulated data
     published: Dataset  # the data as the paper prepares them
     rows: tuple[MethodResult, ...]  # one a method
-    # of each method's curve, by its name: from the true curve in section 4, from the interferometer's points in section
-    # 5
+    # Of each method's curve, by its name: from the true curve in section 4, from the
+    # interferometer's points in section 5.
     deviations: dict[str, CurveDeviation]
     # frequencies (Hz) and magnitudes of the interferometer's points; empty in section 4
     points: tuple[FloatArray, FloatArray]
@@ -49,14 +49,17 @@ class PaperSection:
     band_hz: tuple[float, float]  # lowest and highest frequency
 
     def row(self, name: str) -> MethodResult:
-        """The row of that name."""
+        """Return the row of that name."""
         return next(row for row in self.rows if row.name == name)
 
 
 def simulated(settings: Settings, *, full_range: bool = False) -> Judge:
     """Judge of the data of section 4."""
     data = section_4.section_4(
-        seed=settings.seed, rate_hz=settings.rate_hz, samples=settings.samples, full_range=full_range
+        seed=settings.seed,
+        rate_hz=settings.rate_hz,
+        samples=settings.samples,
+        full_range=full_range,
     )
     return Judge(data, data, settings.schedule, settings.seed)
 
@@ -67,7 +70,9 @@ def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) 
     rows = list(recurrent)
     for name, discretisation, activation in TRAINED:
         with stages(f"Training {name}") as progress:
-            rows.append(methods.unrolled_network(judge, name, near, discretisation, activation, progress))
+            rows.append(
+                methods.unrolled_network(judge, name, near, discretisation, activation, progress)
+            )
     with stages("Training the PINN") as progress:
         network_of_time = methods.pinn(judge, near, progress)
     with stages("Identifying"):
@@ -77,7 +82,7 @@ def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) 
 
 
 def full_range(settings: Settings, stages: Stages) -> PaperSection:
-    """The 41 records from 0.1 Hz on, by the methods that accept records of different sampling rates."""
+    """Return the 41 records from 0.1 Hz on, by the methods that accept records of different sampling rates."""
     with stages("Simulating 0.1 to 1000 Hz"):
         judge = simulated(settings, full_range=True)
     with stages("Identifying from 0.1 to 1000 Hz"):
@@ -85,26 +90,41 @@ def full_range(settings: Settings, stages: Stages) -> PaperSection:
     return _against_truth("full range of section 4", judge.published, rows, FULL_BAND_HZ)
 
 
-def experiment(data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> PaperSection:
+def experiment(
+    data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages
+) -> PaperSection:
     """Section 5: the same protocol, the interferometer's points as reference."""
     near = _first_look(judge)
     kind = "simulated" if data.simulated else "measured"
     rows = list(recurrent)
     with stages(f"Training {methods.PUBLISHED} ({kind})") as progress:
-        rows.append(methods.unrolled_network(judge, methods.PUBLISHED, near, "euler", "linear", progress))
+        rows.append(
+            methods.unrolled_network(judge, methods.PUBLISHED, near, "euler", "linear", progress)
+        )
     with stages(f"Identifying ({kind})"):
         rows += [CLOSED[name](judge) for name in IN_EXPERIMENT]
         points = _interferometer(data)
     core = plain_model(data.own.calibration.model)
     deviations = {
-        row.name: deviation_at_points(core, row.parameters, *points) for row in rows if row.parameters is not None
+        row.name: deviation_at_points(core, row.parameters, *points)
+        for row in rows
+        if row.parameters is not None
     }
     band = (float(points[0].min()), float(points[0].max()))
-    return PaperSection(data.title, data.simulated, data.published, tuple(rows), deviations, points, data.truth, band)
+    return PaperSection(
+        data.title,
+        data.simulated,
+        data.published,
+        tuple(rows),
+        deviations,
+        points,
+        data.truth,
+        band,
+    )
 
 
 def _first_look(judge: Judge) -> dict[str, float]:
-    """Parameters near the sensor's, the same for every network; training starts at a distance from them."""
+    """Return the parameters near the sensor's, the same for every network; training starts at a distance from them."""
     result = identify(judge.own.training_calibration, None, LeastSquares())
     core = parse(judge.own.calibration.model).core
     return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
@@ -113,8 +133,14 @@ def _first_look(judge: Judge) -> dict[str, float]:
 def _against_truth(
     title: str, data: Dataset, rows: Sequence[MethodResult], band_hz: tuple[float, float]
 ) -> PaperSection:
-    model, truth, none = parse(SENSOR.model), dict(SENSOR.parameters), np.empty(0)
-    deviations = {row.name: curve_deviation(model, row.parameters, truth, band_hz) for row in rows if row.parameters}
+    model = parse(SENSOR.model)
+    truth = dict(SENSOR.parameters)
+    none = np.empty(0)
+    deviations = {
+        row.name: curve_deviation(model, row.parameters, truth, band_hz)
+        for row in rows
+        if row.parameters
+    }
     return PaperSection(title, True, data, tuple(rows), deviations, (none, none), truth, band_hz)
 
 

@@ -22,8 +22,17 @@ class Settings:
     # of the study of sampling rates, Euler's among them
     discretisations: tuple[str, ...] = ("euler", "zoh", "foh", "tustin", "bandlimited")
     # of the study of sampling rates
-    rates_hz: tuple[float, ...] = (12800.0, 25600.0, 51200.0, 102400.0, 204800.0, 409600.0, 1024000.0)
-    # of response noise in the study of noise, as fractions of each record's rms; 0.01 must be among them
+    rates_hz: tuple[float, ...] = (
+        12800.0,
+        25600.0,
+        51200.0,
+        102400.0,
+        204800.0,
+        409600.0,
+        1024000.0,
+    )
+    # Of response noise in the study of noise, as fractions of each record's rms; 0.01 must be among
+    # them.
     levels: tuple[float, ...] = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
     draws: int = 12  # realisations at each level
     full_range: bool = False  # also 41 records from 0.1 to 1000 Hz
@@ -34,7 +43,7 @@ class Settings:
 
 
 def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> Settings:
-    """A run of less than two minutes through everything."""
+    """Return a run of less than two minutes through everything."""
     return Settings(
         seed=seed,
         rate_hz=25600.0,

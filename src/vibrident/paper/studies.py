@@ -1,10 +1,11 @@
 """Three studies that the paper lacks: error against sampling rate, error against noise with its lower bound, and a
-learned part beside the physics (its discussion, II), trained on sensors of known truth: with a second mode, with a
-hardening spring, and without any further effect.
+learned part beside the physics (its discussion, II), trained on sensors of known truth: with a
+second mode, with a hardening spring, and without any further effect.
 
-The bound is the Cramér–Rao bound of a simulated calibration: no unbiased estimator has a smaller variance. Fisher
-information Σ JᵀJ/σ², J from central differences of the exact response to the true motion, with the unknown initial
-state and offset of each record projected out. It is independent of the estimators and their uncertainties.
+The bound is the Cramér–Rao bound of a simulated calibration: no unbiased estimator has a smaller
+variance. Fisher information Σ JᵀJ/σ², J from central differences of the exact response to the true
+motion, with the unknown initial state and offset of each record projected out. It is independent of
+the estimators and their uncertainties.
 """
 
 from __future__ import annotations
@@ -28,17 +29,26 @@ from vibrident.paper.metrics import CURVE_POINTS, curve_deviation, resonance_hz
 from vibrident.paper.unrolled import START
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel, parse
-from vibrident.physics.simulation import SENSORS, Motion, Sensor, exact_response, simulate, with_noise
+from vibrident.physics.simulation import (
+    SENSORS,
+    Motion,
+    Sensor,
+    exact_response,
+    simulate,
+    with_noise,
+)
 from vibrident.use.identification import identify
 from vibrident.use.prediction import predict
 
 BAND_HZ = (10.0, 1000.0)
-#: Motions of the study of rates: the same at every rate, so the excitation's noise ends below half the lowest rate.
+#: Motions of the study of rates: the same at every rate, so the excitation's noise ends below half
+#: the lowest rate.
 RATE_FREQUENCIES_HZ = (10.0, 31.6227766, 100.0, 251.188643, 501.187234, 630.957344, 1000.0)
 RATE_DURATION_S = 0.16
 RATE_NOISE_HZ = 4000.0  # highest frequency of the excitation's noise
 PARAMETERS = ("sensitivity", "natural_frequency", "damping_ratio")
-NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}  # start of the search for the optimum
+#: Start of the search for the optimum.
+NEAR = {name: SENSOR.parameters[name] * START[name] for name in PARAMETERS}
 
 
 @dataclass(frozen=True)
@@ -47,13 +57,18 @@ class RatePoint:
 
     discretisation: str  # its name
     rate_hz: float  # sampling rate
-    errors: Mapping[str, float] | None  # relative error by parameter, the resonance frequency among them
+    # Relative error by parameter, the resonance frequency among them.
+    errors: Mapping[str, float] | None
     mean_percent: float | None  # mean deviation of the curve
     peak_percent: float | None  # its signed deviation at the true resonance
 
 
 def error_by_rate(
-    rates_hz: Sequence[float], discretisations: Sequence[str], *, seed: int, progress: Progress = silent
+    rates_hz: Sequence[float],
+    discretisations: Sequence[str],
+    *,
+    seed: int,
+    progress: Progress = silent,
 ) -> list[RatePoint]:
     """Optimum of the plain mean squared error for each discretisation, on the same exact motion at every rate."""
     points = []
@@ -70,7 +85,9 @@ def error_by_rate(
         )
         for name in discretisations:
             points.append(_at_rate(calibration, name, rate))
-            progress(len(points), len(rates_hz) * len(discretisations), points[-1].mean_percent or np.nan)
+            progress(
+                len(points), len(rates_hz) * len(discretisations), points[-1].mean_percent or np.nan
+            )
     return points
 
 
@@ -83,20 +100,27 @@ def _at_rate(calibration: Calibration, name: str, rate: float) -> RatePoint:
     return RatePoint(name, rate, relative_errors(found), deviation.mean, deviation.at_peak)
 
 
-def optimum(calibration: Calibration, discretisation: str, near: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of least plain mean squared error for any discretisation, sought from ``near``.
+def optimum(
+    calibration: Calibration, discretisation: str, near: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the parameters of least plain mean squared error for any discretisation, sought from ``near``.
 
-    Adam comes near this optimum; Levenberg–Marquardt reaches it, so that the remaining error is the discretisation's,
-    not the optimiser's. Initial state and offset of each record are eliminated; records are not weighted.
+    Adam comes near this optimum; Levenberg–Marquardt reaches it, so that the remaining error is the
+    discretisation's, not the optimiser's. Initial state and offset of each record are eliminated;
+    records are not weighted.
 
     Raises:
         NotConverged: the network is unstable there.
     """
     model = parse(calibration.model)
-    frequencies = [record.frequency_hz or record.sampling_rate_hz / 4.0 for record in calibration.records]
+    frequencies = [
+        record.frequency_hz or record.sampling_rate_hz / 4.0 for record in calibration.records
+    ]
     coordinates = Coordinates.at(model, near, (min(frequencies), max(frequencies)))
     start = {name: float(near[name]) for name in model.parameter_names}
-    problem = BinProblem.build(calibration.records, model, method(discretisation), calibration.quantity, start)
+    problem = BinProblem.build(
+        calibration.records, model, method(discretisation), calibration.quantity, start
+    )
     variance = float(np.mean([np.var(record.response) for record in calibration.records]))
     objective = Objective.plain(problem, coordinates, np.full(len(problem.records), variance))
     trace = levenberg_marquardt(objective, coordinates.first, None, tolerance=1e-9)
@@ -106,7 +130,9 @@ def optimum(calibration: Calibration, discretisation: str, near: Mapping[str, fl
 def relative_errors(found: Mapping[str, float]) -> dict[str, float]:
     """Relative error of the estimated parameters and of the resonance frequency, if there is one."""
     errors = {name: float(found[name] / SENSOR.parameters[name] - 1.0) for name in PARAMETERS}
-    peak, true_peak = (resonance_hz(parse(SENSOR.model), values) for values in (found, SENSOR.parameters))
+    peak, true_peak = (
+        resonance_hz(parse(SENSOR.model), values) for values in (found, SENSOR.parameters)
+    )
     if peak is not None and true_peak is not None:
         errors["resonance_frequency"] = peak / true_peak - 1.0
     return errors
@@ -147,7 +173,8 @@ class NoiseStudy:
 
     points: tuple[NoisePoint, ...]  # errors
     bound: Bound  # of the training records
-    bound_mean_percent: float  # mean over the band of the least standard deviation of the curve at level 1, %
+    # Mean over the band of the least standard deviation of the curve at level 1, %.
+    bound_mean_percent: float
     draws: int  # realisations at each level
 
     def over_bound(self, method: str, level: float) -> dict[str, float]:
@@ -160,21 +187,28 @@ class NoiseStudy:
 def error_by_noise(
     dataset: Dataset, levels: Sequence[float], draws: int, *, seed: int, progress: Progress = silent
 ) -> NoiseStudy:
-    """Every method on the training records with white noise on the response, ``draws`` times at every level."""
+    """Return every method on the training records with white noise on the response, ``draws`` times at every level."""
     truth = dataset.training_calibration
     motions = [dataset.motions[i] for i in dataset.training]
     bound = cramer_rao(SENSOR, truth.records, motions)
-    model, points = parse(SENSOR.model), []
+    model = parse(SENSOR.model)
+    points = []
     for number, level in enumerate(levels):
         noisy = [
-            with_noise(truth, response_noise=level, seed=np.random.SeedSequence([seed, number, draw]))
+            with_noise(
+                truth, response_noise=level, seed=np.random.SeedSequence([seed, number, draw])
+            )
             for draw in range(draws)
         ]
         for name, found_by in NOISE_METHODS.items():
             found = [found_by(calibration) for calibration in noisy]
             errors = [relative_errors(values) for values in found]
-            curves = [curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in found]
-            rms = {p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS}
+            curves = [
+                curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in found
+            ]
+            rms = {
+                p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS
+            }
             points.append(
                 NoisePoint(
                     name,
@@ -186,7 +220,9 @@ def error_by_noise(
             )
             progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)
     # A normal deviate's absolute value has the mean √(2/π) of its standard deviation.
-    mean = float(np.sqrt(2.0 / np.pi) * np.mean(bound.curve_percent(model, dict(SENSOR.parameters), BAND_HZ)))
+    mean = float(
+        np.sqrt(2.0 / np.pi) * np.mean(bound.curve_percent(model, dict(SENSOR.parameters), BAND_HZ))
+    )
     return NoiseStudy(tuple(points), bound, mean, draws)
 
 
@@ -213,7 +249,7 @@ class Residual:
 
 
 def learned_residuals(*, seed: int, progress: Progress = silent) -> list[Residual]:
-    """Every sensor of ``RESIDUAL_SENSORS``, 0.1 % noise on the responses trained on."""
+    """Return every sensor of ``RESIDUAL_SENSORS``, 0.1 % noise on the responses trained on."""
     found = []
     for number, name in enumerate(RESIDUAL_SENSORS, start=1):
         found.append(_of(name, seed))
@@ -226,10 +262,13 @@ def _of(name: str, seed: int) -> Residual:
     trained = simulate(name, frequencies_hz=TRAINED_HZ, response_noise=RESIDUAL_NOISE, **common)
     others = simulate(name, frequencies_hz=OTHER_HZ, **common)
     plain, whole = (
-        identify(trained, "accelerometer", estimator, uncertainty="noise") for estimator in (Ipnn(), ResidualIpnn())
+        identify(trained, "accelerometer", estimator, uncertainty="noise")
+        for estimator in (Ipnn(), ResidualIpnn())
     )
     truth = SENSORS[name].parameters
-    values = [{p: float(result.parameters[p].value) for p in PARAMETERS} for result in (plain, whole)]
+    values = [
+        {p: float(result.parameters[p].value) for p in PARAMETERS} for result in (plain, whole)
+    ]
     errors = [{p: found[p] / truth[p] - 1.0 for p in PARAMETERS} for found in values]
     return Residual(
         name,
@@ -250,26 +289,36 @@ class Bound:
     """Least covariance of the parameters, relative to their values, at white response noise of a relative level."""
 
     names: tuple[str, ...]  # of the parameters
-    covariance: FloatArray  # shape (parameters, parameters), relative, at noise of the response's own rms (level 1)
+    # Shape (parameters, parameters), relative, at noise of the response's own rms (level 1).
+    covariance: FloatArray
 
     def deviations(self, level: float) -> dict[str, float]:
         """Least relative standard deviation of each parameter at noise of ``level`` times each record's rms."""
-        return dict(zip(self.names, (level * np.sqrt(np.diag(self.covariance))).tolist(), strict=True))
+        return dict(
+            zip(self.names, (level * np.sqrt(np.diag(self.covariance))).tolist(), strict=True)
+        )
 
-    def curve_percent(self, model: SensorModel, truth: dict[str, float], band_hz: tuple[float, float]) -> FloatArray:
+    def curve_percent(
+        self, model: SensorModel, truth: dict[str, float], band_hz: tuple[float, float]
+    ) -> FloatArray:
         """Least standard deviation of the curve's magnitude at level 1, %, at the points of a curve over the band."""
         frequency = np.geomspace(*band_hz, CURVE_POINTS)
 
         def size(name: str, factor: float) -> FloatArray:
-            return np.log(np.abs(model.frequency_response({**truth, name: truth[name] * factor}, frequency)))
+            return np.log(
+                np.abs(model.frequency_response({**truth, name: truth[name] * factor}, frequency))
+            )
 
-        slopes = [(size(name, 1.0 + _STEP) - size(name, 1.0 - _STEP)) / (2.0 * _STEP) for name in self.names]
+        slopes = [
+            (size(name, 1.0 + _STEP) - size(name, 1.0 - _STEP)) / (2.0 * _STEP)
+            for name in self.names
+        ]
         slope = np.stack(slopes, axis=1)
         return 100.0 * np.sqrt(np.einsum("pi,ij,pj->p", slope, self.covariance, slope))
 
 
 def cramer_rao(sensor: Sensor, records: Sequence[Record], motions: Sequence[Motion]) -> Bound:
-    """The bound for records of an underdamped second-order sensor that start from rest."""
+    """Return the bound for records of an underdamped second-order sensor that start from rest."""
     names = tuple(spec.name for spec in parse(sensor.model).parameters)
     information = np.zeros((len(names), len(names)))
     for record, motion in zip(records, motions, strict=True):
@@ -299,7 +348,8 @@ def _slope(sensor: Sensor, name: str, record: Record, motion: Motion) -> FloatAr
 
 def _imitable(sensor: Sensor, record: Record) -> FloatArray:
     """Orthonormal columns of the responses to initial state and offset, shape (samples, 3)."""
-    natural, damping = 2.0 * np.pi * sensor.parameters["natural_frequency"], sensor.parameters["damping_ratio"]
+    natural = 2.0 * np.pi * sensor.parameters["natural_frequency"]
+    damping = sensor.parameters["damping_ratio"]
     pole = natural * (-damping + 1j * np.sqrt(1.0 - damping**2))
     free = np.exp(pole * record.time_s)
     return np.linalg.qr(np.stack([free.real, free.imag, np.ones(record.samples)], axis=1))[0]

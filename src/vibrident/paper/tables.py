@@ -27,37 +27,76 @@ _NUMBER = re.compile(r"[-+−]?[\d.]+(?:e[+-]?\d+)?(?: %| \(limit\))?|–|no sta
 
 
 def _table(
-    name: str, title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], note: str = "", quoted: int = 0
+    name: str,
+    title: str,
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    note: str = "",
+    quoted: int = 0,
 ) -> Table:
-    """A table of the page; columns of numbers are found by their cells, the first ``quoted`` rows are the paper's."""
+    """Return a table of the page; columns of numbers are found by their cells, the first ``quoted`` rows are the paper's."""
     numeric = [all(_NUMBER.fullmatch(row[j]) for row in rows if row[j]) for j in range(len(heads))]
-    made = tuple(Column(head, "number" if j and numeric[j] else "text") for j, head in enumerate(heads))
+    made = tuple(
+        Column(head, "number" if j and numeric[j] else "text") for j, head in enumerate(heads)
+    )
     body = tuple(tuple(row) for row in rows)
-    return Table(made, body, notes=(note,) if note else (), title=title, quoted=tuple(range(quoted)), name=name)
+    return Table(
+        made,
+        body,
+        notes=(note,) if note else (),
+        title=title,
+        quoted=tuple(range(quoted)),
+        name=name,
+    )
 
 
 def all_tables(run: Reproduction) -> list[Table]:
-    """Every table of the run, in the order of the page."""
+    """Return every table of the run, in the order of the page."""
     tables = [
         the_run(run),
         weights(run),
         sensor(),
         hyper_parameters(run),
-        prediction("table4", "Table 4. Prediction of the response, simulation", run.simulation, published.TABLE_4),
+        prediction(
+            "table4",
+            "Table 4. Prediction of the response, simulation",
+            run.simulation,
+            published.TABLE_4,
+        ),
         identified("table4-sensor", "Identified sensor and curve, simulation", run.simulation),
-        prediction("table5", "Table 5. Prediction, simulated interferometer", run.interferometer, published.TABLE_5),
-        identified("table5-sensor", "Identified sensor and curve, simulated interferometer", run.interferometer),
+        prediction(
+            "table5",
+            "Table 5. Prediction, simulated interferometer",
+            run.interferometer,
+            published.TABLE_5,
+        ),
+        identified(
+            "table5-sensor",
+            "Identified sensor and curve, simulated interferometer",
+            run.interferometer,
+        ),
     ]
     if run.seismometer is not None:
         title = "measured seismometer"
         tables += [
-            prediction("table5-measured", f"Table 5. Prediction, {title}", run.seismometer, published.TABLE_5),
-            identified("table5-measured-sensor", f"Identified sensor and curve, {title}", run.seismometer),
+            prediction(
+                "table5-measured",
+                f"Table 5. Prediction, {title}",
+                run.seismometer,
+                published.TABLE_5,
+            ),
+            identified(
+                "table5-measured-sensor", f"Identified sensor and curve, {title}", run.seismometer
+            ),
         ]
     if run.full_range is not None:
         tables += [
-            prediction("full-range", "Simulation from 0.1 to 1000 Hz, 41 records", run.full_range, {}),
-            identified("full-range-sensor", "Identified sensor and curve, 0.1 to 1000 Hz", run.full_range),
+            prediction(
+                "full-range", "Simulation from 0.1 to 1000 Hz, 41 records", run.full_range, {}
+            ),
+            identified(
+                "full-range-sensor", "Identified sensor and curve, 0.1 to 1000 Hz", run.full_range
+            ),
         ]
     tables += [rates(run), noise(run)]
     if run.residuals:
@@ -66,15 +105,22 @@ def all_tables(run: Reproduction) -> list[Table]:
 
 
 def the_run(run: Reproduction) -> Table:
-    """What was run."""
-    s, data = run.settings, run.simulation.published
+    """Return what was run."""
+    s = run.settings
+    data = run.simulation.published
     rows = [
         ("seed", str(s.seed)),
-        ("records", f"{len(data.calibration.records)} of {s.samples} samples at {s.rate_hz / 1e3:g} kHz"),
+        (
+            "records",
+            f"{len(data.calibration.records)} of {s.samples} samples at {s.rate_hz / 1e3:g} kHz",
+        ),
         ("test records", ", ".join(data.calibration.records[i].name for i in data.test)),
         ("SHA-256 of the records", data.sha256[:16] + " …"),
         ("outliers found", str(data.outliers)),
-        ("scale: a normalised 1 is", f"excitation {data.reference.unit:.4g} m/s², response {data.response.unit:.4g} V"),
+        (
+            "scale: a normalised 1 is",
+            f"excitation {data.reference.unit:.4g} m/s², response {data.response.unit:.4g} V",
+        ),
         (
             "shift that min–max would add",
             f"excitation {data.reference.shift:.2g}, response {data.response.shift:.2g} (normalised)",
@@ -82,7 +128,11 @@ def the_run(run: Reproduction) -> Table:
         ("trained", s.schedule.rule),
         ("time of the whole run", f"{run.seconds / 60:.1f} min, {s.jobs} processes"),
     ]
-    trial = "A trial: networks are not trained to the end, figures are not for quoting." if s.trial else ""
+    trial = (
+        "A trial: networks are not trained to the end, figures are not for quoting."
+        if s.trial
+        else ""
+    )
     return _table("run", "The run", ("", ""), rows, trial)
 
 
@@ -111,7 +161,14 @@ def weights(run: Reproduction) -> Table:
         "hidden → output weight and A_d the feedback. The exact column is for a held input; the band-limited step has "
         "the same W3 and W2 and one column of W1 and W4 for each input neuron."
     )
-    head = ("weight", "layer", "eq. 7", "is", f"Euler at {run.settings.rate_hz / 1e3:g} kHz", "exact (held input)")
+    head = (
+        "weight",
+        "layer",
+        "eq. 7",
+        "is",
+        f"Euler at {run.settings.rate_hz / 1e3:g} kHz",
+        "exact (held input)",
+    )
     return _table("table1", "Table 1. Weights and physics", head, rows, note)
 
 
@@ -133,7 +190,12 @@ def sensor() -> Table:
         ("reference sensitivity S0", "1020 mV/g", f"{gain:.6g} V/(m/s²)", ""),
         ("damping ratio δ", "0.182", "0.182", ""),
         ("natural angular frequency ωn", "4.10e3 rad/s", f"{natural:.5g} rad/s", "ωr/√(1 − 2δ²)"),
-        ("conversion coefficient K", "1.63e6 mV/mm", f"{gain * natural**2:.4g} mV/mm", "S0 ωn²: equation (3)"),
+        (
+            "conversion coefficient K",
+            "1.63e6 mV/mm",
+            f"{gain * natural**2:.4g} mV/mm",
+            "S0 ωn²: equation (3)",
+        ),
         ("", "", f"{gain * resonance**2:.4g} mV/mm", "S0 ωr²: what the paper prints"),
     )
     return _table("table2", "Table 2. The sensor", ("", "paper", "computed", "by"), rows)
@@ -168,7 +230,13 @@ def prediction(name: str, title: str, section: PaperSection, printed: dict[str, 
         epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
         cells = ("no stable sensor", "–", "–", "–", "–")
         if (m := row.metrics) is not None:
-            cells = (f"{m.rmse:.6g}", f"{m.mae:.6g}", f"{m.mse:.6g}", f"{m.r2:.12g}", f"{m.rpd:.6g}")
+            cells = (
+                f"{m.rmse:.6g}",
+                f"{m.mae:.6g}",
+                f"{m.mse:.6g}",
+                f"{m.r2:.12g}",
+                f"{m.rpd:.6g}",
+            )
         rows.append((row.name, *cells, str(row.weights), epochs, f"{row.seconds / least:.2g}"))
     note = (
         "Normalised units: 1 is the largest excursion in the training records. Time: of fitting, compilation included, "
@@ -180,7 +248,7 @@ def prediction(name: str, title: str, section: PaperSection, printed: dict[str, 
 
 
 def identified(name: str, title: str, section: PaperSection) -> Table:
-    """Parameters of every method that has them, and the deviation of its curve from the reference."""
+    """Return the parameters of every method that has them, and the deviation of its curve from the reference."""
     rows = []
     for row in section.rows:
         if row.parameters is None:
@@ -188,18 +256,39 @@ def identified(name: str, title: str, section: PaperSection) -> Table:
         if section.truth is None:
             cells = [f"{row.parameters[p]:.6g}" for p in PARAMETERS]
         else:
-            cells = [_percent(100.0 * (row.parameters[p] / section.truth[p] - 1.0)) for p in PARAMETERS]
-        delay, curve = row.parameters.get("delay"), section.deviations[row.name]
+            cells = [
+                _percent(100.0 * (row.parameters[p] / section.truth[p] - 1.0)) for p in PARAMETERS
+            ]
+        delay = row.parameters.get("delay")
+        curve = section.deviations[row.name]
         peak = "" if curve.at_peak is None else _percent(curve.at_peak)
-        cells += ["" if delay is None else f"{1e6 * delay:.4g}", f"{curve.mean:.3g}", f"{curve.largest:.3g}", peak]
+        cells += [
+            "" if delay is None else f"{1e6 * delay:.4g}",
+            f"{curve.mean:.3g}",
+            f"{curve.largest:.3g}",
+            peak,
+        ]
         rows.append((row.name, *cells))
     unit = "" if section.truth is None else " error in %"
-    reference, said = "the true curve", published.SIMULATION
+    reference = "the true curve"
+    said = published.SIMULATION
     if section.points[0].size:
-        reference, said = "the interferometer's points", published.EXPERIMENT
-    head = ("method", f"S0{unit}", f"fn{unit}", f"δ{unit}", "delay in µs", "mean in %", "largest in %", "at f0 in %")
+        reference = "the interferometer's points"
+        said = published.EXPERIMENT
+    head = (
+        "method",
+        f"S0{unit}",
+        f"fn{unit}",
+        f"δ{unit}",
+        "delay in µs",
+        "mean in %",
+        "largest in %",
+        "at f0 in %",
+    )
     band = f"{section.band_hz[0]:.4g} to {section.band_hz[1]:.4g} Hz"
-    printed = "; ".join(f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items())
+    printed = "; ".join(
+        f"{name} {d.mean:.3g} % mean, {d.largest:g} % largest" for name, d in said.items()
+    )
     note = f"Last three columns: relative deviation of the curve from {reference}, {band}. Paper: {printed}."
     return _table(name, title, head, rows, note)
 
@@ -213,11 +302,14 @@ def rates(run: Reproduction) -> Table:
     rows = []
     for rate in sorted({p.rate_hz for p in run.rates}):
         at = {p.discretisation: p for p in run.rates if p.rate_hz == rate}
-        errors, peak = at["euler"].errors, at["euler"].peak_percent
+        errors = at["euler"].errors
+        peak = at["euler"].peak_percent
         euler = ["–", "–", "–"]
         if errors is not None and peak is not None:
             named = ("resonance_frequency", "damping_ratio")
-            euler = [_percent(100.0 * errors[name]) if name in errors else "–" for name in named] + [_percent(peak)]
+            euler = [
+                _percent(100.0 * errors[name]) if name in errors else "–" for name in named
+            ] + [_percent(peak)]
         means = [at[name].mean_percent for name in run.settings.discretisations]
         rows.append((f"{rate / 1e3:g}", *euler, *("–" if m is None else f"{m:.2g}" for m in means)))
     head = (
@@ -240,7 +332,14 @@ def noise(run: Reproduction) -> Table:
     rows = []
     for level in sorted({p.level for p in study.points}):
         least = study.bound.deviations(level)
-        rows.append((f"{100 * level:g} %", "Cramér–Rao bound", *(f"{least[p]:.2e}" for p in PARAMETERS), "–"))
+        rows.append(
+            (
+                f"{100 * level:g} %",
+                "Cramér–Rao bound",
+                *(f"{least[p]:.2e}" for p in PARAMETERS),
+                "–",
+            )
+        )
         for point in (p for p in study.points if p.level == level):
             over = study.over_bound(point.method, level)
             cells = [f"{point.rms_error[p]:.2e} ({over[p]:.3g} ×)" for p in PARAMETERS]
@@ -254,11 +353,19 @@ def noise(run: Reproduction) -> Table:
 
 
 def residual(found: Sequence[Residual]) -> Table:
-    """The learned residual beside the physics."""
+    """Return the learned residual beside the physics."""
     rows = []
     for r in found:
-        errors = [", ".join(_percent(100.0 * e[p]) for p in PARAMETERS) for e in (r.errors_alone, r.errors)]
-        numbers = (f"{r.alone:.3g}", f"{r.together:.3g}", f"{r.alone / r.together:.3g}", f"{100 * r.share:.3g}")
+        errors = [
+            ", ".join(_percent(100.0 * e[p]) for p in PARAMETERS)
+            for e in (r.errors_alone, r.errors)
+        ]
+        numbers = (
+            f"{r.alone:.3g}",
+            f"{r.together:.3g}",
+            f"{r.alone / r.together:.3g}",
+            f"{100 * r.share:.3g}",
+        )
         rows.append((r.sensor, *numbers, *errors, f"{r.moved:.1e}"))
     head = (
         "sensor",
@@ -275,7 +382,7 @@ def residual(found: Sequence[Residual]) -> Table:
 
 
 def verdicts(run: Reproduction) -> list[Table]:
-    """The paper's claims and our own."""
+    """Return the paper's claims and our own."""
     tables = []
     for name, title, made in (
         ("claims", "The paper's claims", claims.of_the_paper(run)),

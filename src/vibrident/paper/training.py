@@ -1,7 +1,8 @@
 """Training in mini-batches by Adam (Kingma & Ba 2015), with a stated early-stopping rule.
 
-After every epoch the loss on held-back windows is evaluated. Training ends when the best of them has not fallen by
-``least_gain`` of itself for ``patience`` epochs, and the weights of the best epoch are kept.
+After every epoch the loss on held-back windows is evaluated. Training ends when the best of them
+has not fallen by ``least_gain`` of itself for ``patience`` epochs, and the weights of the best
+epoch are kept.
 """
 
 from __future__ import annotations
@@ -24,14 +25,15 @@ class Schedule:
     """Duration and rates of training."""
 
     learning_rate: float = 0.001  # of Adam
-    batch: int = 36  # windows a step; the last, smaller batch of an epoch is left to the next shuffle
+    # Windows a step; the last, smaller batch of an epoch is left to the next shuffle.
+    batch: int = 36
     patience: int = 30  # epochs without a gain after which training ends
     least_gain: float = 0.01  # relative fall of the held-back loss that counts as a gain
     most_epochs: int = 400  # limit
 
     @property
     def rule(self) -> str:
-        """The early-stopping rule in words."""
+        """Return the early-stopping rule in words."""
         return (
             f"until the loss on the held-back windows has not fallen by {100 * self.least_gain:g} % for "
             f"{self.patience} epochs, at most {self.most_epochs} epochs; the best epoch's weights are kept"
@@ -71,9 +73,10 @@ def train(
 ) -> Trained:
     """Train the inexact arrays of ``model``, any pytree, on ``windows``, a pytree of arrays with that leading axis.
 
-    ``loss``: (model, batch) → mean squared error, a batch being ``windows`` with the leading axis cut down;
-    ``held_back``: windows that are never trained on; ``rng``: of the shuffling; ``few``: the model is one array of few
-    numbers, for which forward derivatives are cheaper than reverse ones; ``progress``: called after each epoch.
+    ``loss``: (model, batch) → mean squared error, a batch being ``windows`` with the leading axis
+    cut down; ``held_back``: windows that are never trained on; ``rng``: of the shuffling; ``few``:
+    the model is one array of few numbers, for which forward derivatives are cheaper than reverse
+    ones; ``progress``: called after each epoch.
     """
     moving, fixed = eqx.partition(model, eqx.is_inexact_array)
     optimiser = optax.adam(schedule.learning_rate)
@@ -99,8 +102,13 @@ def train(
 
     judge = jax.jit(cost)
     state = optimiser.init(moving)
-    best, least, best_epoch = moving, float(judge(moving, held_back)), 0
-    training, judged, waited, converged = [], [], 0, False
+    best = moving
+    least = float(judge(moving, held_back))
+    best_epoch = 0
+    training = []
+    judged = []
+    waited = 0
+    converged = False
     for number in range(1, schedule.most_epochs + 1):
         order = rng.permutation(count)[: count // batch * batch].reshape(-1, batch)
         moving, state, value = epoch(moving, state, windows, order)
@@ -108,7 +116,9 @@ def train(
         judged.append(float(judge(moving, held_back)))
         waited = 0 if judged[-1] < (1.0 - schedule.least_gain) * least else waited + 1
         if waited == 0:
-            best, least, best_epoch = moving, judged[-1], number
+            best = moving
+            least = judged[-1]
+            best_epoch = number
         progress(number, schedule.most_epochs, judged[-1])
         if waited >= schedule.patience:
             converged = True

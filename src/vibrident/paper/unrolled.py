@@ -1,10 +1,12 @@
 """The network as the paper trains it: batches of windows, mean squared error, Adam; weights tied to the physics.
 
-    hidden   x_{k+1} = φ(W3 x_k + W1 c_k)          y_k = W2 x_{k+1} + W4 c_k          (eq. 6, Table 1)
+    hidden   x_{k+1} = φ(W3 x_k + W1 c_k)          y_k = W2 x_{k+1} + W4 c_k          (eq. 6, Table
+    1)
 
-φ is the identity, which makes this the sensor's recursion, or tanh as in the paper's Table 3. W1…W4 follow from S0, ωn
-and δ through a discretisation: Euler's as published, or the exact band-limited step. The elements are those of
-``vibrident.physics.network.cell``; the loop is elementwise over a batch.
+φ is the identity, which makes this the sensor's recursion, or tanh as in the paper's Table 3. W1…W4
+follow from S0, ωn and δ through a discretisation: Euler's as published, or the exact band-limited
+step. The elements are those of ``vibrident.physics.network.cell``; the loop is elementwise over a
+batch.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from vibrident.physics.models import SensorModel, parse
 from vibrident.physics.models.state_space import realise
 
 Activation = Literal["linear", "tanh"]
-#: Start of training: these multiples of a first estimate from the tones, as a data sheet may deviate.
+#: Start of training: these multiples of a first estimate from the tones, as a data sheet may
+#: deviate.
 START = {"sensitivity": 0.9, "natural_frequency": 1.1, "damping_ratio": 1.5}
 
 
@@ -51,30 +54,40 @@ class Network:
         """Normalised outputs, shape (steps, batch), for inputs (steps, q, batch) from a zero state."""
         return unrolled(self.table(parameters, interval_s), inputs, self.activation)
 
-    def predict(self, parameters: Mapping[str, float], indices: tuple[int, ...]) -> list[FloatArray]:
+    def predict(
+        self, parameters: Mapping[str, float], indices: tuple[int, ...]
+    ) -> list[FloatArray]:
         """Normalised response of whole records, one array a record, the samples that are scored."""
         inputs = whole_records(self.dataset, indices, self.seen)
         records = [self.dataset.calibration.records[i] for i in indices]
         outputs = []
         for column, record in enumerate(records):
-            values = _predicted(self, dict(parameters), inputs[:, :, column : column + 1], record.sampling_interval_s)
+            values = _predicted(
+                self,
+                dict(parameters),
+                inputs[:, :, column : column + 1],
+                record.sampling_interval_s,
+            )
             outputs.append(np.asarray(values)[scored(record), 0])
         return outputs
 
 
 def unrolled(table: Mapping[str, Any], inputs: Any, activation: Activation = "linear") -> Any:
-    """Outputs, shape (steps, batch), of the layers with weights ``table`` on inputs (steps, q, batch)."""
+    """Return the outputs, shape (steps, batch), of the layers with weights ``table`` on inputs (steps, q, batch)."""
     w1, w2, w3, w4 = (table[name] for name in ("W1", "W2", "W3", "W4"))
     order, terms = w1.shape
 
     def step(state: list[Any], c: Any) -> tuple[list[Any], Any]:
         hidden = [
-            sum(w3[i, k] * state[k] for k in range(order)) + sum(w1[i, j] * c[j] for j in range(terms))
+            sum(w3[i, k] * state[k] for k in range(order))
+            + sum(w1[i, j] * c[j] for j in range(terms))
             for i in range(order)
         ]
         if activation == "tanh":
             hidden = [jnp.tanh(value) for value in hidden]
-        output = sum(w2[k] * hidden[k] for k in range(order)) + sum(w4[j] * c[j] for j in range(terms))
+        output = sum(w2[k] * hidden[k] for k in range(order)) + sum(
+            w4[j] * c[j] for j in range(terms)
+        )
         return hidden, output
 
     _, outputs = lax.scan(step, [jnp.zeros(inputs.shape[2])] * order, inputs)
@@ -92,20 +105,28 @@ def network_for(
     activation: Activation = "linear",
     delay_s: float = 0.0,
 ) -> Network:
-    """The network of a discretisation; ``near`` are values near the sensor's, which define its number of inputs."""
+    """Return the network of a discretisation; ``near`` are values near the sensor's, which define its number of inputs."""
     step = method(discretisation)
     fastest = 2.0 * np.pi * near["natural_frequency"]
     rate = min(record.sampling_rate_hz for record in dataset.calibration.records)
     direct = len(model.rational(near, dataset.calibration.quantity).numerator) > 2
-    return Network(model, dataset, Seen(step, step.terms(fastest / rate, direct), delay_s), activation)
+    return Network(
+        model, dataset, Seen(step, step.terms(fastest / rate, direct), delay_s), activation
+    )
 
 
 def fit(
-    network: Network, near: Mapping[str, float], schedule: Schedule, *, seed: int, progress: Progress = silent
+    network: Network,
+    near: Mapping[str, float],
+    schedule: Schedule,
+    *,
+    seed: int,
+    progress: Progress = silent,
 ) -> Fitted:
     """Train ``network`` by Adam on the training records' windows; all of them must share a sampling rate.
 
-    Training starts at ``START`` times ``near``, the first estimate of the sensor. ``seed``: of the shuffling.
+    Training starts at ``START`` times ``near``, the first estimate of the sensor. ``seed``: of the
+    shuffling.
     """
     records = network.dataset.calibration.records
     interval = records[network.dataset.training[0]].sampling_interval_s
@@ -125,7 +146,9 @@ def fit(
 def start_of_training(model: SensorModel, near: Mapping[str, float]) -> Coordinates:
     """Coordinates at ``START`` times a first estimate of the sensor."""
     start = {name: near[name] * START[name] for name in model.parameter_names}
-    return Coordinates.at(model, start, (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0))
+    return Coordinates.at(
+        model, start, (start["natural_frequency"] / 30.0, start["natural_frequency"] * 30.0)
+    )
 
 
 def weighted_mse(outputs: Any, batch: Windows) -> Any:
@@ -134,5 +157,5 @@ def weighted_mse(outputs: Any, batch: Windows) -> Any:
 
 
 def plain_model(name: str) -> SensorModel:
-    """The paper's model: the core alone, without delay or other add-ons."""
+    """Return the paper's model: the core alone, without delay or other add-ons."""
     return parse(name.split("+")[0])

@@ -1,1 +1,1 @@
-"""What a sensor is: models and add-ons, discretisation, the network unrolled in time, simulation."""
+"""The sensor: models and add-ons, discretisation, the network unrolled in time, simulation."""

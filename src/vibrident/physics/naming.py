@@ -1,4 +1,4 @@
-"""What parameters are called in words: for messages, tables and pictures."""
+"""Names of parameters in words and symbols, for messages, tables and pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Name:
 
 
 def described(name: str) -> Any:
-    """What the model says that has a parameter or derived quantity of this name; None where no model has.
+    """Return the specification of a parameter or derived quantity, or None where no model has it.
 
     Returns:
         ``vibrident.physics.models.base.ParameterSpec`` or ``Derived``.
@@ -30,7 +30,7 @@ def described(name: str) -> Any:
 
 
 def parameter_names() -> tuple[str, ...]:
-    """Names of all parameters of all models, then of all derived quantities."""
+    """Return the names of all parameters of all models, then of all derived quantities."""
     parts = list(MODELS.one_by_one())
     names = [quantity.name for part in parts for quantity in part.parameters]
     names += [quantity.name for part in parts for quantity in getattr(part, "derived", ())]
@@ -38,22 +38,24 @@ def parameter_names() -> tuple[str, ...]:
 
 
 def is_gain(name: str) -> bool:
-    """Whether the response is proportional to this parameter."""
+    """Return whether the response is proportional to this parameter."""
     return getattr(described(name), "kind", "") == "gain"
 
 
 def is_derived(name: str) -> bool:
-    """Whether this quantity follows from the parameters of its model."""
-    found = described(name)
-    return found is not None and not hasattr(found, "kind")
+    """Return whether this quantity follows from the parameters of its model."""
+    specification = described(name)
+    return specification is not None and not hasattr(specification, "kind")
 
 
 def parameter_name(name: str) -> Name:
-    """Words and symbol of a parameter; its own name with spaces where its model is not known."""
-    found = described(name)
-    return Name((found.words if found else "") or name.replace("_", " "), found.symbol if found else "")
+    """Return words and symbol of a parameter; its name with spaces where its model is not known."""
+    specification = described(name)
+    if specification is None:
+        return Name(name.replace("_", " "), "")
+    return Name(specification.words or name.replace("_", " "), specification.symbol)
 
 
 def in_words(name: str) -> str:
-    """A parameter in words, for a sentence."""
+    """Return a parameter in words, for a sentence."""
     return parameter_name(name).words

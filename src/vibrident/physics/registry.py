@@ -1,4 +1,4 @@
-"""Which sensor models and add-ons there are."""
+"""Registry of the sensor models and add-ons."""
 
 from __future__ import annotations
 

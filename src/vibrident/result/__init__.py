@@ -1,10 +1,10 @@
-"""The one result of an identification, and what it is made of.
+"""Result of an identification, and its parts.
 
 Reports, plots, exports and the page render from it alone, without the data and without JAX.
 """
 
 from vibrident.base.warning_kinds import WARNING_CODES, WarningCode
-from vibrident.result.document import MOST_BYTES, SCHEMA
+from vibrident.result.document import MAX_FILE_BYTES, SCHEMA
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -19,7 +19,7 @@ from vibrident.result.parts import (
 from vibrident.result.result import TRACKED, Result
 
 __all__ = [
-    "MOST_BYTES",
+    "MAX_FILE_BYTES",
     "SCHEMA",
     "TRACKED",
     "WARNING_CODES",

@@ -19,8 +19,10 @@ import numpy as np
 from vibrident.base.errors import InputError
 
 SCHEMA = "vibrident.result/1"
-MOST_BYTES = 200_000_000  # of a result file; one with hundreds of records has a few millions
-_MOST_NAMED = 8  # unknown fields in a message
+#: Largest result file, bytes; one with hundreds of records has a few millions.
+MAX_FILE_BYTES = 200_000_000
+#: Most unknown fields that a message names.
+MAX_NAMED_FIELDS = 8
 _log = logging.getLogger("vibrident.result")
 #: Name of the field of each part of a result that holds what this version does not know.
 UNKNOWN = "unknown_fields"
@@ -34,7 +36,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value.tolist()]
     if is_dataclass(value):
         return _with_unknown(
-            {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+            {field.name: plain(getattr(value, field.name)) for field in fields(value)}
         )
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -42,9 +44,8 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
         return value
-    if isinstance(
-        value, datetime.date | datetime.time
-    ):  # a certificate's, in a calibration made in memory
+    # A certificate holds dates, in a calibration made in memory.
+    if isinstance(value, datetime.date | datetime.time):
         return value.isoformat()
     number = float(value)
     return number if math.isfinite(number) else None
@@ -57,28 +58,29 @@ def _with_unknown(document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def separated(kind: Any, value: Any) -> Any:
+def separate_unknown(kind: Any, value: Any) -> Any:
     """Return a document in which each part has its unknown fields under :data:`UNKNOWN`.
 
     ``kind``: the type that the value is to become, a dataclass or made of some. An entry of a
     mapping of texts that is no text is unknown, too. What does not fit the type stays as it is.
     """
     if is_dataclass(kind):
-        return _separated_fields(kind, value) if isinstance(value, Mapping) else value
+        return _separate_fields(kind, value) if isinstance(value, Mapping) else value
     inner = get_args(kind)
     if get_origin(kind) in (Union, types.UnionType):
-        part = next((each for each in inner if is_dataclass(each)), None)
-        return value if part is None else separated(part, value)
+        part = next((member for member in inner if is_dataclass(member)), None)
+        return value if part is None else separate_unknown(part, value)
     if not any(map(is_dataclass, inner)):
         return value
     if get_origin(kind) is tuple and isinstance(value, list | tuple):
-        return [separated(inner[0], item) for item in value]
+        return [separate_unknown(inner[0], item) for item in value]
     if isinstance(value, Mapping):
-        return {name: separated(inner[1], item) for name, item in value.items()}
+        return {name: separate_unknown(inner[1], item) for name, item in value.items()}
     return value
 
 
-def _separated_fields(kind: Any, value: Mapping[str, Any]) -> dict[str, Any]:
+def _separate_fields(kind: Any, value: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a part, those that its type lacks under :data:`UNKNOWN`."""
     hints = _hints(kind)
     known: dict[str, Any] = {}
     unknown: dict[str, Any] = {}
@@ -87,15 +89,17 @@ def _separated_fields(kind: Any, value: Mapping[str, Any]) -> dict[str, Any]:
             unknown[name] = item
         elif hints[name] == Mapping[str, str] and isinstance(item, Mapping):
             known[name] = {key: text for key, text in item.items() if isinstance(text, str)}
-            if others := {key: other for key, other in item.items() if key not in known[name]}:
-                unknown[name] = others
+            entries = {key: entry for key, entry in item.items() if key not in known[name]}
+            if entries:
+                unknown[name] = entries
         else:
-            known[name] = separated(hints[name], item)
+            known[name] = separate_unknown(hints[name], item)
     return known | ({UNKNOWN: unknown} if unknown else {})
 
 
 @functools.cache
 def _hints(kind: Any) -> dict[str, Any]:
+    """Return the types of a part's fields, by name."""
     return get_type_hints(kind)
 
 
@@ -106,12 +110,12 @@ def unknown_names(value: Any, place: str = "") -> Iterator[str]:
         for name, item in items:
             yield from unknown_names(item, f"{place}{name}.")
     if is_dataclass(value):
-        for each in fields(value):
-            item = getattr(value, each.name)
-            if each.name == UNKNOWN:
+        for field in fields(value):
+            item = getattr(value, field.name)
+            if field.name == UNKNOWN:
                 yield from (f"{place}{name}" for name in item)
             else:
-                yield from unknown_names(item, f"{place}{each.name}.")
+                yield from unknown_names(item, f"{place}{field.name}.")
 
 
 def json_text(document: Any) -> str:
@@ -119,11 +123,11 @@ def json_text(document: Any) -> str:
 
     There is no NaN and no Infinity, and ``?`` stands for a byte of a file's name that is no UTF-8.
     """
-    text = "".join(_laid_out(document, "\n")) + "\n"
+    text = "".join(_layout(document, "\n")) + "\n"
     return text.encode(errors="replace").decode()
 
 
-def _laid_out(value: Any, margin: str) -> Iterator[str]:
+def _layout(value: Any, margin: str) -> Iterator[str]:
     """Yield the text in pieces; ``margin``: a line break and the blanks that begin a line."""
     nested = Mapping | list | tuple
     items: list[tuple[str, Any]] = []
@@ -138,7 +142,7 @@ def _laid_out(value: Any, margin: str) -> Iterator[str]:
     begin, end = "{}" if isinstance(value, Mapping) else "[]"
     for head, item in items:
         yield f"{begin}{deeper}{head}"
-        yield from _laid_out(item, deeper)
+        yield from _layout(item, deeper)
         begin = ","
     yield margin + end
 
@@ -148,12 +152,12 @@ def refuse_constant(name: str) -> float:
     raise ValueError(f"{name}, which is no number of JSON")
 
 
-def damaged(found: str) -> InputError:
+def damaged(observation: str) -> InputError:
     """Return the error of a result file that lacks something, or holds what it may not."""
     return InputError(
         "The result file is incomplete or damaged.",
         expected=f"all fields of {SCHEMA}",
-        found=found[:500],
+        found=observation[:500],
         remedy="run ⟦command = identify⟧ again",
     )
 
@@ -166,15 +170,11 @@ def read_document(path: str | os.PathLike[str]) -> Any:
     """
     try:
         file = Path(path)
-        if (size := file.stat().st_size) > MOST_BYTES:
+        if (size := file.stat().st_size) > MAX_FILE_BYTES:
             raise ValueError(f"{size} bytes, which is more than any result has")
         document = json.loads(file.read_text(encoding="utf-8"), parse_constant=refuse_constant)
-    except (
-        OSError,
-        ValueError,
-        RecursionError,
-        MemoryError,
-    ) as error:  # UnicodeDecodeError is a ValueError
+    # UnicodeDecodeError is a ValueError.
+    except (OSError, ValueError, RecursionError, MemoryError) as error:
         raise InputError(
             "The result file cannot be read.",
             expected="a JSON file written by ⟦command = identify⟧",
@@ -186,9 +186,10 @@ def read_document(path: str | os.PathLike[str]) -> Any:
 
 
 @functools.cache  # once a file
-def say_unknown(file: str, names: tuple[str, ...]) -> None:
-    """Say what a file holds that is not known."""
+def log_unknown(file: str, names: tuple[str, ...]) -> None:
+    """Log a warning that names the fields of a file that this version does not know."""
     if names:
-        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-        named = f"{', '.join(names[:_MOST_NAMED])}{more}"
+        excess = len(names) - MAX_NAMED_FIELDS
+        more = f" and {excess} more" if excess > 0 else ""
+        named = f"{', '.join(names[:MAX_NAMED_FIELDS])}{more}"
         _log.warning(f"{file} holds what this version of vibrident does not know; kept: {named}")

@@ -11,18 +11,18 @@ from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
 from vibrident.physics.models import installed
 from vibrident.physics.models.quantities import conversion
 
-MAX_SAMPLES = 100_000  # of an excerpt laid out evenly; earlier versions wrote 600 at most
+#: Longest excerpt laid out evenly; earlier versions wrote 600 samples at most.
+MAX_EXCERPT_SAMPLES = 100_000
+#: Columns in the unit of the sensitivity.
+_SENSITIVITY_COLUMNS = ("magnitude", "magnitude_uncertainty", "magnitude_noise")
 
 
-_SIZES = ("magnitude", "magnitude_uncertainty", "magnitude_noise")  # in the unit of the sensitivity
-
-
-def document_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:
+def in_current_form(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the document as this version writes it."""
-    return excerpts_of_today(curves_of_today(document))
+    return with_even_excerpts(with_stated_quantity(document))
 
 
-def curves_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:
+def with_stated_quantity(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a document whose curves are per the sensor's own quantity, and which says so.
 
     Earlier versions wrote them per the reference's quantity. Those of a model that is not installed
@@ -31,33 +31,37 @@ def curves_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:
     reference = document.get("reference")
     if "sensitivity_per" in document or not isinstance(reference, Mapping):
         return document
-    given = reference.get("quantity")
+    per_reference = reference.get("quantity")
     model = installed(str(document.get("model")))
-    if given not in QUANTITIES or model is None:
+    if per_reference not in QUANTITIES or model is None:
         return {**document, "sensitivity_per": reference}
-    own = model.stated_quantity(given)
-    if own == given:
+    stated = model.stated_quantity(per_reference)
+    if stated == per_reference:
         return {**document, "sensitivity_per": reference}
     settings = document["settings"]
     if isinstance(budget := settings.get("point_budget"), Mapping):
-        factor = _factor(budget["frequency_hz"], given, own)
+        factor = _factor(budget["frequency_hz"], per_reference, stated)
         sources = [_scaled(source, factor) for source in budget["sources"]]
         settings = {**settings, "point_budget": {**budget, "sources": sources}}
     return {
         **document,
-        **{name: _converted(document[name], given, own) for name in ("response", "measured")},
+        **{
+            name: _converted(document[name], per_reference, stated)
+            for name in ("response", "measured")
+        },
         "settings": settings,
-        "sensitivity_per": {"quantity": own, "unit": REFERENCE_UNITS[own]},
+        "sensitivity_per": {"quantity": stated, "unit": REFERENCE_UNITS[stated]},
     }
 
 
-def _factor(frequency_hz: Any, given: Any, own: Any) -> Any:
-    return conversion(np.array(frequency_hz, dtype=float), given, own)
+def _factor(frequency_hz: Any, per: Any, wanted: Any) -> Any:
+    """Return the factor from a response per one quantity to that per another, shape (points,)."""
+    return conversion(np.array(frequency_hz, dtype=float), per, wanted)
 
 
-def _converted(curve: Mapping[str, Any], given: Any, own: Any) -> dict[str, Any]:
-    """Return a curve per its sensor's own quantity, its phase in (−180°, 180°]."""
-    factor = _factor(curve["frequency_hz"], given, own)
+def _converted(curve: Mapping[str, Any], per: Any, wanted: Any) -> dict[str, Any]:
+    """Return a curve per the quantity wanted, its phase in (−180°, 180°]."""
+    factor = _factor(curve["frequency_hz"], per, wanted)
     turned = np.array(curve["phase_deg"], dtype=float)
     if turned.size:
         turned = 180.0 - (180.0 - turned - np.rad2deg(np.angle(factor))) % 360.0
@@ -66,15 +70,16 @@ def _converted(curve: Mapping[str, Any], given: Any, own: Any) -> dict[str, Any]
 
 def _scaled(part: Mapping[str, Any], factor: Any) -> dict[str, Any]:
     """Return a part whose columns in the unit of the sensitivity are times the factor's size."""
-    sizes = {name: part[name] for name in _SIZES if part.get(name)}
     size = np.abs(factor)
     scaled = {
-        name: (np.array(values, dtype=float) * size).tolist() for name, values in sizes.items()
+        name: (np.array(part[name], dtype=float) * size).tolist()
+        for name in _SENSITIVITY_COLUMNS
+        if part.get(name)
     }
     return {**part, **scaled}
 
 
-def excerpts_of_today(document: Mapping[str, Any]) -> Mapping[str, Any]:
+def with_even_excerpts(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a document whose excerpts have start, interval and values in place of times."""
     signals = document.get("signals")
     if not isinstance(signals, list | tuple):
@@ -95,10 +100,10 @@ def _even(signal: Any) -> Any:
     interval_s = float(np.median(steps)) if steps.size else 0.0
     start_s = float(time_s[0]) if time_s.size else 0.0
     places = np.floor((time_s - start_s) / (interval_s or 1.0) + 0.5)
-    usable = (places >= 0.0) & (places < MAX_SAMPLES)
+    usable = (places >= 0.0) & (places < MAX_EXCERPT_SAMPLES)
     at = places[usable].astype(int)
     samples = np.full((2, int(at.max(initial=-1)) + 1), np.nan)
     samples[:, at] = measured[usable], (measured - predicted)[usable]
-    kept = {name: value for name, value in signal.items() if name not in ("time_s", "predicted")}
-    known = {"start_s": start_s, "interval_s": interval_s}
-    return {**kept, **known, "measured": samples[0].tolist(), "residual": samples[1].tolist()}
+    same = {name: value for name, value in signal.items() if name not in ("time_s", "predicted")}
+    times = {"start_s": start_s, "interval_s": interval_s}
+    return {**same, **times, "measured": samples[0].tolist(), "residual": samples[1].tolist()}

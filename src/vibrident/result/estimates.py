@@ -63,13 +63,14 @@ def model_of_result(result: Any) -> SensorModel:
 
 
 def _values(result: Any, model: SensorModel) -> dict[str, float]:
-    found = {
+    """Return the values of the model's parameters; InputError where one is missing."""
+    values = {
         name: result.parameters[name].value
         for name in model.parameter_names
         if name in result.parameters
     }
     missing = [
-        n for n in model.parameter_names if found.get(n) is None or not np.isfinite(found[n])
+        n for n in model.parameter_names if values.get(n) is None or not np.isfinite(values[n])
     ]
     if missing:
         raise InputError(
@@ -79,19 +80,20 @@ def _values(result: Any, model: SensorModel) -> dict[str, float]:
             where="result.json, parameters",
             remedy="run ⟦command = identify⟧ again",
         )
-    return {name: float(found[name]) for name in model.parameter_names}
+    return {name: float(values[name]) for name in model.parameter_names}
 
 
 def _covariance(result: Any, model: SensorModel) -> FloatArray:
+    """Return the covariance of the values, NaN where it is not stated."""
     names = model.parameter_names
     stated = [result.parameters[name].standard_uncertainty for name in names]
     deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
     correlation = np.full((len(names), len(names)), np.nan)
     place = {name: index for index, name in enumerate(result.correlation.names)}
-    for row, name in enumerate(names):
-        for column, other in enumerate(names):
-            if name in place and other in place:
-                correlation[row, column] = result.correlation.matrix[place[name]][place[other]]
+    for row, first in enumerate(names):
+        for column, second in enumerate(names):
+            if first in place and second in place:
+                correlation[row, column] = result.correlation.matrix[place[first]][place[second]]
     return correlation * np.outer(deviation, deviation)
 
 
@@ -118,9 +120,8 @@ def _misfit(result: Any) -> float:
         )
 
     degree = np.pi / 180.0
-    found = squares(measured.deviation_percent, 0.01) + squares(
-        measured.deviation_phase_deg, degree
-    )
+    deviation = squares(measured.deviation_percent, 0.01)
+    deviation += squares(measured.deviation_phase_deg, degree)
     known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
     known += squares(measured.phase_deg_uncertainty, degree)
-    return float(np.sqrt(max(np.mean(found - known), 0.0)))
+    return float(np.sqrt(max(np.mean(deviation - known), 0.0)))

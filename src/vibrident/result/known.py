@@ -1,4 +1,4 @@
-"""A result as what is known of a channel: the sensor that it is of is the reference of another."""
+"""Known response of a channel, from the result of the sensor that is the reference there."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from vibrident.data.records import FloatArray, Quantity
 from vibrident.result.result import Result
 from vibrident.result.sensor import IdentifiedSensor
 
-#: Frequencies at which the changes with the parameters are tabulated, and a response that is not
-#: rational.
-POINTS = 2000
+#: Frequencies at which slopes are tabulated, and a response that is not rational.
+TABLE_POINTS = 2000
 
 
 def known_response(
@@ -42,7 +41,7 @@ def known_response(
     wanted = quantity or sensor.quantity
     band_hz = sensor.band_hz or (0.0, np.inf)
     low = max(band_hz[0], 1e-9)
-    at = np.geomspace(low, min(band_hz[1], 1e9 * low), POINTS)
+    at = np.geomspace(low, min(band_hz[1], 1e9 * low), TABLE_POINTS)
     slopes = sensor.slopes(at, wanted) / sensor.frequency_response(at, wanted)
     effects = effects_of_covariance(source, at, slopes, sensor.covariance)
     effects += flat_effects(f"{source}, whose model was rejected", sensor.misfit, sensor.misfit)
@@ -52,7 +51,9 @@ def known_response(
 
 
 def _shape(sensor: IdentifiedSensor, quantity: Quantity, at: FloatArray) -> Shape:
-    model, values = sensor.model, dict(sensor.values)
+    """Return the response as poles and zeros, or as a table at frequencies ``at``."""
+    model = sensor.model
+    values = dict(sensor.values)
     if not model.has_network:  # a part of it is not rational
         response = sensor.frequency_response(at, quantity)
         return Tabulated(at, np.abs(response), np.angle(response))

@@ -1,4 +1,4 @@
-"""What a result is made of: parameters, curves, excerpts, warnings; each keeps unknown fields."""
+"""Parts of a result: parameters, curves, excerpts, warnings; each keeps unknown fields."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def no_numbers() -> FloatArray:
 
 
 class _Listed:
-    """In a document, an array is a list of numbers, null where one is not known."""
+    """Schema of an array: a list of numbers, null where one is not known."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         return handler.generate_schema(tuple[float | None, ...])
 
 
 class _NullIsNaN:
-    """In a document, null stands for a required number that is not finite; read, it is NaN."""
+    """Schema of a required number; null stands for one that is not finite, and is read as NaN."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core import core_schema
@@ -41,7 +41,7 @@ class _NullIsNaN:
 
 
 class _AnyCode:
-    """A code is written of a fixed list; read, it may be one of a later version."""
+    """Schema of a code of a fixed list; read, it may be one of a later version."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         return handler.generate_schema(str)
@@ -61,7 +61,7 @@ Code = Annotated[WarningCode, _AnyCode()]
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a result, with the fields of a later version that this one does not know."""
+    """Part of a result, with the fields of a later version that this one does not know."""
 
     unknown_fields: Mapping[str, Any] = field(
         default_factory=dict, kw_only=True, repr=False, hash=False
@@ -69,29 +69,33 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _OfNumbers(Part):
-    """A part whose ``Numbers`` are read-only arrays; equal where all fields are, NaN to NaN."""
+class _NumericPart(Part):
+    """Part whose ``Numbers`` are read-only arrays; equal where all fields are, NaN to NaN."""
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        for each in fields(self):  # type: ignore[arg-type]
-            if each.type == "Numbers":
-                object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
+        for field_of_part in fields(self):  # type: ignore[arg-type]
+            name = field_of_part.name
+            if field_of_part.type == "Numbers":
+                object.__setattr__(self, name, frozen(getattr(self, name)))
 
-    def __eq__(self, other: object) -> bool:
-        if type(self) is not type(other):
+    def __eq__(self, value: object) -> bool:
+        if type(self) is not type(value):
             return NotImplemented
-        pairs = ((value, vars(other)[name]) for name, value in vars(self).items())
-        return all(
-            np.array_equal(one, two, equal_nan=True) if isinstance(one, np.ndarray) else one == two
-            for one, two in pairs
-        )
+        return all(_are_equal(item, vars(value)[name]) for name, item in vars(self).items())
+
+
+def _are_equal(first: Any, second: Any) -> bool:
+    """Return whether two values of a field are equal; NaN equals NaN in arrays."""
+    if isinstance(first, np.ndarray):
+        return np.array_equal(first, second, equal_nan=True)
+    return first == second
 
 
 @dataclass(frozen=True)
 class ResultWarning(Part):
-    """One warning of the result: a fixed code and a sentence for the user."""
+    """Warning of a result: a fixed code and a sentence for the user."""
 
     code: Code
     message: str
@@ -99,28 +103,46 @@ class ResultWarning(Part):
 
 @dataclass(frozen=True)
 class Finding(Part):
-    """What departs from the fit significantly, whether it matters or not."""
+    """Significant departure from the fit, whether it matters or not.
 
-    code: Code  # the warning that it is, where it matters
-    record: str | None  # name of the record; None where it concerns all
-    time_s: float | None  # where in the record; None where that has no place
-    probability: float  # that noise alone shows it
-    # parameter → how far it moves the stated value, in the parameter's unit: stated less without
+    Attributes:
+        code: the warning that it is, where it matters.
+        record: name of the record; None where it concerns all.
+        time_s: where in the record; None where that has no place.
+        probability: that noise alone shows it.
+        impact: parameter → how far it moves the stated value, in the parameter's unit: stated less
+            without.
+        message: a sentence for the user.
+    """
+
+    code: Code
+    record: str | None
+    time_s: float | None
+    probability: float
     impact: Mapping[str, float]
-    message: str  # a sentence for the user
+    message: str
 
 
 @dataclass(frozen=True)
 class Parameter(Part):
-    """An identified or derived parameter."""
+    """Identified or derived parameter.
 
-    value: Number  # best estimate, in ``unit``
-    unit: str  # unit of value, standard uncertainty and interval
-    standard_uncertainty: float | None  # u (GUM), same unit; None where it cannot be stated
-    # limits of the 95 % coverage interval; None at an end that the data do not bound
+    Attributes:
+        value: best estimate, in ``unit``.
+        unit: unit of value, standard uncertainty and interval.
+        standard_uncertainty: u (GUM), same unit; None where it cannot be stated.
+        interval_95: limits of the 95 % coverage interval; None at an end that the data do not
+            bound.
+        identifiable: False where the data do not determine the parameter.
+        derived: True for a function of the estimated parameters.
+    """
+
+    value: Number
+    unit: str
+    standard_uncertainty: float | None
     interval_95: tuple[float | None, float | None]
-    identifiable: bool = True  # False where the data do not determine the parameter
-    derived: bool = False  # True for a function of the estimated parameters
+    identifiable: bool = True
+    derived: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,17 +157,15 @@ class Correlation(Part):
 
 @dataclass(frozen=True)
 class Fit(Part):
-    """How well the model's prediction meets the data.
+    """Quality of a fit: how well the model's prediction meets the data.
 
     For records the residual is measured minus predicted response in time, in the response unit; for
-    a table it is
-    the complex response in its unit. With e the residual and y the measured response:
-    rmse = √mean(e²), mae = mean|e|, mse = rmse², r2 = 1 − mse/var(y), rpd = sd(y)/rmse (population
-    sd),
-    nrmse = rmse/sd(y). ``chi2_reduced`` compares the deviation at the excited frequencies with its
-    uncertainty; ``degrees_of_freedom`` belongs to it. ``explained`` is the share of the response's
-    power, in the band of the motion, that the model explains, and ``coherent`` the share that any
-    linear sensor could explain.
+    a table it is that of the complex response, in its unit. With e the residual and y the measured
+    response, rmse = √mean(e²), mae = mean|e|, mse = rmse², r2 = 1 − mse/var(y), rpd = sd(y)/rmse
+    (population sd), nrmse = rmse/sd(y). ``chi2_reduced`` compares the deviation at the excited
+    frequencies with its uncertainty; ``degrees_of_freedom`` belongs to it. ``explained`` is the
+    share of the response's power, in the band of the motion, that the model explains, and
+    ``coherent`` the share that any linear sensor could explain.
     """
 
     rmse: Number
@@ -162,12 +182,11 @@ class Fit(Part):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Curve(_OfNumbers):
+class Curve(_NumericPart):
     """Complex sensitivity over frequency: response per the sensor's own quantity, lag negative.
 
     Each is an array of shape (points,), NaN where a number is not known; uncertainties are standard
-    uncertainties
-    (k = 1).
+    uncertainties (k = 1).
     """
 
     frequency_hz: Numbers
@@ -178,52 +197,57 @@ class Curve(_OfNumbers):
 
     @classmethod
     def none(cls) -> Self:
-        """A curve without points."""
+        """Return a curve without points."""
         return cls(*(no_numbers() for _ in range(5)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredCurve(Curve):
-    """What the data say at each excited frequency, and how far the model is from it."""
+    """Measured sensitivity at each excited frequency, and the deviation of the model from it.
 
-    deviation_percent: Numbers = field(
-        default_factory=no_numbers
-    )  # 100 (model − measured)/measured, of the magnitude
-    # model − measured phase; NaN where there is no measured phase
+    Attributes:
+        deviation_percent: 100 (model − measured)/measured, of the magnitude.
+        deviation_phase_deg: model − measured phase; NaN where there is no measured phase.
+        record: name of the record of each point.
+        magnitude_noise: the part of ``magnitude_uncertainty`` that is noise of this point alone;
+            the rest are the stated systematic effects, common to all points.
+        phase_deg_noise: the same of the phase.
+        deviation_uncertainty_percent: standard uncertainty of ``deviation_percent``. The model was
+            fitted to the same points and follows what is common to them, so it is not made of the
+            uncertainties of both: it is the noise less its leverage, and of the effects what the
+            parameters cannot follow. NaN where the model meets the point whatever it is.
+        deviation_phase_uncertainty_deg: the same of the phase.
+    """
+
+    deviation_percent: Numbers = field(default_factory=no_numbers)
     deviation_phase_deg: Numbers = field(default_factory=no_numbers)
-    record: tuple[str, ...] = ()  # name of the record of each point
-    # the part of ``magnitude_uncertainty`` that is noise of this point alone; the rest are the
-    # stated systematic
-    # effects, common to all points
+    record: tuple[str, ...] = ()
     magnitude_noise: Numbers = field(default_factory=no_numbers)
-    phase_deg_noise: Numbers = field(default_factory=no_numbers)  # the same of the phase
-    # standard uncertainty of ``deviation_percent``. The model was fitted to the same points and
-    # follows what is common
-    # to them, so it is not made of the uncertainties of both: it is the noise less its leverage,
-    # and of the effects
-    # what the parameters cannot follow. NaN where the model meets the point whatever it is
+    phase_deg_noise: Numbers = field(default_factory=no_numbers)
     deviation_uncertainty_percent: Numbers = field(default_factory=no_numbers)
-    deviation_phase_uncertainty_deg: Numbers = field(
-        default_factory=no_numbers
-    )  # the same of the phase
+    deviation_phase_uncertainty_deg: Numbers = field(default_factory=no_numbers)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Signal(_OfNumbers):
-    """How well one record is met, with a short excerpt of it for pictures.
+class Signal(_NumericPart):
+    """Quality of the fit of a record, with a short excerpt of it for pictures.
 
     Sample ``i`` of the excerpt lies at ``start_s`` + ``i`` ``interval_s``. Values have six
     significant digits; NaN is a sample that took no part in the fit. Without excerpt there are
     none.
+
+    Attributes:
+        residual: measured less predicted, with six digits of its own.
+        rmse: of the whole record.
     """
 
     record: str
     start_s: Number
     interval_s: Number
     measured: Numbers
-    residual: Numbers  # measured less predicted, with six digits of its own
+    residual: Numbers
     unit: str
-    rmse: Number  # of the whole record
+    rmse: Number
     nrmse: Number
 
     def __post_init__(self) -> None:
@@ -234,13 +258,13 @@ class Signal(_OfNumbers):
 
     @property
     def time_s(self) -> FloatArray:
-        """Times of the samples, shape (samples,)."""
+        """Return the times of the samples, shape (samples,)."""
         count = np.arange(self.measured.size, dtype=np.float64)
         return self.start_s + self.interval_s * count
 
     @property
     def predicted(self) -> FloatArray:
-        """The model's response, shape (samples,)."""
+        """Return the model's response, shape (samples,)."""
         return self.measured - self.residual
 
 
@@ -249,8 +273,7 @@ class Training(Part):
     """Course of the optimisation: mean squared weighted residual and parameters by iteration.
 
     ``weighting_changes`` are the iterations from which on the residual has other weights: losses on
-    both sides of one
-    cannot be compared.
+    both sides of one cannot be compared.
     """
 
     optimiser: str
@@ -266,7 +289,7 @@ class Training(Part):
 def require_consistent(
     response: Curve, measured: MeasuredCurve, correlation: Correlation, signals: Sequence[Signal]
 ) -> None:
-    """Check what the parts of a result say of each other; ValueError where they contradict."""
+    """Raise ValueError where the parts of a result contradict each other."""
     for name, curve in (("response", response), ("measured", measured)):
         points = len(curve.frequency_hz)
         for column in fields(curve):

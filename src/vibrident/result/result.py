@@ -1,4 +1,4 @@
-"""The one result of an identification: values only, to and from JSON (``vibrident.result/1``)."""
+"""Result of an identification: values only, to and from JSON (``vibrident.result/1``)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from vibrident.result.document import (
     SCHEMA,
     damaged,
     json_text,
+    log_unknown,
     plain,
     read_document,
-    say_unknown,
-    separated,
+    separate_unknown,
     unknown_names,
 )
-from vibrident.result.earlier import document_of_today
+from vibrident.result.earlier import in_current_form
 from vibrident.result.parts import (
     Correlation,
     Curve,
@@ -48,12 +48,13 @@ if TYPE_CHECKING:
     from vibrident.result.sensor import IdentifiedSensor
 
 
-TRACKED = "tracked"  # the estimator of a result that follows a sensor after its calibration
+#: Estimator of a result that follows a sensor after its calibration.
+TRACKED = "tracked"
 
 
 @dataclass(frozen=True)
 class Result(Part):
-    """The outcome of one identification, as ``result.json`` holds it.
+    """Outcome of an identification, as ``result.json`` holds it.
 
     Attributes:
         model: model name, such as "accelerometer+delay".
@@ -103,12 +104,12 @@ class Result(Part):
     uncertainty: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """Model, estimator, estimated parameters with u, verdict and codes of warnings."""
+        """Show model, estimator, estimated parameters with u, verdict and codes of warnings."""
         shown = []
-        for name, each in self.parameters.items():
-            u = each.standard_uncertainty
-            if not each.derived:
-                shown.append(f"{name}={each.value:.8g}" + ("" if u is None else f" ± {u:.2g}"))
+        for name, parameter in self.parameters.items():
+            u = parameter.standard_uncertainty
+            if not parameter.derived:
+                shown.append(f"{name}={parameter.value:.8g}" + ("" if u is None else f" ± {u:.2g}"))
         values = ", ".join(shown)
         verdict = "adequate" if self.fit.adequate else "not adequate"
         warned = f", warnings: {', '.join(self.warning_codes)}" if self.warnings else ""
@@ -126,21 +127,20 @@ class Result(Part):
         """Return the parameters, a row each, by name.
 
         Columns: ``value``, ``unit``, ``standard_uncertainty``, ``interval_95_low``,
-            ``interval_95_high`` (NaN where not
-        stated), ``identifiable``, ``derived``.
+        ``interval_95_high`` (NaN where not stated), ``identifiable``, ``derived``.
         """
         import pandas as pd
 
         rows = {
             name: (
-                each.value,
-                each.unit,
-                each.standard_uncertainty,
-                *each.interval_95,
-                each.identifiable,
-                each.derived,
+                parameter.value,
+                parameter.unit,
+                parameter.standard_uncertainty,
+                *parameter.interval_95,
+                parameter.identifiable,
+                parameter.derived,
             )
-            for name, each in self.parameters.items()
+            for name, parameter in self.parameters.items()
         }
         numbers = ("value", "standard_uncertainty", "interval_95_low", "interval_95_high")
         heads = ("value", "unit", *numbers[1:], "identifiable", "derived")
@@ -150,7 +150,7 @@ class Result(Part):
         return frame.astype(dict.fromkeys(numbers, float))
 
     def plot(self, picture: str = "sensitivity") -> Figure:
-        """One of the result's pictures as a matplotlib figure, which a notebook shows.
+        """Draw a picture of the result as a matplotlib figure, which a notebook shows.
 
         Args:
             picture: ``sensitivity``, ``deviation``, ``signals``, ``residuals`` or ``training``.
@@ -161,7 +161,7 @@ class Result(Part):
         return bound("plot")(picture, self)
 
     def to_sensor(self, use: str = "a computation") -> IdentifiedSensor:
-        """The sensor to compute with: response and uncertainty at any frequency.
+        """Return the sensor to compute with: response and uncertainty at any frequency.
 
         Its covariance holds what the result's uncertainties cover.
 
@@ -178,24 +178,24 @@ class Result(Part):
 
     @property
     def warning_codes(self) -> tuple[str, ...]:
-        """Codes of the warnings, in order, without repeats."""
+        """Return the codes of the warnings, in order, without repeats."""
         return tuple(dict.fromkeys(w.code for w in self.warnings))
 
     @property
     def quantity(self) -> str:
-        """What the sensitivities are per; acceleration where it is not stated."""
+        """Return the quantity that sensitivities are per; acceleration where it is not stated."""
         return self.sensitivity_per.get("quantity", "acceleration")
 
     @property
     def is_tracked(self) -> bool:
-        """Whether the values follow a sensor after its calibration, and are none themselves."""
+        """Return whether the values follow a sensor after its calibration."""
         return self.estimator == TRACKED
 
     @property
     def has_gain(self) -> bool:
-        """Whether there is a gain, and so a curve over frequency; free decays alone have none."""
-        own = {name for name, parameter in self.parameters.items() if not parameter.derived}
-        return own != {"natural_frequency", "damping_ratio"}
+        """Return whether there is a gain, and so a curve; free decays alone have none."""
+        estimated = {name for name, parameter in self.parameters.items() if not parameter.derived}
+        return estimated != {"natural_frequency", "damping_ratio"}
 
     def require_gain(self, use: str) -> None:
         """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain."""
@@ -225,11 +225,11 @@ class Result(Part):
             )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types only; numbers that are not finite become None."""
+        """Return the result in plain types; numbers that are not finite become None."""
         return {"schema": SCHEMA, **plain(self)}
 
     def to_json(self) -> str:
-        """JSON text, RFC 8259: no NaN, no Infinity; floats round-trip exactly."""
+        """Return the result as JSON text, RFC 8259: no NaN, no Infinity; floats are exact."""
         return json_text(self.to_dict())
 
     def save(self, path: str | os.PathLike[str], *, excerpts: bool = True) -> Path:
@@ -252,13 +252,13 @@ class Result(Part):
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """What this version does not know, and keeps: codes, and places of fields."""
-        told = (("warnings", self.warnings), ("findings", self.findings))
+        """Return the codes, and the places of the fields, that this version does not know."""
+        coded = (("warnings", self.warnings), ("findings", self.findings))
         codes = dict.fromkeys(
-            f"{place}: {each.code}"
-            for place, parts in told
-            for each in parts
-            if each.code not in WARNING_CODES
+            f"{place}: {part.code}"
+            for place, parts in coded
+            for part in parts
+            if part.code not in WARNING_CODES
         )
         return (*unknown_names(self), *codes)
 
@@ -269,19 +269,20 @@ class Result(Part):
         Raises:
             InputError: the document has another schema or lacks a field.
         """
-        found = document.get("schema") if isinstance(document, Mapping) else type(document).__name__
-        if found != SCHEMA:
+        is_mapping = isinstance(document, Mapping)
+        schema = document.get("schema") if is_mapping else type(document).__name__
+        if schema != SCHEMA:
             raise InputError(
                 "This is not a vibrident result.",
                 expected=f'"schema": "{SCHEMA}"',
-                found=repr(found),
+                found=repr(schema),
                 remedy="give the result.json that ⟦command = identify⟧ wrote",
             )
         from pydantic import ValidationError
 
         try:
             known = {name: value for name, value in document.items() if name != "schema"}
-            parts = separated(cls, document_of_today(known))
+            parts = separate_unknown(cls, in_current_form(known))
             result = adapter().validate_python(parts)
             result.require_consistent()
         except ValidationError as error:
@@ -293,7 +294,7 @@ class Result(Part):
         return result
 
     def require_consistent(self) -> None:
-        """Check what the fields say of each other."""
+        """Raise ValueError where the fields contradict each other."""
         require_consistent(self.response, self.measured, self.correlation, self.signals)
 
     @classmethod
@@ -314,13 +315,13 @@ class Result(Part):
             named(model)
         document = read_document(path)
         result = cls.from_dict(document)
-        say_unknown(str(path), result.unknown)
+        log_unknown(str(path), result.unknown)
         return result
 
 
-@functools.cache  # making it is the slowest part of reading a result
+@functools.cache  # building it is the slowest part of reading a result
 def adapter() -> TypeAdapter[Result]:
-    """Return what checks a document, and makes a result of it."""
+    """Return the adapter that checks a document and builds a result from it."""
     from pydantic import TypeAdapter
 
     return TypeAdapter(Result)

@@ -1,8 +1,7 @@
-"""An identified sensor to compute with: model, values, covariance, and response with uncertainty.
+"""Identified sensor to compute with: model, values, covariance, and response with uncertainty.
 
 A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction,
-prediction, planning,
-report and export.
+prediction, planning, report and export.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedSensor:
-    """A sensor model with values and their covariance.
+    """Sensor model with values and their covariance.
 
     Attributes:
         model: the sensor model.
@@ -55,7 +54,7 @@ class IdentifiedSensor:
     misfit: float = 0.0
 
     def __repr__(self) -> str:
-        """Model, values with u, band and unit."""
+        """Show model, values with u, band and unit."""
         deviations = np.sqrt(np.diag(self.covariance))
         values = ", ".join(
             f"{name}={self.values[name]:.8g}" + (f" ± {u:.2g}" if np.isfinite(u) else "")
@@ -68,13 +67,13 @@ class IdentifiedSensor:
         return f"<Sensor {self.model.name}: {values}{band}; {units}>"
 
     def _repr_html_(self) -> str:
-        """In a notebook: the values with uncertainties, and the curve over the band of the data."""
+        """Show values with uncertainties, and the curve over the data's band, in a notebook."""
         return bound("sensor_html")(self)
 
     def frequency_response(
         self, frequency_hz: FloatArray, quantity: Quantity | None = None
     ) -> ComplexArray:
-        """Complex sensitivity for e^{+jωt}, shape (points,).
+        """Return the complex sensitivity for e^{+jωt}, shape (points,).
 
         Args:
             frequency_hz: shape (points,).
@@ -86,7 +85,7 @@ class IdentifiedSensor:
         )
 
     def slopes(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
-        """Derivative of the sensitivity by each parameter, shape (parameters, points)."""
+        """Return ∂sensitivity/∂parameter, shape (parameters, points)."""
         return response_and_slopes(
             self.model, self.values, frequency_hz, quantity or self.quantity
         )[1]
@@ -114,8 +113,8 @@ class IdentifiedSensor:
         """
         from scipy.signal import ZerosPolesGain
 
-        found = bound("zeros_and_poles")(self)
-        return ZerosPolesGain(found.zeros, found.poles, found.gain)
+        system = bound("zeros_and_poles")(self)
+        return ZerosPolesGain(system.zeros, system.poles, system.gain)
 
     def to_control(self) -> TransferFunction:
         """Return a ``control.TransferFunction`` (extra ``control``), like :meth:`to_scipy`.
@@ -130,7 +129,7 @@ class IdentifiedSensor:
 
     @property
     def zeros_at_rest(self) -> int:
-        """How many times the response to acceleration vanishes at frequency zero: 0, 1 or 2."""
+        """Return the number of zeros at frequency zero of the response to acceleration: 0 to 2."""
         numerator = self.model.rational(self.values).numerator
         return next((power for power, c in enumerate(numerator) if c != 0.0), len(numerator))
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.certificate import CertificateData, certificate_data
+from vibrident.data.io.certificate import CertificateData, certificate_data, certificate_section
 from vibrident.result import Result
+from vibrident.result.given import GivenResult, as_result
 from vibrident.show.language import Say
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
@@ -133,19 +134,58 @@ class Issue:
 NOTHING_MORE = Issue()
 
 
-def issued(
-    result: Result, statements: Sequence[str | os.PathLike[str]] | CertificateData
-) -> tuple[Result, Issue]:
-    """Return a result with the statements of certificate files or a form; later files win.
+#: What a certificate states besides the result: a certificate file (TOML) or several, of which a
+#: later one replaces what an earlier one states; or the entries of [certificate] themselves, by
+#: key; or a form that was filled in.
+GivenCertificate = (
+    str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | CertificateData
+)
+
+
+def issued(source: GivenResult, certificate: GivenCertificate) -> tuple[Result, Issue]:
+    """Return a result with what its certificate states, and what belongs to the certificate alone.
+
+    Args:
+        source: a result, or the path of its file.
+        certificate: the statements; an empty sequence adds nothing.
 
     Raises:
         InputError: a file, or one that it names, cannot be read or holds what is not allowed.
     """
-    data = statements if isinstance(statements, CertificateData) else certificate_data(statements)
+    result = as_result(source)
+    data = _statements(certificate)
     logo = None if data.logo is None else data.logo.read_bytes()
     before = None if data.before is None else Result.load(data.before)
     return stated(result, data), Issue(
         before, logo, data.template, () if data.fonts is None else (data.fonts,)
+    )
+
+
+def check_certificate(result: GivenResult, certificate: GivenCertificate = ()) -> tuple[str, ...]:
+    """Return the entries of ISO/IEC 17025 that a certificate lacks; none: it can be issued.
+
+    Args:
+        result: of an identification, or the path of its ``result.json``.
+        certificate: what the certificate states, given after the fit, as for
+            :func:`vibrident.report`.
+
+    Returns:
+        Keys of [certificate], and of [sensor].
+
+    Raises:
+        InputError: a file cannot be read or holds what is not allowed.
+    """
+    known, _ = issued(result, certificate)
+    return missing(known)
+
+
+def _statements(certificate: GivenCertificate) -> CertificateData:
+    if isinstance(certificate, CertificateData):
+        return certificate
+    if isinstance(certificate, Mapping):
+        return CertificateData(certificate_section(certificate, "certificate"))
+    return certificate_data(
+        [certificate] if isinstance(certificate, str | os.PathLike) else certificate
     )
 
 

@@ -18,6 +18,8 @@ from vibrident.show.views import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
+    from vibrident.data.records import Calibration
+
 __all__ = [
     "PICTURES",
     "correction",
@@ -49,6 +51,11 @@ def draw(name: str, result: Result) -> Picture:
     return drawing.picture(
         figure or Figure(name, f"{name.capitalize()}: nothing in the result", ())
     )
+
+
+def draw_inspection(calibration: Calibration) -> Picture:
+    """Return excerpts of a calibration's records, or its table with U, as a matplotlib figure."""
+    return drawing.picture(inspection(calibration))
 
 
 def save(figure: Figure | Picture, path: str | os.PathLike[str]) -> Path:

@@ -13,17 +13,27 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from vibrident.base.errors import unknown
+from vibrident.base.errors import InputError, unknown
 from vibrident.result import Result
+from vibrident.result.given import GivenResult
 from vibrident.show import document, plots
 from vibrident.show.certificate import certificate
 from vibrident.show.certified import raised_to_measured
 from vibrident.show.coverage import document_kind
-from vibrident.show.issue import NOTHING_MORE, Issue
+from vibrident.show.issue import NOTHING_MORE, GivenCertificate, Issue, issued
 from vibrident.show.media import markdown
 from vibrident.show.views import Section
 
-__all__ = ["FILE_NAMES", "Form", "content", "file_name", "name_of_sensor", "render", "write"]
+__all__ = [
+    "FILE_NAMES",
+    "Form",
+    "content",
+    "file_name",
+    "name_of_sensor",
+    "render",
+    "report",
+    "write",
+]
 
 Form = Literal["html", "pdf", "md"]
 #: File name of each form: of one result, and of several side by side.
@@ -32,6 +42,62 @@ FILE_NAMES: dict[str, tuple[str, str]] = {
     "pdf": ("certificate.pdf", "comparison.pdf"),
     "md": ("report.md", "comparison.md"),
 }
+
+
+def report(
+    results: GivenResult | Sequence[GivenResult],
+    path: str | os.PathLike[str],
+    *,
+    form: Form | None = None,
+    certificate: GivenCertificate = (),
+    names: Sequence[str] = (),
+) -> Path:
+    """Write a report of one result, or a comparison of several.
+
+    Args:
+        results: a result or several, or paths of their ``result.json``.
+        path: the file; or a folder, made if missing, for a file of the usual name.
+        form: ``html`` (interactive, one file), ``pdf`` (certificate, measurement report or
+            comparison) or ``md`` (one result with pictures); None: by the ending of the path.
+        certificate: what the certificate states, given after the fit: a certificate file (TOML) or
+            several, or the entries of [certificate] by key. What ISO/IEC 17025 asks for and is
+            missing makes it a draft (:func:`vibrident.check_certificate`).
+        names: what to call each of several results; none: 1, 2, ….
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        InputError: the form is not known or what it needs is not installed, a file cannot be read,
+            or a certificate of several results is asked for.
+    """
+    sources = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
+    pairs = [issued(result, certificate) for result in sources]
+    known = [result for result, _ in pairs]
+    if not known:
+        raise InputError(
+            "There is nothing to report.",
+            expected="a result, or several",
+            found="none",
+            where="report",
+            remedy="give a result",
+        )
+    return write(known, form or _form_of(path), path, names, issue=pairs[0][1])
+
+
+def _form_of(path: str | os.PathLike[str]) -> Form:
+    """Return the form that the ending of a path says."""
+    ending = Path(path).suffix.lower().removeprefix(".")
+    for form in get_args(Form):
+        if ending == form:
+            return form
+    raise InputError(
+        "The path does not say the form of the report.",
+        expected="a name that ends in .html, .pdf or .md, or form=…",
+        found=os.fspath(path),
+        where="report",
+        remedy="give one of the two",
+    )
 
 
 def file_name(result: Result, form: Form) -> str:

@@ -21,7 +21,9 @@ class Equivalence:
     """A laboratory's value beside the weighted mean of all."""
 
     difference: float  # the value less the mean
-    expanded: float  # U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean
+    expanded: (
+        float  # U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean
+    )
     e_n: float | None  # difference over ``expanded``; None where the value is all of the mean
 
 
@@ -33,7 +35,9 @@ class Agreement:
     u: float  # its standard uncertainty
     chi2: float  # observed χ² of the differences; of ``degrees_of_freedom``
     degrees_of_freedom: int
-    probability: float  # of a larger χ² for consistent values; they are taken for consistent from 0.05 on
+    probability: (
+        float  # of a larger χ² for consistent values; they are taken for consistent from 0.05 on
+    )
     laboratories: tuple[Equivalence, ...]  # in the order given
 
 
@@ -47,8 +51,14 @@ def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreem
     Raises:
         InputError: there are fewer than two, or an uncertainty is not a positive number.
     """
-    x, u = np.asarray(values, float), np.asarray(uncertainties, float)
-    if x.size < 2 or x.shape != u.shape or not np.all(np.isfinite(x)) or not np.all(np.isfinite(u) & (u > 0)):
+    x = np.asarray(values, float)
+    u = np.asarray(uncertainties, float)
+    if (
+        x.size < 2
+        or x.shape != u.shape
+        or not np.all(np.isfinite(x))
+        or not np.all(np.isfinite(u) & (u > 0))
+    ):
         raise InputError(
             "These values cannot be compared.",
             expected="two values or more, each with a standard uncertainty above zero",
@@ -57,10 +67,13 @@ def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreem
             remedy="give one of each for every laboratory",
         )
     weight = 1.0 / u**2
-    mean, u_mean = float(np.sum(weight * x) / np.sum(weight)), float(1.0 / math.sqrt(np.sum(weight)))
+    mean = float(np.sum(weight * x) / np.sum(weight))
+    u_mean = float(1.0 / math.sqrt(np.sum(weight)))
     chi2 = float(np.sum(((x - mean) / u) ** 2))
     found = []
     for value, own in zip(x.tolist(), u.tolist(), strict=True):
         expanded = COVERAGE_FACTOR * math.sqrt(max(own**2 - u_mean**2, 0.0))
-        found.append(Equivalence(value - mean, expanded, (value - mean) / expanded if expanded else None))
+        found.append(
+            Equivalence(value - mean, expanded, (value - mean) / expanded if expanded else None)
+        )
     return Agreement(mean, u_mean, chi2, x.size - 1, chi2_tail(x.size - 1, chi2), tuple(found))

@@ -48,7 +48,9 @@ def deviation(parameter: Parameter, true: float) -> Deviation | None:
 
 def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviation]:
     """Deviation of every parameter whose true value is known."""
-    found = {name: deviation(p, truth[name]) for name, p in result.parameters.items() if name in truth}
+    found = {
+        name: deviation(p, truth[name]) for name, p in result.parameters.items() if name in truth
+    }
     return {name: value for name, value in found.items() if value is not None}
 
 
@@ -57,7 +59,8 @@ def normalized_error(
 ) -> float | None:
     """E_n = (one − other)/U(one − other) (ISO 13528, ISO/IEC 17043): two values agree where |E_n| ≤ 1.
 
-    U² = U_one² + U_other² − 2 k² cov (GUM 5.2.2): what both share, such as a reference, is no part of their difference.
+    U² = U_one² + U_other² − 2 k² cov (GUM 5.2.2): what both share, such as a reference, is no part
+    of their difference.
 
     Args:
         one: a value.
@@ -73,10 +76,13 @@ def normalized_error(
     return (one - other) / math.sqrt(square) if square > 0 else None
 
 
-#: Kinds of contributions that stay the same from one calibration to the next as long as their source does. Others are
-#: new each time: a sensor is mounted anew, and an ellipse is fitted to the signals of the day.
+#: Kinds of contributions that stay the same from one calibration to the next as long as their
+#: source does. Others are new each time: a sensor is mounted anew, and an ellipse is fitted to the
+#: signals of the day.
 LASTING_KINDS = ("gain", "timing", "phase", "clock")
-REFERENCE_SOURCE = "calibration of the reference"  # the row of the budget for the calibration of the reference
+REFERENCE_SOURCE = (
+    "calibration of the reference"  # the row of the budget for the calibration of the reference
+)
 
 
 def shared_sources(
@@ -84,16 +90,18 @@ def shared_sources(
 ) -> dict[str, float]:
     """The systematic contributions that another calibration may share, by what identifies each.
 
-    Two calibrations share a contribution where the key is the same: kind, source in words, its standard uncertainty to
-    two digits (a source that was calibrated anew has another), the laboratory, and the instruments that the certificate
-    states (with serial number and certificate): for the calibration of the reference all of them, for another source
-    those whose name or serial number its words contain.
+    Two calibrations share a contribution where the key is the same: kind, source in words, its
+    standard uncertainty to two digits (a source that was calibrated anew has another), the
+    laboratory, and the instruments that the certificate states (with serial number and
+    certificate): for the calibration of the reference all of them, for another source those whose
+    name or serial number its words contain.
 
     Args:
         result: the result.
         parameter: of this parameter; in its unit.
-        sensitivity: of the sensitivity at a frequency instead: frequency in Hz, and value in its unit. A gain acts on
-            it as it is at that frequency, other sources as on the parameter for the gain.
+        sensitivity: of the sensitivity at a frequency instead: frequency in Hz, and value in its
+            unit. A gain acts on it as it is at that frequency, other sources as on the parameter
+            for the gain.
 
     Returns:
         key to standard uncertainty, larger than zero.
@@ -102,7 +110,11 @@ def shared_sources(
     for row in result.settings.get("uncertainty_budget") or ():
         kind = str(row.get("kind", ""))
         if kind in LASTING_KINDS:
-            u = _sensitivity_share(result, row, *sensitivity) if sensitivity is not None else _share(row, parameter)
+            u = (
+                _sensitivity_share(result, row, *sensitivity)
+                if sensitivity is not None
+                else _share(row, parameter)
+            )
             if math.isfinite(u) and u > 0:
                 key = _identity(result, row)
                 found[key] = math.hypot(found.get(key, 0.0), u)
@@ -137,7 +149,9 @@ def _share(row: Mapping[str, Any], parameter: str | None) -> float:
     return abs(float((row.get("contributions") or {}).get(parameter) or 0.0))
 
 
-def _sensitivity_share(result: Result, row: Mapping[str, Any], frequency_hz: float, sensitivity: float) -> float:
+def _sensitivity_share(
+    result: Result, row: Mapping[str, Any], frequency_hz: float, sensitivity: float
+) -> float:
     if row.get("kind") == "gain":
         return abs(_relative_gain(result, row, frequency_hz) * sensitivity)
     for name, parameter in result.parameters.items():
@@ -149,11 +163,13 @@ def _sensitivity_share(result: Result, row: Mapping[str, Any], frequency_hz: flo
 def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) -> float:
     """Relative u of a gain at a frequency: the row holds the largest of one that is stated by frequency."""
     largest = float(row.get("standard_uncertainty") or 0.0)
-    points, measured = result.settings.get("point_budget") or {}, result.measured
+    points = result.settings.get("point_budget") or {}
+    measured = result.measured
     for source in points.get("sources") or ():
         if source.get("source") == row.get("source"):
             f = np.asarray(points["frequency_hz"], dtype=float)
-            order, known = np.argsort(f), np.argsort(measured.frequency_hz)
+            order = np.argsort(f)
+            known = np.argsort(measured.frequency_hz)
             size = np.interp(f, measured.frequency_hz[known], np.abs(measured.magnitude[known]))
             relative = np.asarray(source["magnitude"], dtype=float) / size
             return min(largest, float(np.interp(frequency_hz, f[order], relative[order])))
@@ -170,7 +186,11 @@ def _identity(result: Result, row: Mapping[str, Any]) -> str:
     ]
     if words != REFERENCE_SOURCE:
         named = ("name", "serial_number")
-        instruments = [entry for entry in instruments if any(entry.get(key) and entry[key] in words for key in named)]
+        instruments = [
+            entry
+            for entry in instruments
+            if any(entry.get(key) and entry[key] in words for key in named)
+        ]
     told = ("name", "manufacturer", "type", "serial_number", "certificate")
     listed = sorted("/".join(entry.get(key, "") for key in told) for entry in instruments)
     laboratory = " ".join(str(result.certificate.get("laboratory") or "").casefold().split())
@@ -180,9 +200,13 @@ def _identity(result: Result, row: Mapping[str, Any]) -> str:
 def not_comparable(one: Result, other: Result) -> str:
     """Reason why E_n of two results is not valid; empty if it is valid.
 
-    E_n compares independent measurements of one thing: not two evaluations of the same data, not two sensors.
+    E_n compares independent measurements of one thing: not two evaluations of the same data, not
+    two sensors.
     """
-    first, second = ({entry.get("sha256") for entry in result.provenance.get("files") or ()} for result in (one, other))
+    first, second = (
+        {entry.get("sha256") for entry in result.provenance.get("files") or ()}
+        for result in (one, other)
+    )
     if (first & second) - {None, ""}:
         return "same data"
     serials = [str(result.sensor.get("serial_number") or "") for result in (one, other)]
@@ -247,19 +271,24 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
     if adequate:
         best = min(adequate, key=order)
         words = (
-            f"{best} explains the data, but they do not determine the {_weak(results[best])}: use its "
-            "curve within the band, not these parameters, or measure where they matter."
+            f"{best} explains the data, but they do not determine the {_weak(results[best])}: use "
+            "its curve within the band, not these parameters, or measure where they matter."
         )
         return Recommendation(best, words)
     scored = {name: c.chi2 for name, c in judged.items() if c.chi2 is not None}
     nearest = f" {min(scored, key=lambda name: scored[name])} comes nearest." if scored else ""
-    words = f"None of these explains the data: do not publish their parameters.{nearest} Try a model with more physics."
+    words = (
+        f"None of these explains the data: do not publish their parameters.{nearest} Try a model "
+        "with more physics."
+    )
     return Recommendation(None, words)
 
 
 def _weak(result: Result) -> str:
     """The parameters that the data do not determine, in words."""
-    return ", ".join(in_words(n) for n, p in result.parameters.items() if not p.derived and not p.identifiable)
+    return ", ".join(
+        in_words(n) for n, p in result.parameters.items() if not p.derived and not p.identifiable
+    )
 
 
 def _against(result: Result, found: Criteria, best: Criteria) -> str:
@@ -286,14 +315,17 @@ def document(
         cross_validations: name of the method to its cross-validation, as plain values.
     """
     first = next(iter(results))
-    zero = truth or {name: p.value for name, p in results[first].parameters.items() if p.value is not None}
+    zero = truth or {
+        name: p.value for name, p in results[first].parameters.items() if p.value is not None
+    }
     units = {name: p.unit for name, p in results[first].parameters.items()}
     return {
         "schema": SCHEMA,
         "deviations_from": "truth" if truth else first,
         "truth": dict(truth) if truth else None,
         "methods": [
-            _method(name, result, zero, units, bool(truth)) | {"cross_validation": (cross_validations or {}).get(name)}
+            _method(name, result, zero, units, bool(truth))
+            | {"cross_validation": (cross_validations or {}).get(name)}
             for name, result in results.items()
         ],
         "recommendation": asdict(recommendation(results)),

@@ -15,7 +15,9 @@ from vibrident.physics.models import installed
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
-DEVIATION = "sensitivity_deviation"  # quantity: percent from the sensitivity at the reference frequency
+DEVIATION = (
+    "sensitivity_deviation"  # quantity: percent from the sensitivity at the reference frequency
+)
 #: A ratio this near to one is one: the rounding of its two values and of the quotient.
 _DUST = 4.0 * np.finfo(float).eps
 GUARD = 2.0  # guard band in u: w = U with k = 2 (ILAC-G8:09/2019, 5.1)
@@ -31,7 +33,9 @@ class Judged:
     low: float
     high: float
     source: str  # where the requirement is stated, as given
-    value: float  # of the result; of a deviation at the frequency where conformance is least probable
+    value: (
+        float  # of the result; of a deviation at the frequency where conformance is least probable
+    )
     u: float | None  # its standard uncertainty; None where it is not known
     frequency_hz: float | None  # of a deviation; None otherwise
     probability: float | None  # of conformance; None without u
@@ -49,21 +53,24 @@ def probability_of_conformance(value: float, u: float, low: float, high: float) 
 def accepted(value: float, u: float | None, low: float, high: float, rule: Rule) -> bool | None:
     """Whether a value is accepted.
 
-    ``simple``: it lies within its limits (JCGM 106, 8.2); ``guarded``: it does so by U with k = 2 (8.3.2). None where a
-    guard band is asked for and u is not known.
+    ``simple``: it lies within its limits (JCGM 106, 8.2); ``guarded``: it does so by U with k = 2
+    (8.3.2). None where a guard band is asked for and u is not known.
     """
     if rule == "simple":
         return low <= value <= high
     return None if u is None else low + GUARD * u <= value <= high - GUARD * u
 
 
-def judged(result: Result, reference_hz: float | None, reference: tuple[float, float | None] | None) -> list[Judged]:
+def judged(
+    result: Result, reference_hz: float | None, reference: tuple[float, float | None] | None
+) -> list[Judged]:
     """Each requirement of ``result.certificate``, judged.
 
     Args:
         result: with the requirements and the decision rule in its certificate.
         reference_hz: the reference frequency; None where there is none.
-        reference: magnitude of the sensitivity there and its standard uncertainty; None where there is none.
+        reference: magnitude of the sensitivity there and its standard uncertainty; None where there
+            is none.
 
     Raises:
         InputError: a requirement is of a quantity that the result does not have.
@@ -74,7 +81,11 @@ def judged(result: Result, reference_hz: float | None, reference: tuple[float, f
         low, high = (entry.get(key) for key in ("low", "high"))
         limits = -math.inf if low is None else float(low), math.inf if high is None else float(high)
         if entry["quantity"] == DEVIATION:
-            points = [] if reference_hz is None else [*_deviations(result, entry, reference_hz, reference)]
+            points = (
+                []
+                if reference_hz is None
+                else [*_deviations(result, entry, reference_hz, reference)]
+            )
             rows = [_row(entry, "%", limits, *point, rule) for point in points]
             if not rows:
                 rows = [_row(entry, "%", limits, math.nan, None, None, rule)]
@@ -110,13 +121,19 @@ def judged_points(
     """
     rule: Rule = result.certificate.get("decision_rule") or "simple"
     entries = [
-        entry for entry in result.certificate.get("requirements") or () if limited and entry["quantity"] == DEVIATION
+        entry
+        for entry in result.certificate.get("requirements") or ()
+        if limited and entry["quantity"] == DEVIATION
     ]
     found = []
     for value, u, frequency_hz in _deviations(result, {}, reference_hz, reference):
         here = [entry for entry in entries if _holds(entry, frequency_hz)]
-        low = max((entry["low"] for entry in here if entry.get("low") is not None), default=-math.inf)
-        high = min((entry["high"] for entry in here if entry.get("high") is not None), default=math.inf)
+        low = max(
+            (entry["low"] for entry in here if entry.get("low") is not None), default=-math.inf
+        )
+        high = min(
+            (entry["high"] for entry in here if entry.get("high") is not None), default=math.inf
+        )
         whole = {"quantity": DEVIATION}
         found.append(_row(whole, "%", (float(low), float(high)), value, u, frequency_hz, rule))
     return found
@@ -124,7 +141,8 @@ def judged_points(
 
 def _holds(entry: Any, frequency_hz: float) -> bool:
     """Return whether a requirement is of this frequency."""
-    low, high = entry.get("from_hz") or 0.0, entry.get("to_hz") or math.inf
+    low = entry.get("from_hz") or 0.0
+    high = entry.get("to_hz") or math.inf
     return low * (1 - 1e-9) <= frequency_hz <= high * (1 + 1e-9)
 
 
@@ -153,7 +171,17 @@ def _row(
     known = math.isfinite(value)
     chance = probability_of_conformance(value, u, *limits) if known and u is not None else None
     met = accepted(value, u, *limits, rule) if known else None
-    return Judged(entry["quantity"], unit, *limits, str(entry.get("source") or ""), value, u, frequency, chance, met)
+    return Judged(
+        entry["quantity"],
+        unit,
+        *limits,
+        str(entry.get("source") or ""),
+        value,
+        u,
+        frequency,
+        chance,
+        met,
+    )
 
 
 def _deviations(
@@ -182,7 +210,9 @@ def _deviations(
         yield 100.0 * (ratio - 1.0), u_percent, float(f)
 
 
-def ratio_uncertainty(u: float, common: FloatArray, base_u: float, base_common: FloatArray) -> float:
+def ratio_uncertainty(
+    u: float, common: FloatArray, base_u: float, base_common: FloatArray
+) -> float:
     """Return the relative standard uncertainty of a ratio of two values that share sources.
 
     A shared source multiplies both values by nearly the same factor, so only the difference of
@@ -194,9 +224,15 @@ def ratio_uncertainty(u: float, common: FloatArray, base_u: float, base_common: 
         base_u: relative standard uncertainty of the other value.
         base_common: contributions to that, shape (sources,).
     """
-    own = [max(total**2 - float(np.sum(part**2)), 0.0) for total, part in ((u, common), (base_u, base_common))]
+    own = [
+        max(total**2 - float(np.sum(part**2)), 0.0)
+        for total, part in ((u, common), (base_u, base_common))
+    ]
     dust = 8.0 * np.finfo(float).eps
-    own = [rest if rest > dust * total**2 else 0.0 for rest, total in zip(own, (u, base_u), strict=True)]
+    own = [
+        rest if rest > dust * total**2 else 0.0
+        for rest, total in zip(own, (u, base_u), strict=True)
+    ]
     return math.sqrt(sum(own) + float(np.sum((common - base_common) ** 2)))
 
 
@@ -223,6 +259,9 @@ def _common_gains(result: Result, frequency_hz: FloatArray) -> FloatArray:
     size = np.abs(points.magnitude[nearest])
     order = np.argsort(known_hz)
     columns = [
-        np.interp(frequency_hz, known_hz[order], (np.asarray(one["magnitude"], float) / size)[order]) for one in sources
+        np.interp(
+            frequency_hz, known_hz[order], (np.asarray(one["magnitude"], float) / size)[order]
+        )
+        for one in sources
     ]
     return np.stack(columns, axis=1)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
-from vibrident.data.records import Calibration
+from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.identification import fit, identify_run
 from vibrident.fit.judge.document import Uncertainty
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 @in_one_thread
 @watching()
 def identify(
-    calibration: Calibration | str | os.PathLike[str],
+    calibration: GivenCalibration,
     model: GivenModel | None = None,
     estimator: str | Estimator = AUTO,
     *,
@@ -38,25 +37,28 @@ def identify(
     """Identify a sensor from its calibration.
 
     Args:
-        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the path of a
-            calibration file.
+        calibration: from :func:`vibrident.read`, :func:`vibrident.simulate` or made by hand; or the
+            path of a calibration file.
         model: name of the sensor model, or a :class:`vibrident.Model`, alone or with add-ons
             (``model + "delay"``); None takes the calibration's.
         estimator: ``auto``, a name, or an estimator object with settings of its own, such as
             ``Ipnn(discretisation="euler", optimiser="adam")``.
         band_hz: lowest and highest frequency that the fit takes, Hz; None: those that the
             calibration states, or all. Free decays are taken whole.
-        uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty, of the data alone.
-            ``inflated``: where the deviations from the model are larger than that, the misfit too: sine records under
-            ``ml`` get a relative model error, all else is scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for
-            records whose model is rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
+        uncertainty: what the uncertainties cover. ``noise``: the noise, or the stated uncertainty,
+            of the data alone. ``inflated``: where the deviations from the model are larger than
+            that, the misfit too: sine records under ``ml`` get a relative model error, all else is
+            scaled by √(χ²/dof) (Birge ratio). ``auto``: ``inflated`` for records whose model is
+            rejected (with the warning ``lack_of_fit``), ``noise`` otherwise; the stated
             uncertainties of a table are never scaled unasked.
-        posterior: settings for sampling the parameters' posterior distribution, which ``settings.posterior`` then
-            sums up; of a linear model, with the extra ``bayes``. None: not sampled.
+        posterior: settings for sampling the parameters' posterior distribution, which
+            ``settings.posterior`` then sums up; of a linear model, with the extra ``bayes``. None:
+            not sampled.
         progress: called after each iteration of the optimiser.
 
-    Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of these is in the
-    uncertainty; records at several temperatures (``temperature_c``) temperature by temperature, with the coefficients.
+    Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of
+    these is in the uncertainty; records at several temperatures (``temperature_c``) temperature by
+    temperature, with the coefficients.
 
     Returns:
         The result; its warnings are empty for a clean calibration of an adequate model.
@@ -66,13 +68,10 @@ def identify(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
-    if not isinstance(calibration, Calibration):
-        from vibrident.data.io import read
-
-        calibration = read(calibration)
-    calibration = calibration.within(band_hz)
+    calibration = as_calibration(calibration).within(band_hz)
     name = named(model)
-    temperatures, runs = temperatures_of(calibration), runs_of(calibration)
+    temperatures = temperatures_of(calibration)
+    runs = runs_of(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):
         raise InputError(
             "The posterior is sampled for one run at one temperature.",
@@ -83,13 +82,23 @@ def identify(
         )
     if temperatures:
         return identify_temperatures(
-            temperatures, lambda one: identify(one, name, estimator, uncertainty=uncertainty, progress=progress)
+            temperatures,
+            lambda one: identify(one, name, estimator, uncertainty=uncertainty, progress=progress),
         )
     if len(runs) > 1:
         return identify_runs(
-            runs, lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress), uncertainty
+            runs,
+            lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress),
+            uncertainty,
         )
-    result = identify_run(calibration, name, estimator, uncertainty=uncertainty, posterior=posterior, progress=progress)
+    result = identify_run(
+        calibration,
+        name,
+        estimator,
+        uncertainty=uncertainty,
+        posterior=posterior,
+        progress=progress,
+    )
     if posterior is not None:
         return result
     return with_regimes(

@@ -1,10 +1,12 @@
 """A straight line through values of known uncertainty: its coefficients, and whether the values lie on it.
 
-Weighted least squares, where each u may itself be an estimate from few degrees of freedom: Welch's test, for any linear
-hypothesis (Johansen 1980), and the covariance of Meier (1953) with the degrees of freedom of Satterthwaite (GUM G.4.1).
+Weighted least squares, where each u may itself be an estimate from few degrees of freedom: Welch's
+test, for any linear hypothesis (Johansen 1980), and the covariance of Meier (1953) with the degrees
+of freedom of Satterthwaite (GUM G.4.1).
 
-S. Johansen, The Welch-James approximation to the distribution of the residual sum of squares in a weighted linear
-regression, Biometrika 67 (1980) 85-92. P. Meier, Variance of a weighted mean, Biometrics 9 (1953) 59-73.
+S. Johansen, The Welch-James approximation to the distribution of the residual sum of squares in a
+weighted linear regression, Biometrika 67 (1980) 85-92. P. Meier, Variance of a weighted mean,
+Biometrics 9 (1953) 59-73.
 """
 
 from __future__ import annotations
@@ -70,7 +72,9 @@ def fit_line(points: Points, further: FloatArray | None = None) -> Line:
     inverse = np.linalg.pinv(design)
     smoother = inverse / points.u
     coefficients = smoother @ points.y
-    free = 1.0 - np.sum(design * inverse.T, axis=1)  # of each residual's variance, in that of its point
+    free = 1.0 - np.sum(
+        design * inverse.T, axis=1
+    )  # of each residual's variance, in that of its point
     covariance = (smoother * points.u**2 * (1.0 + 4.0 * free / points.freedom)) @ smoother.T
     chi2 = float(np.sum(np.square(points.y / points.u - design @ coefficients)))
     degrees = len(points.x) - len(columns)
@@ -90,10 +94,13 @@ def _judged(chi2: float, degrees: int, doubt: float) -> tuple[float, float]:
 def explanations(points: Points, rejection: float) -> list[int | None]:
     """Return what brings the points back to a line: the point to leave out, or None for a parabola.
 
-    Each is one further column, so that all are alternatives of one size; those with which the test passes are given.
-    Empty where no degree of freedom would be left to test them by.
+    Each is one further column, so that all are alternatives of one size; those with which the test
+    passes are given. Empty where no degree of freedom would be left to test them by.
     """
     if len(points.x) < 4:
         return []
-    each: list[tuple[int | None, FloatArray]] = [*enumerate(np.eye(len(points.x))), (None, points.x**2)]
+    each: list[tuple[int | None, FloatArray]] = [
+        *enumerate(np.eye(len(points.x))),
+        (None, points.x**2),
+    ]
     return [name for name, column in each if fit_line(points, column).probability >= rejection]

@@ -1,10 +1,11 @@
 """Whether one of several runs, or one of several mountings, lies outside the scatter of the others.
 
-By the studentised deletion residual: how far a run is from the mean of its mounting, over a standard deviation that it
-has no part in. The furthest of all runs and parameters is judged with Bonferroni's bound, which for one parameter of
-one mounting is the test of Grubbs (1950).
+By the studentised deletion residual: how far a run is from the mean of its mounting, over a
+standard deviation that it has no part in. The furthest of all runs and parameters is judged with
+Bonferroni's bound, which for one parameter of one mounting is the test of Grubbs (1950).
 
-F. E. Grubbs, Sample criteria for testing outlying observations, Ann. Math. Statist. 21 (1950) 27-58.
+F. E. Grubbs, Sample criteria for testing outlying observations, Ann. Math. Statist. 21 (1950)
+27-58.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ def furthest(values: FloatArray, mountings: Sequence[str], noise: FloatArray) ->
     if len(names) > 1:
         counts = member.sum(axis=1, keepdims=True)
         means = member @ values / counts
-        tests.append(_test(means, np.ones((1, len(names)), dtype=bool), member, noise / counts.max()))
+        tests.append(
+            _test(means, np.ones((1, len(names)), dtype=bool), member, noise / counts.max())
+        )
     known = [test for test in tests if test is not None]
     if not known:
         return None
@@ -55,7 +58,9 @@ def furthest(values: FloatArray, mountings: Sequence[str], noise: FloatArray) ->
     return replace(least, probability=min(len(known) * least.probability, 1.0))
 
 
-def _test(values: FloatArray, member: BoolArray, runs: BoolArray, noise: FloatArray) -> Outlier | None:
+def _test(
+    values: FloatArray, member: BoolArray, runs: BoolArray, noise: FloatArray
+) -> Outlier | None:
     """Test each row of values within its group.
 
     ``member``: of each group, shape (groups, n); ``runs``: of each row, shape (n, runs).
@@ -65,9 +70,15 @@ def _test(values: FloatArray, member: BoolArray, runs: BoolArray, noise: FloatAr
     if degrees < 1:
         return None
     residual = values - member.T @ (member @ values / counts[:, None])
-    part = 1.0 - 1.0 / (member.T @ counts)[:, None]  # of the variance of a row that its residual has
+    part = (
+        1.0 - 1.0 / (member.T @ counts)[:, None]
+    )  # of the variance of a row that its residual has
     squares = np.divide(residual**2, part, out=np.zeros_like(residual), where=part > 0.0)
     variance = np.maximum((np.sum(residual**2, axis=0) - squares) / degrees, noise)
-    at = np.unravel_index(int(np.argmax(squares / np.maximum(variance, np.finfo(float).tiny))), squares.shape)
-    chance = squares.size * f_tail(1.0, degrees, float(squares[at] / max(float(variance[at]), np.finfo(float).tiny)))
+    at = np.unravel_index(
+        int(np.argmax(squares / np.maximum(variance, np.finfo(float).tiny))), squares.shape
+    )
+    chance = squares.size * f_tail(
+        1.0, degrees, float(squares[at] / max(float(variance[at]), np.finfo(float).tiny))
+    )
     return Outlier(runs[at[0]], int(at[1]), chance)

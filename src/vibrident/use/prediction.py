@@ -1,8 +1,8 @@
 """The predicted response of other records, and its deviation from the measured one.
 
-The network runs with the result's parameters, its discretisation and, if there is one, its learned residual. Initial
-state and offset belong to a record: they are fitted to its response, which leaves n − 3 degrees of freedom of n
-samples.
+The network runs with the result's parameters, its discretisation and, if there is one, its learned
+residual. Initial state and offset belong to a record: they are fitted to its response, which leaves
+n − 3 degrees of freedom of n samples.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ import numpy as np
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
+from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
 from vibrident.data.screening import Finding, screen
 from vibrident.fit.problem import Coordinates, network_of
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
 from vibrident.physics.discretisation import method
 from vibrident.result import Result
+from vibrident.result.given import GivenResult, as_result
 
 UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothing is searched here
 
@@ -31,8 +33,8 @@ class Prediction:
     """One record and its predicted response."""
 
     record: Record  # as screened: clipped samples are marked invalid
-    # shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited interpolation of the
-    # reference lacks neighbours)
+    # shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited
+    # interpolation of the reference lacks neighbours)
     predicted: FloatArray
 
     __repr__ = brief
@@ -55,7 +57,9 @@ class Prediction:
     @property
     def nrmse(self) -> float | None:
         """``rmse`` over the standard deviation of the measured response; None if undefined."""
-        deviation = float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
+        deviation = (
+            float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
+        )
         return None if self.rmse is None or deviation == 0.0 else self.rmse / deviation
 
 
@@ -64,7 +68,9 @@ class Predictions:
     """Predictions for a calibration's records."""
 
     predictions: tuple[Prediction, ...]  # one a record, in order, without those left out
-    findings: tuple[Finding, ...]  # doubts about the data; a record without signal is left out and named here
+    findings: tuple[
+        Finding, ...
+    ]  # doubts about the data; a record without signal is left out and named here
     discretisation: str  # of the network
 
     __repr__ = brief
@@ -76,18 +82,23 @@ class Predictions:
 
 
 @in_one_thread
-def predict(result: Result, calibration: Calibration) -> Predictions:
+def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
     """Predict the response of a calibration's records.
 
     Args:
-        result: of an identification; its model, estimated parameters and learned residual are used.
-        calibration: records of the same kind of sensor; its own model name is not used.
+        result: of an identification, or the path of its ``result.json``; its model, estimated parameters and learned
+            residual are used.
+        calibration: records of the same kind of sensor, or the path of a calibration file; its own model name is not
+            used.
 
     Raises:
-        InputError: the calibration is a table, its units are not the result's, or its records cannot be used.
+        InputError: the calibration is a table, its units are not the result's, or its records
+            cannot be used.
     """
+    result, calibration = as_result(result), as_calibration(calibration)
     sensor = result.to_sensor("a prediction")
-    model, values = sensor.model, dict(sensor.values)
+    model = sensor.model
+    values = dict(sensor.values)
     _check_units(result, calibration)
     records, findings = screen(calibration.records, calibration.units)
     chain = chain_of(calibration)
@@ -102,7 +113,9 @@ def predict(result: Result, calibration: Calibration) -> Predictions:
     coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
     predicted = problem.predict(coordinates, coordinates.first)
     pairs = zip(records, predicted, strict=True)
-    return Predictions(tuple(Prediction(record, series) for record, series in pairs), findings, name)
+    return Predictions(
+        tuple(Prediction(record, series) for record, series in pairs), findings, name
+    )
 
 
 def root_mean_square(values: FloatArray) -> float | None:
@@ -110,10 +123,13 @@ def root_mean_square(values: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
-def prediction_document(predictions: Predictions, files: Sequence[str], unit: str) -> dict[str, Any]:
+def prediction_document(
+    predictions: Predictions, files: Sequence[str], unit: str
+) -> dict[str, Any]:
     """What ``prediction.json`` says: plain values.
 
-    ``predictions``: of :func:`predict`; ``files``: name of each prediction's own file; ``unit``: of the response.
+    ``predictions``: of :func:`predict`; ``files``: name of each prediction's own file; ``unit``: of
+    the response.
     """
     rows = [
         {
@@ -138,12 +154,16 @@ def prediction_document(predictions: Predictions, files: Sequence[str], unit: st
 
 
 def _check_units(result: Result, calibration: Calibration) -> None:
-    calibration.require_response(result.response_unit, "A table has no motion to predict a response to.")
+    calibration.require_response(
+        result.response_unit, "A table has no motion to predict a response to."
+    )
     theirs = result.quantity
     if (calibration.quantity == "drive") != (theirs == "drive"):
         raise InputError(
             "The reference is of another kind than the result's.",
-            expected='quantity = "drive"' if theirs == "drive" else "acceleration | velocity | displacement",
+            expected='quantity = "drive"'
+            if theirs == "drive"
+            else "acceleration | velocity | displacement",
             found=f'quantity = "{calibration.quantity}"',
             where=f"{calibration.source or 'calibration in memory'}, [reference]",
             remedy="predict with a result from the same kind of reference",

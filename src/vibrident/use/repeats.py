@@ -1,11 +1,13 @@
 """Several runs of a calibration, the sensor remounted between them or not: type A evaluation (GUM 4.2).
 
-Each run is identified by itself. With M mountings of n_m runs each, the estimate is the mean of the means of the
-mountings, whose covariance is that of these means over M, with M − 1 degrees of freedom; with one mounting it is the
-mean of the n runs, with n − 1, and remounting is not in it. The two components are those of the one-way random model:
-repeatability, the variance within mountings, and remounting, what the means vary beyond it. Systematic effects are
-common to all runs and are added (type B); the degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1).
-A run or mounting outside the scatter of the others (probability below 10⁻³) is named by a warning, and stays in.
+Each run is identified by itself. With M mountings of n_m runs each, the estimate is the mean of the
+means of the mountings, whose covariance is that of these means over M, with M − 1 degrees of
+freedom; with one mounting it is the mean of the n runs, with n − 1, and remounting is not in it.
+The two components are those of the one-way random model: repeatability, the variance within
+mountings, and remounting, what the means vary beyond it. Systematic effects are common to all runs
+and are added (type B); the degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1). A
+run or mounting outside the scatter of the others (probability below 10⁻³) is named by a warning,
+and stays in.
 """
 
 from __future__ import annotations
@@ -23,14 +25,20 @@ from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import covered, document, own_rows
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty import correlation, curve, parameter_table
-from vibrident.fit.uncertainty.budget import DATA, BudgetRow, as_settings, effective_degrees_of_freedom
+from vibrident.fit.uncertainty.budget import (
+    DATA,
+    BudgetRow,
+    as_settings,
+    effective_degrees_of_freedom,
+)
 from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, parameter_units, unit_fields
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, MeasuredCurve, Result, ResultWarning
 from vibrident.use.outliers import Outlier, furthest
 
-REPEATABILITY, REMOUNTING = "repeatability", "remounting"
+REPEATABILITY = "repeatability"
+REMOUNTING = "remounting"
 VALUE_DIGITS = 7  # of a mean with and without a run
 
 
@@ -41,14 +49,21 @@ def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
         InputError: some records belong to a run and others to none.
     """
     keys = [(r.circumstances.mounting, r.circumstances.run) for r in calibration.records]
-    groups = {key: tuple(r for r, k in zip(calibration.records, keys, strict=True) if k == key) for key in keys}
+    groups = {
+        key: tuple(r for r, k in zip(calibration.records, keys, strict=True) if k == key)
+        for key in keys
+    }
     lacking = [r.name for r, key in zip(calibration.records, keys, strict=True) if not any(key)]
     if len(groups) > 1 and lacking:
-        raise stated_by_some(calibration, lacking, "belong to a run, and others to none", "run or mounting", "run")
+        raise stated_by_some(
+            calibration, lacking, "belong to a run, and others to none", "run or mounting", "run"
+        )
     return {key: replace(calibration, records=records) for key, records in groups.items()}
 
 
-def stated_by_some(calibration: Calibration, lacking: Sequence[str], words: str, field: str, name: str) -> InputError:
+def stated_by_some(
+    calibration: Calibration, lacking: Sequence[str], words: str, field: str, name: str
+) -> InputError:
     """What not all records state; ``lacking``: names of those that do not."""
     return InputError(
         f"Some records {words}.",
@@ -59,7 +74,9 @@ def stated_by_some(calibration: Calibration, lacking: Sequence[str], words: str,
     )
 
 
-def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calibration], Fitted], scope: Any) -> Result:
+def identify_runs(
+    runs: dict[tuple[str, str], Calibration], fit: Callable[[Calibration], Fitted], scope: Any
+) -> Result:
     """The result of several runs together.
 
     Args:
@@ -73,16 +90,25 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     fits = [fit(one) for one in runs.values()]
     first = fits[0]
     coordinates = first.estimate.coordinates
-    places = np.array([coordinates.place(one.estimate.coordinates.values(one.estimate.z)) for one in fits])
+    places = np.array(
+        [coordinates.place(one.estimate.coordinates.values(one.estimate.z)) for one in fits]
+    )
     mountings = [key[0] for key in runs]
     mean, parts = _components(places, mountings)
     rows = [*parts, *(row for row in own_rows(first, scope) if row.kind != DATA)]
     total = np.sum([row.covariance for row in rows], axis=0)
     freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
     results = [document(one, own_rows(one, scope)) for one in fits]
-    base, calibration, names = results[0], first.evidence.calibration, first.evidence.model.parameter_names
-    doubtful = {name: "" for one in results for name, p in one.parameters.items() if not p.identifiable}
-    covers = [f"{len(fits)} runs", *([f"{len(set(mountings))} mountings"] if len(set(mountings)) > 1 else [])]
+    base = results[0]
+    calibration = first.evidence.calibration
+    names = first.evidence.model.parameter_names
+    doubtful = {
+        name: "" for one in results for name, p in one.parameters.items() if not p.identifiable
+    }
+    covers = [
+        f"{len(fits)} runs",
+        *([f"{len(set(mountings))} mountings"] if len(set(mountings)) > 1 else []),
+    ]
     settings = {
         **base.settings,
         "uncertainty_covers": "; ".join([*covers, *covered(rows)]),
@@ -93,7 +119,11 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
             "runs": len(fits),
             "mountings": len(set(mountings)),
             "values": [
-                {"mounting": key[0], "run": key[1], **{n: p.value for n, p in one.parameters.items() if not p.derived}}
+                {
+                    "mounting": key[0],
+                    "run": key[1],
+                    **{n: p.value for n, p in one.parameters.items() if not p.derived},
+                }
                 for key, one in zip(runs, results, strict=True)
             ],
         },
@@ -101,7 +131,9 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     response = base.response
     if base.has_gain:
         response = curve(coordinates, mean, total, calibration.quantity, response.frequency_hz)
-    outlier = furthest(places, mountings, np.mean([np.diag(one.estimate.covariance) for one in fits], axis=0))
+    outlier = furthest(
+        places, mountings, np.mean([np.diag(one.estimate.covariance) for one in fits], axis=0)
+    )
     findings = [finding for one in results for finding in one.findings]
     warnings = [warning for one in results for warning in one.warnings]
     if outlier is not None and outlier.probability < REJECTION:
@@ -110,13 +142,18 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
         warnings.append(ResultWarning(finding.code, finding.message))
     made = replace(
         base,
-        parameters=parameter_table(coordinates, mean, total, freedom, unit_fields(calibration), doubtful),
+        parameters=parameter_table(
+            coordinates, mean, total, freedom, unit_fields(calibration), doubtful
+        ),
         correlation=correlation(first.evidence.model, total),
         response=response,
         warnings=tuple(dict.fromkeys(warnings)),
         findings=tuple(findings),
         fit=replace(base.fit, adequate=all(one.fit.adequate for one in results)),
-        provenance={**base.provenance, "files": [f for one in results for f in one.provenance.get("files") or ()]},
+        provenance={
+            **base.provenance,
+            "files": [f for one in results for f in one.provenance.get("files") or ()],
+        },
         signals=tuple(signal for one in results for signal in one.signals),
         settings=settings,
     )
@@ -125,22 +162,29 @@ def identify_runs(runs: dict[tuple[str, str], Calibration], fit: Callable[[Calib
     return with_floor(made, calibration.capabilities)
 
 
-def _finding(outlier: Outlier, first: Fitted, places: FloatArray, runs: Sequence[tuple[str, str]]) -> Finding:
+def _finding(
+    outlier: Outlier, first: Fitted, places: FloatArray, runs: Sequence[tuple[str, str]]
+) -> Finding:
     """What lies outside the scatter of the other runs, and what the mean would be without it."""
-    within, coordinates = np.flatnonzero(outlier.runs), first.estimate.coordinates
+    within = np.flatnonzero(outlier.runs)
+    coordinates = first.estimate.coordinates
     mountings = [mounting for mounting, _ in runs]
     others = np.flatnonzero(~outlier.runs)
     mean, _ = _components(places, mountings)
     mean_without, _ = _components(places[others], [mountings[i] for i in others])
-    stated, without = coordinates.values(mean), coordinates.values(mean_without)
+    stated = coordinates.values(mean)
+    without = coordinates.values(mean_without)
     mounting, run = runs[within[0]]
-    words = [f"mounting {mounting}" if mounting else "", f"run {run}" if len(within) == 1 and run else ""]
+    words = [
+        f"mounting {mounting}" if mounting else "",
+        f"run {run}" if len(within) == 1 and run else "",
+    ]
     name = list(stated)[outlier.parameter]
     unit = parameter_units(first.evidence.model, first.evidence.calibration)[name]
     here, there = (amount(values[name], unit, VALUE_DIGITS) for values in (without, stated))
     text = (
-        f"{' '.join(filter(None, words)).capitalize()} lies outside the scatter of the others by its {in_words(name)}. "
-        f"Without it the mean would be {here} in place of {there}."
+        f"{' '.join(filter(None, words)).capitalize()} lies outside the scatter of the others by "
+        f"its {in_words(name)}. Without it the mean would be {here} in place of {there}."
     )
     impact = {key: value - without[key] for key, value in stated.items()}
     return Finding("regimes", None, None, outlier.probability, impact, text)
@@ -151,7 +195,10 @@ def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) 
     points = settings.get("point_budget")
     if not points or points["frequency_hz"] != measured.frequency_hz.tolist():
         return {key: value for key, value in settings.items() if key != "point_budget"}
-    parts = {"magnitude": measured.magnitude_noise.tolist(), "phase_deg": measured.phase_deg_noise.tolist()}
+    parts = {
+        "magnitude": measured.magnitude_noise.tolist(),
+        "phase_deg": measured.phase_deg_noise.tolist(),
+    }
     scatter = {"source": f"scatter of {name}", "type": "A", **parts}
     return {**settings, "point_budget": {**points, "sources": [scatter, *points["sources"][1:]]}}
 
@@ -165,19 +212,33 @@ def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArra
     if left == 0:
         source = REMOUNTING if len(set(mountings)) > 1 else REPEATABILITY
         return means.mean(axis=0), [_row(source, whole, len(groups) - 1)]
-    within = sum(np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0))) for group in groups)
+    within = sum(
+        np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0)))
+        for group in groups
+    )
     own = within / left * float(np.mean([1.0 / len(group) for group in groups])) / len(groups)
-    share = np.clip(np.diag(own) / np.maximum(np.diag(whole), 1e-300), 0.0, 1.0)  # of the variance of the mean
-    repeated, remounted = (whole * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share)))
+    share = np.clip(
+        np.diag(own) / np.maximum(np.diag(whole), 1e-300), 0.0, 1.0
+    )  # of the variance of the mean
+    repeated, remounted = (
+        whole * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share))
+    )
     rest = whole - repeated - remounted  # of the correlations, none on the diagonal
-    rows = [_row(REPEATABILITY, repeated, left), _row(REMOUNTING, remounted + rest, len(groups) - 1)]
+    rows = [
+        _row(REPEATABILITY, repeated, left),
+        _row(REMOUNTING, remounted + rest, len(groups) - 1),
+    ]
     return means.mean(axis=0), rows
 
 
 def _groups(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
     """The rows of each mounting; where there is but one, each row by itself; ``values``: shape (runs, …)."""
     names = list(dict.fromkeys(mountings))
-    return [values[[one == name for one in mountings]] for name in names] if len(names) > 1 else list(values[:, None])
+    return (
+        [values[[one == name for one in mountings]] for name in names]
+        if len(names) > 1
+        else list(values[:, None])
+    )
 
 
 def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
@@ -195,16 +256,27 @@ def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str])
     """The points as means over the runs, their noise as the scatter of these; all points where they do not match."""
     curves = [one.measured for one in results]
     f = curves[0].frequency_hz
-    alike = all(len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= 1e-3) for c in curves)
+    alike = all(
+        len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= 1e-3)
+        for c in curves
+    )
     if not alike or not len(f):
         return curves[0]
-    magnitudes, phases = (np.array([getattr(c, name) for c in curves]) for name in ("magnitude", "phase_deg"))
+    magnitudes, phases = (
+        np.array([getattr(c, name) for c in curves]) for name in ("magnitude", "phase_deg")
+    )
     phases = phases[0] + (phases - phases[0] + 180.0) % 360.0 - 180.0
     size, size_noise = _mean_over(magnitudes, mountings)
     turn, turn_noise = _mean_over(phases, mountings)
     first = curves[0]
-    parts = (first.magnitude_uncertainty, first.magnitude_noise), (first.phase_deg_uncertainty, first.phase_deg_noise)
-    common = [np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0)) for u, noise in parts]
+    parts = (
+        (first.magnitude_uncertainty, first.magnitude_noise),
+        (first.phase_deg_uncertainty, first.phase_deg_noise),
+    )
+    common = [
+        np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0))
+        for u, noise in parts
+    ]
     model = mean.to_sensor().frequency_response(f, mean.quantity)  # type: ignore[arg-type]
     shift = (np.rad2deg(np.angle(model)) - turn + 180.0) % 360.0 - 180.0
     return replace(

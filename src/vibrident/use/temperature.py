@@ -1,9 +1,10 @@
 """A sensor at several temperatures: coefficients of sensitivity, frequencies and damping, relative, per kelvin.
 
-The records of each temperature are identified by themselves. A line through the values of a parameter over temperature,
-weighted by their type A uncertainties, gives its value at the reference temperature and its slope; their ratio is the
-coefficient. Systematic effects are common to all temperatures, so they are in no ratio. Where the values do not lie on
-the line (probability below 10⁻³ for all lines together), that is a warning, and the coefficient's u is widened.
+The records of each temperature are identified by themselves. A line through the values of a
+parameter over temperature, weighted by their type A uncertainties, gives its value at the reference
+temperature and its slope; their ratio is the coefficient. Systematic effects are common to all
+temperatures, so they are in no ratio. Where the values do not lie on the line (probability below
+10⁻³ for all lines together), that is a warning, and the coefficient's u is widened.
 """
 
 from __future__ import annotations
@@ -38,14 +39,19 @@ def temperatures_of(calibration: Calibration) -> dict[float, Calibration]:
     known = sorted({t for t in stated if t is not None})
     if len(known) < 2:
         return {}
-    at = {t: tuple(r for r in calibration.records if r.circumstances.temperature_c == t) for t in (*known, None)}
+    at = {
+        t: tuple(r for r in calibration.records if r.circumstances.temperature_c == t)
+        for t in (*known, None)
+    }
     if lacking := [r.name for r in at.pop(None)]:
         words = "state a temperature, and others do not"
         raise stated_by_some(calibration, lacking, words, "temperature_c", "temperature")
     return {t: replace(calibration, records=at[t]) for t in known}
 
 
-def identify_temperatures(groups: Mapping[float, Calibration], identify: Callable[[Calibration], Result]) -> Result:
+def identify_temperatures(
+    groups: Mapping[float, Calibration], identify: Callable[[Calibration], Result]
+) -> Result:
     """Return the result at the temperature nearest to the reference, coefficients in ``settings.temperature``.
 
     Args:
@@ -59,18 +65,27 @@ def identify_temperatures(groups: Mapping[float, Calibration], identify: Callabl
     nearest = min(results, key=lambda t: abs(t - reference))
     base = results[nearest]
     names = [name for name, p in base.parameters.items() if not p.derived or p.unit == "Hz"]
-    points = {name: found for name in names if (found := _points(results, name, reference)) is not None}
+    points = {
+        name: found for name in names if (found := _points(results, name, reference)) is not None
+    }
     rejection = REJECTION / max(len(points), 1)
-    lines = {name: _Judged(name, tuple(results), fit_line(each), rejection) for name, each in points.items()}
+    lines = {
+        name: _Judged(name, tuple(results), fit_line(each), rejection)
+        for name, each in points.items()
+    }
     # what is derived from parameters on straight lines lies on none
-    bent = [line for line in lines.values() if line.rejected and not base.parameters[line.name].derived]
+    bent = [
+        line for line in lines.values() if line.rejected and not base.parameters[line.name].derived
+    ]
     settings = {
         **base.settings,
         "temperature": {
             "reference_c": reference,
             "of_result_c": nearest,
             "temperatures_c": list(results),
-            "coefficients": {name: line.as_settings(base.parameters[name].unit) for name, line in lines.items()},
+            "coefficients": {
+                name: line.as_settings(base.parameters[name].unit) for name, line in lines.items()
+            },
         },
     }
     told = [warning for result in results.values() for warning in result.warnings]
@@ -86,7 +101,9 @@ def identify_temperatures(groups: Mapping[float, Calibration], identify: Callabl
 
 def _points(results: Mapping[float, Result], name: str, reference: float) -> Points | None:
     """Return a parameter's values over temperature, less the reference's; None where a u is not known."""
-    found = [(t, result.parameters.get(name), _scatter(result, name)) for t, result in results.items()]
+    found = [
+        (t, result.parameters.get(name), _scatter(result, name)) for t, result in results.items()
+    ]
     known = [(t - reference, p.value, u) for t, p, u in found if p is not None and p.value and u]
     if len(known) < len(results):
         return None
@@ -124,12 +141,18 @@ class _Judged:
         """Return the coefficient with its u, widened by the Birge ratio where the line is rejected."""
         at, slope = self.line.coefficients
         u, freedom = self.line.uncertainty(np.array([-slope / at**2, 1.0 / at]))
-        settings: dict[str, Any] = {"value_at_reference": float(at), "unit": unit, "per_k": float(slope / at)}
+        settings: dict[str, Any] = {
+            "value_at_reference": float(at),
+            "unit": unit,
+            "per_k": float(slope / at),
+        }
         if self.rejected:
-            u, freedom = u * self._birge, self.line.degrees
+            u = u * self._birge
+            freedom = self.line.degrees
             outliers = [None if i is None else self.temperatures_c[i] for i in self.explained_by]
             settings |= {"birge_ratio": self._birge, "explained_by_c": outliers}
-        k, degrees = coverage_factor(freedom), self.line.degrees
+        k = coverage_factor(freedom)
+        degrees = self.line.degrees
         return settings | {
             "standard_uncertainty": u,
             "interval_95": [settings["per_k"] - k * u, settings["per_k"] + k * u],
@@ -145,9 +168,10 @@ class _Judged:
     def sentence(self) -> str:
         """Return what the test says, and what alone explains it."""
         return (
-            f"The {in_words(self.name)} over temperature is no straight line (χ² {plain(self.line.chi2, 3)} with "
-            f"{self.line.degrees} degrees of freedom); the u of its coefficient is widened by the Birge ratio "
-            f"{plain(self._birge, 3)}. {self._explanation()}"
+            f"The {in_words(self.name)} over temperature is no straight line (χ² "
+            f"{plain(self.line.chi2, 3)} with {self.line.degrees} degrees of freedom); the u of "
+            f"its coefficient is widened by the Birge ratio {plain(self._birge, 3)}. "
+            f"{self._explanation()}"
         )
 
     def _explanation(self) -> str:
@@ -156,12 +180,16 @@ class _Judged:
         if not self.explained_by:
             return "Neither one temperature nor a parabola alone explains it."
         words = [
-            "a parabola" if i is None else f"the value at {plain(self.temperatures_c[i])} °C" for i in self.explained_by
+            "a parabola" if i is None else f"the value at {plain(self.temperatures_c[i])} °C"
+            for i in self.explained_by
         ]
         text = f"It is explained by {' or by '.join(words)} alone"
         if self._outlier is None:
             return f"{text}."
-        with_it, without = (float(line.coefficients[1] / line.coefficients[0]) for line in (self.line, self._without))
+        with_it, without = (
+            float(line.coefficients[1] / line.coefficients[0])
+            for line in (self.line, self._without)
+        )
         coefficients = f"{plain(1e6 * without, 4)} · 10⁻⁶/K in place of {plain(1e6 * with_it, 4)}"
         return f"{text}; without it the coefficient is {coefficients} · 10⁻⁶/K."
 
@@ -187,19 +215,27 @@ def _scatter(result: Result, name: str) -> float | None:
     parameter = result.parameters.get(name)
     if parameter is None or parameter.standard_uncertainty is None:
         return None
-    frequencies = (other for other, p in result.parameters.items() if not p.derived and p.unit == "Hz")
+    frequencies = (
+        other for other, p in result.parameters.items() if not p.derived and p.unit == "Hz"
+    )
     source = next(frequencies, name) if parameter.derived else name
-    own = math.sqrt(sum(float(row["contributions"].get(source) or 0.0) ** 2 for row in _type_a(result)))
+    own = math.sqrt(
+        sum(float(row["contributions"].get(source) or 0.0) ** 2 for row in _type_a(result))
+    )
     whole = result.parameters[source].standard_uncertainty
     return parameter.standard_uncertainty * own / whole if whole else None
 
 
 def _freedom(result: Result) -> float:
     """Degrees of freedom of the type A part."""
-    stated = [float(row["degrees_of_freedom"]) for row in _type_a(result) if row.get("degrees_of_freedom")]
+    stated = [
+        float(row["degrees_of_freedom"]) for row in _type_a(result) if row.get("degrees_of_freedom")
+    ]
     return min(stated, default=math.inf)
 
 
 def _type_a(result: Result) -> list[dict[str, Any]]:
     """Rows of the budget."""
-    return [row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"]
+    return [
+        row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"
+    ]

@@ -1,16 +1,19 @@
 """The sensitivity matrix of a sensor with several outputs, from sine records along its axes.
 
-At each frequency V = S A: the outputs' amplitudes V, shape (outputs, records), are the matrix S, shape (outputs, axes),
-times the motion A. With one reference each record has motion along one axis; with several, A holds all of them, and the
-records must differ enough to tell the axes apart. S is estimated by weighted least squares, a row an output.
+At each frequency V = S A: the outputs' amplitudes V, shape (outputs, records), are the matrix S,
+shape (outputs, axes), times the motion A. With one reference each record has motion along one axis;
+with several, A holds all of them, and the records must differ enough to tell the axes apart. S is
+estimated by weighted least squares, a row an output.
 
-The uncertainty of an element is that of the noise of both channels (from spectral lines beside the tone), of the stated
-systematic effects, and, with one reference, of the exciter's motion across the axis, which is not measured: it adds
+The uncertainty of an element is that of the noise of both channels (from spectral lines beside the
+tone), of the stated systematic effects, and, with one reference, of the exciter's motion across the
+axis, which is not measured: it adds
 |S_ii| times ``transverse_motion`` to each part of the elements off the diagonal (ISO 16063-31:2009, 6).
 
-The main sensitivity of output i is S_ii. Its transverse sensitivity is the largest over directions in the plane across
-the axis, √(S_ij² + S_ik²), and its misalignment the angle between the axis and the direction of largest sensitivity,
-with components S_ij/S_ii, in rad, of the parts in phase with S_ii.
+The main sensitivity of output i is S_ii. Its transverse sensitivity is the largest over directions
+in the plane across the axis, √(S_ij² + S_ik²), and its misalignment the angle between the axis and
+the direction of largest sensitivity, with components S_ij/S_ii, in rad, of the parts in phase with
+S_ii.
 """
 
 from __future__ import annotations
@@ -48,7 +51,9 @@ class Matrix:
     outputs: tuple[str, ...]  # axis of each output
     axes: tuple[str, ...]  # axes of motion
     frequency_hz: FloatArray  # shape (n,)
-    values: ComplexArray  # complex, shape (n, outputs, axes); NaN where no record moved along that axis
+    values: (
+        ComplexArray  # complex, shape (n, outputs, axes); NaN where no record moved along that axis
+    )
     u: FloatArray  # standard uncertainty of the real and of the imaginary part each, shape (n, outputs, axes, 2)
     degrees_of_freedom: FloatArray  # behind ``u``, shape (n, outputs, axes)
     unit: str  # of the sensitivities
@@ -57,7 +62,9 @@ class Matrix:
     def interval_95(self) -> tuple[FloatArray, FloatArray]:
         """Limits of the 95 % intervals of real and imaginary part, each of the shape of ``u``."""
         parts = np.stack([self.values.real, self.values.imag], axis=-1)
-        k = np.vectorize(lambda freedom: student_quantile(min(float(freedom), 1e9), 0.975))(self.degrees_of_freedom)
+        k = np.vectorize(lambda freedom: student_quantile(min(float(freedom), 1e9), 0.975))(
+            self.degrees_of_freedom
+        )
         return parts - k[..., None] * self.u, parts + k[..., None] * self.u
 
     def main(self) -> list[dict[str, Any]]:
@@ -70,7 +77,11 @@ class Matrix:
             across = [j for j in range(len(self.axes)) if j != own]
             main = self.values[:, i, own]
             ratio = self.values[:, i, across] / main[:, None]
-            u = np.hypot(*np.moveaxis(self.u[:, i, across], -1, 0)) / np.sqrt(2.0) / np.abs(main)[:, None]
+            u = (
+                np.hypot(*np.moveaxis(self.u[:, i, across], -1, 0))
+                / np.sqrt(2.0)
+                / np.abs(main)[:, None]
+            )
             in_phase = np.real(ratio)
             size = np.sqrt(np.sum(np.abs(ratio) ** 2, axis=1))
             angle = np.sqrt(np.sum(in_phase**2, axis=1))
@@ -110,7 +121,9 @@ class Matrix:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the document as JSON."""
         target = Path(path)
-        target.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        target.write_text(
+            json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
         return target
 
 
@@ -118,18 +131,23 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     """The sensitivity matrix of a calibration of several axes.
 
     Raises:
-        InputError: the file cannot be used, or at a frequency the records do not tell the axes of motion apart.
+        InputError: the file cannot be used, or at a frequency the records do not tell the axes of
+            motion apart.
     """
     if not isinstance(calibration, AxesCalibration):
         calibration = read_axes(calibration)
     first = next(iter(calibration.outputs.values()))
     found = [tone_frequency(record) for record in first.records]
-    axes = tuple(calibration.motions) or tuple(dict.fromkeys(r.circumstances.axis for r in first.records))
+    axes = tuple(calibration.motions) or tuple(
+        dict.fromkeys(r.circumstances.axis for r in first.records)
+    )
     motion = _motion(calibration, first.records, found, axes)
     groups = _groups(found)
     outputs = tuple(calibration.outputs)
     shape = len(groups), len(outputs), len(axes)
-    values, u, freedom = np.full(shape, np.nan, complex), np.full((*shape, 2), np.nan), np.full(shape, np.inf)
+    values = np.full(shape, np.nan, complex)
+    u = np.full((*shape, 2), np.nan)
+    freedom = np.full(shape, np.inf)
     for i, name in enumerate(outputs):
         tones = measure_tones(calibration.outputs[name].records, found)
         for n, group in enumerate(groups):
@@ -141,7 +159,10 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     settings = {
         "sensor": dict(first.sensor),
         "transverse_motion": calibration.transverse_motion,
-        "effects": [{"source": e.source, "kind": e.kind, "u": e.standard_uncertainty} for e in effects_of(first)],
+        "effects": [
+            {"source": e.source, "kind": e.kind, "u": e.standard_uncertainty}
+            for e in effects_of(first)
+        ],
         "records": [record.name for record in first.records],
     }
     return Matrix(outputs, axes, frequency, values, u, freedom, unit, settings)
@@ -159,14 +180,22 @@ def _groups(frequencies: Sequence[float]) -> list[list[int]]:
 
 
 def _motion(
-    calibration: AxesCalibration, records: Sequence[Record], found: Sequence[float], axes: Sequence[str]
+    calibration: AxesCalibration,
+    records: Sequence[Record],
+    found: Sequence[float],
+    axes: Sequence[str],
 ) -> ComplexArray:
     """Motion along each axis over the first reference's amplitude, shape (records, axes)."""
     if not calibration.motions:
-        return np.array([[float(axis == r.circumstances.axis) for axis in axes] for r in records], dtype=complex)
+        return np.array(
+            [[float(axis == r.circumstances.axis) for axis in axes] for r in records], dtype=complex
+        )
     columns = []
     for one in calibration.motions.values():
-        signals = [replace(own, response=other.reference) for own, other in zip(records, one.records, strict=True)]
+        signals = [
+            replace(own, response=other.reference)
+            for own, other in zip(records, one.records, strict=True)
+        ]
         tones = measure_tones(signals, found)
         columns.append(tones.response / tones.reference)
     return np.stack(columns, axis=1)
@@ -184,7 +213,10 @@ def _row(
         raise InputError(
             "The records do not tell the axes of motion apart.",
             expected="at each frequency as many records as axes, moved in different directions",
-            found=f"{a.shape[0]} records at {tones.frequency_hz[group[0]]:.5g} Hz for {a.shape[1]} axes",
+            found=(
+                f"{a.shape[0]} records at {tones.frequency_hz[group[0]]:.5g} Hz for {a.shape[1]} "
+                "axes"
+            ),
             where=where or "calibration in memory",
             remedy="add records with other directions, or leave that frequency out",
         )
@@ -192,7 +224,9 @@ def _row(
     weight = tones.line_weight[group]
     variance = np.sum(weight * np.abs(lines) ** 2, axis=1) / np.sum(weight, axis=1)
     if tones.rounding is not None:
-        variance = variance + tones.rounding[group, 1] + np.abs(ratio) ** 2 * tones.rounding[group, 0]
+        variance = (
+            variance + tones.rounding[group, 1] + np.abs(ratio) ** 2 * tones.rounding[group, 0]
+        )
     variance = np.maximum(variance / np.abs(tones.reference[group]) ** 2, _SMALL)
     normal = np.linalg.inv(a.conj().T @ (a / variance[:, None]))
     row = np.full(motion.shape[1], np.nan, complex)
@@ -215,7 +249,8 @@ def _with_effects(
     freedom: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """U and degrees of freedom with the stated effects, on size and angle of each element, and transverse motion."""
-    square, noise = u**2, u[..., 0] ** 2
+    square = u**2
+    noise = u[..., 0] ** 2
     turn = values / np.maximum(np.abs(values), _SMALL)
     for effect in effects_of(first):
         if effect.kind not in _FORMULAS:
@@ -227,7 +262,10 @@ def _with_effects(
                 remedy="leave it out, or state it as gain or phase",
             )
         change = effect.standard_uncertainty * pattern(effect, None, frequency)
-        both = np.abs(values)[..., None] * np.stack([np.real(change), np.imag(change)], axis=1)[:, None, None, :]
+        both = (
+            np.abs(values)[..., None]
+            * np.stack([np.real(change), np.imag(change)], axis=1)[:, None, None, :]
+        )
         square[..., 0] += (both[..., 0] * turn.real) ** 2 + (both[..., 1] * turn.imag) ** 2
         square[..., 1] += (both[..., 0] * turn.imag) ** 2 + (both[..., 1] * turn.real) ** 2
     for i, output in enumerate(outputs):

@@ -1,7 +1,8 @@
 """Cross-validation: how well a model predicts measurements that it was not fitted to.
 
-The records (or the rows of a table) are split into folds; each fold is predicted by the model fitted to the others
-(Stone 1974). A model with too little physics predicts badly, and so does one with more parameters than the data carry.
+The records (or the rows of a table) are split into folds; each fold is predicted by the model
+fitted to the others (Stone 1974). A model with too little physics predicts badly, and so does one
+with more parameters than the data carry.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class CrossValidation:
     """What the folds say."""
 
     deviation_percent: float  # rms of |model/measured − 1| at the points left out, %
-    # the same in standard uncertainties of the measurement; about 1 for a right model. None if none is known.
+    # the same in standard uncertainties of the measurement; about 1 for a right model. None if none
+    # is known.
     deviation_in_u: float | None
     folds: int  # how many fits were made
 
@@ -75,7 +77,11 @@ def cross_validate(
         here = out[owners]
         predicted[here] = model.frequency_response(values, frequency[here], calibration.quantity)
     known = bool(np.isfinite(result.measured.phase_deg[0]))
-    off = np.abs(predicted / measured - 1.0) if known else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
+    off = (
+        np.abs(predicted / measured - 1.0)
+        if known
+        else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
+    )
     percent = 100.0 * float(np.sqrt(np.mean(off**2)))
     return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
 
@@ -91,10 +97,15 @@ def _owners(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
 def _part(calibration: Calibration, keep: BoolArray) -> Calibration:
     if calibration.table is not None:
         columns = {
-            name: values[keep] for name, values in vars(calibration.table).items() if isinstance(values, np.ndarray)
+            name: values[keep]
+            for name, values in vars(calibration.table).items()
+            if isinstance(values, np.ndarray)
         }
         return replace(calibration, table=replace(calibration.table, **columns))
-    return replace(calibration, records=tuple(r for r, kept in zip(calibration.records, keep, strict=True) if kept))
+    return replace(
+        calibration,
+        records=tuple(r for r, kept in zip(calibration.records, keep, strict=True) if kept),
+    )
 
 
 def _in_u(off: FloatArray, measured: MeasuredCurve, known: bool) -> float | None:

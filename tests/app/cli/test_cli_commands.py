@@ -85,7 +85,7 @@ def test_other_excitations_are_identified_as_they_are(excitation, tmp_path):
         "simulate", "--out", tmp_path / "cal", "--excitation", excitation, "--samples", 4096, "--rate", 12800,
         "--frequencies", "20:2000", "--response-noise", 0.01, "--start", "rest", "--force",
     )  # fmt: skip
-    printed("identify", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out", "--no-plots")
+    printed("identify", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out", "--no-pictures")
     truth = read_truth(tmp_path / "cal" / "truth.json")
     assert_close(Result.load(tmp_path / "out" / "result.json"), truth)
 
@@ -112,7 +112,7 @@ def test_identify_prints_and_writes_what_was_agreed(identified, made, run, tmp_p
     assert np.shape(document["correlation"]["matrix"]) == (size, size)
     assert document["warnings"] == []
     assert len(document["provenance"]["files"][0]["sha256"]) == 64
-    done = run("identify", made / "calibration.toml", "--out", tmp_path / "out", "--no-plots", "--strict")
+    done = run("identify", made / "calibration.toml", "--out", tmp_path / "out", "--no-pictures", "--strict")
     assert done.exit_code == 0  # no warning, so strict changes nothing
     assert "natural frequency" in done.stdout
     assert "adequate" in done.stdout
@@ -134,7 +134,7 @@ def test_identify_draws_pictures(made, tmp_path):
 
 def test_strict_exits_with_3_for_a_warning_and_writes_the_result(run, tmp_path):
     run("simulate", "--out", tmp_path / "cal", "--sensor", "inverted", *SMALL_AND_CLEAN)
-    arguments = ["identify", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out", "--no-plots"]
+    arguments = ["identify", tmp_path / "cal" / "calibration.toml", "--out", tmp_path / "out", "--no-pictures"]
     assert run(*arguments).exit_code == 0
     done = run(*arguments, "--strict")
     assert done.exit_code == 3
@@ -155,7 +155,7 @@ SMALL_AND_CLEAN = ("--frequencies", "100,300,500,630,800", "--rate", "12800", "-
 @pytest.mark.needs("network")
 def test_settings_of_an_estimator_reach_it(made, tmp_path):
     chosen = ["--estimator", "ipnn", "--discretisation", "euler", "--optimiser", "adam", "--steps", "5", "--weights"]
-    said = printed("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", *chosen)
+    said = printed("identify", made / "calibration.toml", "--out", tmp_path, "--no-pictures", *chosen)
     result = Result.load(tmp_path / "result.json")
     assert result.estimator == "ipnn"
     assert result.settings["discretisation"] == "euler"
@@ -165,7 +165,7 @@ def test_settings_of_an_estimator_reach_it(made, tmp_path):
 
 
 def test_weights_of_a_method_without_a_network(made, run, tmp_path):
-    done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", "--weights")
+    done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-pictures", "--weights")
     assert done.exit_code == 0
     assert "ml trains no network" in done.stderr
 
@@ -328,7 +328,7 @@ def test_true_values_that_cannot_be_read(tmp_path):
 
 @pytest.mark.slow
 def test_identify_samples_the_posterior_where_asked(run, made, tmp_path):
-    done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-plots", "--posterior")
+    done = run("identify", made / "calibration.toml", "--out", tmp_path, "--no-pictures", "--posterior")
     assert done.exit_code == 0, done.output
     document = json.loads((tmp_path / "result.json").read_text())
     rows = document["settings"]["posterior"]["parameters"]

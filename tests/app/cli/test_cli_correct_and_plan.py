@@ -56,7 +56,7 @@ def test_correct_without_a_reference_gives_the_same(run, identified, shock, tmp_
     for file in shock.parent.glob("*.csv"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     (tmp_path / "alone.toml").write_text(text, encoding="utf-8")
-    band = ("--band", "0:3000", "--no-plots")
+    band = ("--band", "0:3000", "--no-pictures")
     assert run("correct", identified, shock, "--out", tmp_path / "with", *band).exit_code == 0
     assert run("correct", identified, tmp_path / "alone.toml", "--out", tmp_path / "alone", *band).exit_code == 0
     one, other = (columns(tmp_path / name / "shock.csv")[1] for name in ("with", "alone"))
@@ -69,7 +69,7 @@ def test_correct_passes_the_results_doubts_on(run, identified, shock, tmp_path):
     document = json.loads(identified.read_text(encoding="utf-8"))
     document["warnings"] = [{"code": "lack_of_fit", "message": "The model does not explain the data."}]
     (tmp_path / "result.json").write_text(json.dumps(document), encoding="utf-8")
-    done = run("correct", tmp_path / "result.json", shock, "--out", tmp_path / "out", "--no-plots")
+    done = run("correct", tmp_path / "result.json", shock, "--out", tmp_path / "out", "--no-pictures")
     assert done.exit_code == 0
     assert "does not explain" in done.stderr
 

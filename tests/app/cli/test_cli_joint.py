@@ -25,7 +25,7 @@ def again(tmp_path_factory):
 @pytest.fixture(scope="module")
 def joint(made, again, tmp_path_factory):
     folder = tmp_path_factory.mktemp("joint") / "out"
-    said = printed("identify", made / "calibration.toml", again, "--out", folder, "--no-plots")
+    said = printed("identify", made / "calibration.toml", again, "--out", folder, "--no-pictures")
     return folder, said
 
 
@@ -62,7 +62,7 @@ def test_other_commands_take_either_result(joint, again, tmp_path):
 def test_what_is_shared_can_be_named(made, again, tmp_path):
     out = tmp_path / "out"
     files = (made / "calibration.toml", again)
-    printed("identify", *files, "--share", "natural_frequency", "--out", out, "--no-plots", "--quiet")
+    printed("identify", *files, "--share", "natural_frequency", "--out", out, "--no-pictures", "--quiet")
     results = [Result.load(out / "result.json"), Result.load(out / "later" / "result.json")]
     shared, own = ([result.parameters[name].value for result in results] for name in MECHANICS)
     assert shared[0] == pytest.approx(shared[1], rel=1e-12)
@@ -83,7 +83,7 @@ def test_what_is_shared_can_be_named(made, again, tmp_path):
     ],
 )
 def test_bad_choices_are_one_message(run, made, again, tmp_path, arguments, said):
-    done = run("identify", made / "calibration.toml", again, *arguments, "--out", tmp_path / "out", "--no-plots")
+    done = run("identify", made / "calibration.toml", again, *arguments, "--out", tmp_path / "out", "--no-pictures")
     assert done.exit_code == 2
     assert said in " ".join(done.output.split())
     assert not (tmp_path / "out").exists()
@@ -91,6 +91,6 @@ def test_bad_choices_are_one_message(run, made, again, tmp_path, arguments, said
 
 @pytest.mark.parametrize("arguments", [("--share", "damping_ratio"), ("--model", "accelerometer,accelerometer+delay")])
 def test_options_of_several_files_need_several(run, made, tmp_path, arguments):
-    done = run("identify", made / "calibration.toml", *arguments, "--out", tmp_path / "out", "--no-plots")
+    done = run("identify", made / "calibration.toml", *arguments, "--out", tmp_path / "out", "--no-pictures")
     assert done.exit_code == 2
     assert "for several" in done.output

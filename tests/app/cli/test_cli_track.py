@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import replace
 
@@ -132,20 +130,6 @@ def test_standard_input_gives_the_same_in_either_form(case, whole):
         assert abs(same_float["parameters"][name]["value"] - whole[0]["parameters"][name]["value"]) < 0.2 * u
 
 
-def test_a_connection_gives_the_same(case, whole):
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve():
-            connection, _ = server.accept()
-            with connection:
-                connection.sendall((case[0] / "record.csv").read_bytes())
-
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
-        same(done(case, "tcp", "--source", f"tcp=127.0.0.1:{server.getsockname()[1]}")[0], whole[0])
-        thread.join()
-
-
 def test_a_killed_session_goes_on_and_says_nothing_twice(case, whole):
     lines = (case[0] / "record.csv").read_text().splitlines(keepends=True)
     growing = case[0] / "growing.csv"
@@ -188,8 +172,6 @@ def test_chunks_that_are_lost_or_doubled_are_named(case):
     [
         (["--stdin", "csv"], b"1,2,3\n1,x,3\n", "cannot be read"),
         (["--stdin", "xml"], b"", "form of the samples"),
-        (["--source", "tcp=nowhere"], b"", "address cannot be read"),
-        (["--source", "tcp=127.0.0.1:1"], b"", "no connection"),
         (["--source", "nothing"], b"", "not known"),
         (["--stdin", "csv", "--follow"], b"", "More than one source"),
         (["--false-alarms-per-day", "0"], b"", "out of range"),

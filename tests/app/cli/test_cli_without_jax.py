@@ -72,10 +72,7 @@ def test_what_is_done_with_a_linear_sensors_result_loads_no_compiler(made, ident
         ["plan", "--from", result, "--best", "4", "--out", str(tmp_path / "plan")],
         ["compare", result, result, "--out", str(tmp_path / "compared")],
         *(["report", result, "--out", str(tmp_path / "report"), "--format", kind] for kind in ("html", "md")),
-        *(
-            ["export", result, "--out", str(tmp_path / "export"), "--format", kind]
-            for kind in ("csv", "scipy", "sacpz")
-        ),
+        ["export", result, "--out", str(tmp_path / "export"), "--format", "csv"],
     ]
     assert loaded(commands) == ""
 

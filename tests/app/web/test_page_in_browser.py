@@ -14,12 +14,10 @@ from tests.support.real_data import real_data
 from tests.support.serving import WAIT_MS, choose, download, field, upload
 from tests.support.shell import printed, run
 
-from vibrident.app.workflow import real
-
 
 def shell(folder: Path, shown: str) -> dict:
     """Run the command that the page shows."""
-    printed(*shlex.split(shown)[1:], "--no-plots", "--out", "out", folder=folder)
+    printed(*shlex.split(shown)[1:], "--no-pictures", "--out", "out", folder=folder)
     return json.loads((folder / "out" / "result.json").read_text())
 
 
@@ -230,22 +228,3 @@ def stops_are_seen(page) -> None:
             }"""
         )
         assert seen, page.evaluate("document.activeElement.outerHTML.slice(0, 200)")
-
-
-@pytest.mark.slow
-def test_a_real_example_is_loaded_with_its_story(visit, picture, press):
-    """Where VIBRIDENT_DATA names the recordings, which may not be given away; elsewhere there is no button."""
-    page = visit()
-    if real.real_data() is None:
-        assert page.locator("#real").count() == 0
-        pytest.skip("VIBRIDENT_DATA does not name a folder with sm3/")
-    press(page, "#real", "#data")
-    page.locator("#story").wait_for(timeout=WAIT_MS)
-    assert "the drive" in page.locator("#story").inner_text()
-    press(page, "#confirm", "#columns")
-    press(page, "#start", "#identify")
-    page.get_by_text("Identified.").wait_for(timeout=WAIT_MS)
-    picture(page, "real")
-    parameters = json.loads(download(page, "json"))["parameters"]
-    assert parameters["natural_frequency"]["value"] == pytest.approx(0.4747, abs=0.002)
-    assert parameters["damping_ratio"]["value"] == pytest.approx(0.7105, abs=0.004)

@@ -16,7 +16,6 @@ from vibrident.app.web import sandboxed
 from vibrident.app.web.form.certify import ENTRY_NAMES as CERTIFICATE_ENTRIES
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, KEYS, SECTIONS
 from vibrident.app.web.language import COOKIE, LANGUAGES, LOCALES, catalogue, choose_language, language
-from vibrident.app.workflow.real import STORY
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
 from vibrident.export.form import OPTIONS
@@ -77,7 +76,7 @@ def elsewhere() -> set[str]:
     found |= {one.title for registry in (ESTIMATORS, EXPORTS) for one in registry.all().values()}
     found |= {option.label for option in OPTIONS.values()} | {in_words(name) for name in parameter_names()}
     things = [*ENTRY_NAMES.values(), *CERTIFICATE_ENTRIES.values()]
-    found |= {"expected", "found", "where", "remedy", "band", STORY} | {name.lower() for name in things}
+    found |= {"expected", "found", "where", "remedy", "band"} | {name.lower() for name in things}
     return {text for text in found if re.search("[A-Za-z]{2}", text)}
 
 

@@ -1,6 +1,6 @@
 """What is done to a team's page at the socket: forged headers, sessions, guesses from many addresses, uploads.
 
-Each attack prints what it met; docs/security.md has the lines of one run.
+Each attack prints what it met; studies/security.md has the lines of one run.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ SOURCES = Path(vibrident.__file__).parent
 USERS = ("paper", "simulation")
 #: Words that mean something else where they stand.
 OTHERS = {
-    "app/cli/commands/track.py": {"follow", "stdin", "tcp"},  # options of these names
+    "app/cli/commands/track.py": {"follow", "stdin"},  # options of these names
     "app/workflow/tracking.py": {"calibration-records"},  # the source where none is given
     "app/cli/commands/demo.py": {"ipnn"},  # shows the paper's network
     "app/cli/commands/simulate.py": {"delay"},  # of the optical channel

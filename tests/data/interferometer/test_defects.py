@@ -169,7 +169,7 @@ def test_pieces_of_time_that_know_their_ellipse_little_do_not_make_it_change():
 
 @pytest.mark.slow
 def test_clean_signals_raise_no_alarm():
-    """24 set-ups of four records; 60 gave none either (docs/interferometer.md)."""
+    """24 set-ups of four records; 60 gave none either (studies/interferometer.md)."""
     random, alarms, rate = np.random.default_rng(7), 0, 1e6
     for _ in range(24):
         centre, sizes, angle = random.uniform(-0.2, 0.2, 2), random.uniform(0.75, 1.25, 2), random.uniform(-0.25, 0.25)

@@ -15,9 +15,9 @@ from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.data.screening import gaps, screen
 from vibrident.data.screening.clipping import clipped
-from vibrident.data.screening.gaps import lost
+from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
-from vibrident.data.screening.wild import GUARD, MAX_RUN, ORDER, Channel, breaks
+from vibrident.data.screening.wild import GUARD, MAX_RUN_SAMPLES, ORDER, Channel, breaks
 from vibrident.physics.simulation import SENSORS, simulate
 
 N = 4000
@@ -107,7 +107,7 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
         values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
         found += (
             bool(clipped(values, ALL)[0].any())
-            + bool(lost(values, ALL).any())
+            + bool(lost_samples(values, ALL).any())
             + bool(Channel.from_values(values, ALL).wild.any())
         )
     assert found <= (1 if motion == "sine" else 0)
@@ -133,7 +133,7 @@ def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Gen
     for _ in range(draws):
         values = of_few_digits(rng)
         assert not clipped(values, ALL)[0].any()
-        assert not lost(values, ALL).any()
+        assert not lost_samples(values, ALL).any()
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "shock"])
@@ -170,7 +170,7 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved[begin : begin + 1800] = 0.0
             moved += noise * rng.standard_normal(N)
             assert not clipped(moved, ALL)[0].any()
-            assert not lost(moved, ALL).any()
+            assert not lost_samples(moved, ALL).any()
             assert not Channel.from_values(moved, ALL).wild.any()
 
 
@@ -192,7 +192,7 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
     for values in (held, np.sign(np.sin(0.0431 * T)), square + 1e-3 * rng.standard_normal(N)):
         valid = np.ones(values.size, dtype=bool)
         assert not clipped(values, valid)[0].any()
-        assert not lost(values, valid).any()
+        assert not lost_samples(values, valid).any()
         assert not Channel.from_values(values, valid).wild.any()
 
 
@@ -241,7 +241,7 @@ def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool
         begins = 13 + (N // count) * np.arange(count) + rng.integers(0, N // count - length - 20, count)
         for at in begins:
             values[at : at + length] = values[at - 1] if held else 0.0
-        bad = lost(values, ALL)
+        bad = lost_samples(values, ALL)
         assert np.all(bad[values != kept])
         assert np.sum(bad & (values == kept)) <= 3 * count
 
@@ -253,7 +253,7 @@ def test_what_held_samples_look_like_is_counted_once(
     """Where most values return at once, no run of them needs a look at its neighbours."""
     looks: list[int] = []
     monkeypatch.setattr(gaps, "_chance_of_equal", lambda *_: looks.append(1) or 1.0)
-    assert not lost(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps]).any()
+    assert not lost_samples(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps]).any()
     assert not looks
 
 
@@ -346,7 +346,7 @@ def test_a_run_of_wild_samples_is_found(motion: str, length: int, size: float, r
         scale = np.max(np.abs(free - np.median(free))) * Channel.from_values(free, ALL).prediction.deviation
         bad = np.isin(T, np.add.outer([700, 2100, 3300], np.arange(length)))
         values = free + bad * size * scale * rng.choice([-1.0, 1.0], N) * rng.uniform(0.7, 1.3, N)
-        wild = Channel.from_values(values, ALL, MAX_RUN).wild
+        wild = Channel.from_values(values, ALL, MAX_RUN_SAMPLES).wild
         assert np.all(wild[bad])
         assert np.sum(wild & ~bad) <= 3 * 2 * GUARD
 

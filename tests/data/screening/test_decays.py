@@ -7,7 +7,7 @@ import pytest
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray, Record
-from vibrident.data.screening.decays import goes_on
+from vibrident.data.screening.decays import is_sustained
 from vibrident.data.screening.quality import without_steady_decays
 
 N = 8000
@@ -26,7 +26,7 @@ def test_steady_tones_and_noise_go_on(count: int, noise: float, rng: np.random.G
     said = 0
     for _ in range(20):
         values = tones(rng, count) + noise * rng.standard_normal(N) if count else rng.standard_normal(N)
-        said += goes_on(values + 3.0, np.ones(N, dtype=bool))
+        said += is_sustained(values + 3.0, np.ones(N, dtype=bool))
     assert said >= 19
 
 
@@ -39,14 +39,14 @@ def test_what_dies_away_does_not_go_on(lives: float, noise: float, begins: int, 
         since = np.maximum(T - begins, 0)
         free = np.exp(-since / (lives * N)) * np.sin(rng.uniform(0.05, 2.0) * T + rng.uniform(0.0, 6.3))
         values = np.where(begins <= T, free, 0.0) + noise * rng.standard_normal(N)
-        assert not goes_on(values, np.ones(N, dtype=bool))
+        assert not is_sustained(values, np.ones(N, dtype=bool))
 
 
 def test_a_weak_line_that_dies_away_under_noise_does_not_go_on(rng: np.random.Generator) -> None:
     """The power of all is noise alone: the line's shows it."""
     for _ in range(20):
         free = np.exp(-2.0 * T / N) * np.sin(0.3 * T)
-        assert not goes_on(free + 1.5 * rng.standard_normal(N), np.ones(N, dtype=bool))
+        assert not is_sustained(free + 1.5 * rng.standard_normal(N), np.ones(N, dtype=bool))
 
 
 def test_a_record_that_goes_on_is_left_out_and_said(rng: np.random.Generator) -> None:

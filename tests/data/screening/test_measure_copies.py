@@ -5,7 +5,7 @@ import pytest
 
 from vibrident import Calibration, identify
 from vibrident.data.records import Record
-from vibrident.data.screening.copies import COUNTED_ONCE, said_of_copies, without_copies
+from vibrident.data.screening.copies import COUNTED_ONCE, notes_of_copies, without_copies
 
 
 def record(name, motion, answer, **more):
@@ -34,7 +34,7 @@ def test_another_form_of_the_same_samples_is_a_copy(channels, form):
     for order in (records, records[::-1]):
         (kept,) = without_copies(order)
         assert kept.name == order[0].name
-        (text,) = said_of_copies([(kept.name, kept.provenance.history)])
+        (text,) = notes_of_copies([(kept.name, kept.provenance.history)])
         assert f"{order[1].name} holds the same samples as {order[0].name}" in text
         assert kept.provenance.history == (f"{COUNTED_ONCE}{order[1].name}, which is left out",)
 

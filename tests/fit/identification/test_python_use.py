@@ -123,7 +123,7 @@ def test_representations_are_short(calibration, result):
 REPORT = pytest.param("docs/report.md", marks=pytest.mark.needs("report"))
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/guide.md", REPORT, "docs/exports.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md", REPORT, "docs/exports.md"])
 def test_the_examples_of_the_docs_run(page, calibration, result, tmp_path, monkeypatch):
     """In a folder with a ``calibration.toml``; ``result``, ``first`` and ``second`` are results."""
     write_calibration(tmp_path, calibration)

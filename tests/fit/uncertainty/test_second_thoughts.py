@@ -198,7 +198,7 @@ def test_noise_of_the_reference_is_read_and_leaves_no_bias(excitation, draws, mo
         result = vibrident.identify(with_noise(clean, reference_noise=0.1, seed=seed))
         found = result.parameters["sensitivity"]
         offs.append((found.value - TRUTH["sensitivity"]) / found.standard_uncertainty)
-        # At so strong a noise the verdict errs in about one of fifteen, and equal weights stay (docs/warnings.md).
+        # At so strong a noise the verdict errs in about one of fifteen, and equal weights stay (`lack_of_fit`).
         if result.settings["noise_weights"] == "spectrum":
             levels.append(np.mean(result.settings["reference_noise"]))
     assert len(levels) >= draws - 2

@@ -45,7 +45,7 @@ def test_order_of_convergence(name, order, fraction, frequency, p):
 
 
 def test_euler_is_unstable_where_the_paper_does_not_say():
-    """Forward Euler needs Ts < 2 δ/ωn: 11.3 kHz for the Table 2 sensor (PAPER, found 8)."""
+    """Forward Euler needs Ts < 2 δ/ωn: 11.3 kHz for the Table 2 sensor."""
     p = accelerometer(4096.4 / 2 / np.pi, 0.182)
     for rate, stable in ((11.2e3, False), (11.3e3, True)):
         transition = np.asarray(method("euler").weights(system_of(p), 1 / rate, 0.0, 1).transition)

@@ -110,7 +110,7 @@ def test_the_truth_s_method_has_order_eight(monkeypatch):
     reference = exact(Sine(1000.0, 9.8, 0.4), rate=4000.0, samples=200)
     errors = []
     for substeps in (2, 3, 4):
-        monkeypatch.setattr(cubic_truth, "PHASE", 2 * np.pi * 1000.0 / 4000.0 / (substeps - 0.5))
+        monkeypatch.setattr(cubic_truth, "MAX_STEP_PHASE_RAD", 2 * np.pi * 1000.0 / 4000.0 / (substeps - 0.5))
         errors.append(np.max(np.abs(exact(Sine(1000.0, 9.8, 0.4), rate=4000.0, samples=200) - reference)))
     orders = np.diff(np.log(errors)) / np.diff(np.log([1 / 2, 1 / 3, 1 / 4]))
     assert np.all(orders > 7.3), errors

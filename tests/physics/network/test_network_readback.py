@@ -93,7 +93,7 @@ def test_the_band_limited_networks_curve_is_the_sensors():
 
 
 def test_eulers_curve_shows_its_error():
-    """PAPER, found 8: at 51.2 kHz Euler with the true weights has too little damping; its peak is off by 20 to 60 %."""
+    """At 51.2 kHz Euler with the true weights has too little damping; its peak is off by 20 to 60 %."""
     p = SENSORS["accelerometer"]
     frequency = np.linspace(500.0, 800.0, 3001)
     own = np.abs(network_response(tied("accelerometer", p, "euler"), frequency, 1 / RATE, "euler"))

@@ -54,7 +54,7 @@ def test_every_code_is_explained_and_none_else():
     assert set(WARNINGS) == set(WARNING_CODES)
     assert len({w.meaning for w in WARNINGS.values()}) == len(WARNING_CODES)
     page = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
-    assert all(f"\n| `{code}` |" in page for code in WARNINGS)
+    assert all(f"\n| *`{code}`*<!-- warnings/{code}.md --> |" in page for code in WARNINGS)
     assert words.explain("from_the_future").title == "from_the_future"
 
 

@@ -10,14 +10,14 @@ import vibrident
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
 from vibrident.use.correction import Band
 from vibrident.use.correction.compensation import Compensation
-from vibrident.use.correction.quiet import Surroundings, surroundings
+from vibrident.use.correction.quiet import Baseline, estimate_baseline
 
 RATE, SAMPLES = 2000.0, 1500
 
 
-def around(spectrum: np.ndarray, rest: int) -> Surroundings:
+def around(spectrum: np.ndarray, rest: int) -> Baseline:
     frequency = np.linspace(0.0, 0.5 * RATE, spectrum.size)
-    return Surroundings(rest, False, 0.0, 0.0, "", frequency, spectrum, 0.0, "", np.inf)
+    return Baseline(rest, False, 0.0, 0.0, "", frequency, spectrum, 0.0, "", np.inf)
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_noise_of_every_sample_is_that_of_simulated_noise(model: str, rest: int,
     tilt = np.linspace(0.0, 1.0, 65)
     spectrum = 1e-6 * (1.0 / (0.05 + tilt) if coloured else np.ones(65))
     known = around(spectrum, rest)
-    compensation = Compensation.of(sensor, Band(low, 40.0, ""), RATE, SAMPLES, known)
+    compensation = Compensation.from_baseline(sensor, Band(low, 40.0, ""), RATE, SAMPLES, known)
     rng = np.random.default_rng(8)
     size = 4 * SAMPLES
     shape = np.sqrt(known.noise(np.fft.rfftfreq(size, 1.0 / RATE)))
@@ -50,7 +50,7 @@ def test_noise_of_every_sample_is_that_of_simulated_noise(model: str, rest: int,
 def test_integrated_noise_grows_from_the_first_sample() -> None:
     values = {"generator_constant": 2.0, "natural_frequency": 50.0, "damping_ratio": 0.6}
     sensor = known_result("velocity-pickup", values).to_sensor()
-    compensation = Compensation.of(sensor, Band(0.0, 10.0, ""), RATE, SAMPLES, around(np.full(9, 1e-6), 100))
+    compensation = Compensation.from_baseline(sensor, Band(0.0, 10.0, ""), RATE, SAMPLES, around(np.full(9, 1e-6), 100))
     noise = compensation.noise_deviation
     assert np.all(np.diff(noise) >= 0)
     # ωn²/G ∫ y dt dominates late: √(t Ts) times the white noise's deviation
@@ -113,24 +113,24 @@ def test_hum_and_offset_before_a_shock_are_counted() -> None:
     for seed in range(20):
         found = vibrident.correct(result, with_noise(clean, response_noise=noise, seed=seed))
         only = found.corrections[0]
-        assert only.surroundings.offset == pytest.approx(0.4 * np.std(only.record.response), rel=0.1)
+        assert only.baseline.offset == pytest.approx(0.4 * np.std(only.record.response), rel=0.1)
         z.append((only.peak.value - 9.80665) / only.peak.standard_uncertainty)
     assert np.sqrt(np.mean(np.square(z))) < 1.5
 
 
 def test_noise_level_before_a_shock() -> None:
     calibration = simulate("paper", "shock", samples=8000, response_noise=ChannelNoise(white=2e-3, unit="channel"))
-    known = surroundings(calibration.records[0])
+    known = estimate_baseline(calibration.records[0])
     assert known.rest_samples > 600
     assert known.rests_at_end
     assert known.noise_deviation == pytest.approx(2e-3, rel=0.1)
     calm = simulate(
         "paper", "sine", frequencies_hz=[100.0], samples=8000, response_noise=ChannelNoise(white=2e-3, unit="channel")
     )
-    assert surroundings(calm.records[0]).noise_deviation == pytest.approx(2e-3, rel=0.15)
+    assert estimate_baseline(calm.records[0]).noise_deviation == pytest.approx(2e-3, rel=0.15)
 
 
 def test_quantisation_is_noise_even_where_the_rest_is_dead_still() -> None:
     calibration = simulate("paper", "shock", samples=4000, response_noise=ChannelNoise(full_scale=2.0, bits=10))
-    known = surroundings(calibration.records[0])
+    known = estimate_baseline(calibration.records[0])
     assert known.noise_deviation == pytest.approx(2.0 * 2.0**-9 / np.sqrt(12.0), rel=1e-6)

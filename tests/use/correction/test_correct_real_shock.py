@@ -25,7 +25,7 @@ def test_the_measured_shock(tmp_path: Path) -> None:
     corrections = vibrident.correct(result, shock)
     found = corrections.corrections[0]
     record = found.record
-    rest = slice(0, found.surroundings.rest_samples)
+    rest = slice(0, found.baseline.rest_samples)
     raw = np.max(np.abs(record.response - np.mean(record.response[rest]))) / result.parameters["sensitivity"].value
     peak = found.agreement.reference_peak
     assert raw / peak - 1.0 > 0.04

@@ -81,8 +81,8 @@ def test_a_parameter_on_its_way_to_what_it_is_without_the_cause_has_not_changed(
     spring = Cause("nonlinear", "", {"sensitivity": 0.1})
     for after, left in ((0.102, True), (0.0998, True), (0.0996, False), (0.1082, True), (0.1084, False)):
         alarm = Alarm(0.0, 0.0, "sensitivity", 0.108, after, 1e-4, "gain")
-        assert spring.left_by(alarm) == left, after
-        assert not replace(spring, code=None).left_by(alarm)
+        assert spring.ends_with(alarm) == left, after
+        assert not replace(spring, code=None).ends_with(alarm)
 
 
 def high_passed(u, y):

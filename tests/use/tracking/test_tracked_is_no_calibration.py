@@ -47,7 +47,7 @@ def calibrated() -> Result:
 
 def session_of(result: Result, reference: float = 0.0) -> Session:
     settings = Settings(reference_uncertainty=reference)
-    session = Session.of(result, RATE_HZ, "acceleration", 1.0, settings)
+    session = Session.from_result(result, RATE_HZ, "acceleration", 1.0, settings)
     for chunk in chunks_of(records(2)):
         session.take(chunk)
     session.finish()
@@ -64,7 +64,7 @@ def u_of(result: Result, name: str) -> float:
 
 
 def test_no_samples_leave_the_calibration(calibrated):
-    session = Session.of(calibrated, RATE_HZ, "acceleration", 1.0, Settings(drift_per_year=0.0))
+    session = Session.from_result(calibrated, RATE_HZ, "acceleration", 1.0, Settings(drift_per_year=0.0))
     unmoved = tracked_result(calibrated, session)
     for name in (*TRUTH, "delay"):
         assert u_of(unmoved, name) == pytest.approx(u_of(calibrated, name), rel=1e-9)

@@ -12,7 +12,7 @@ import vibrident
 from vibrident import Calibration
 from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.use.tracking.outcome import tracked_result
-from vibrident.use.tracking.reference_noise import reference_noise
+from vibrident.use.tracking.reference_noise import estimate_reference_noise
 from vibrident.use.tracking.session import Session
 from vibrident.use.tracking.state import Settings
 
@@ -35,7 +35,7 @@ def sines(rng, values=TRUTH, samples=8000, harmonics=0.0):
 
 
 def tracked(result, calibration):
-    session = Session.of(result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, Settings())
+    session = Session.from_result(result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, Settings())
     for chunk in chunks_of(calibration):
         session.take(chunk)
     session.finish()
@@ -118,7 +118,7 @@ def test_noise_of_the_reference_is_told_and_taken_out(size):
         y = answered(u)
         y += 0.01 * np.std(y) * rng.normal(size=len(y))
         one = fed(tracker(None, u=0.1), u + size * rng.normal(size=len(u)), y)
-        found, read = reference_noise(one), one.read()
+        found, read = estimate_reference_noise(one), one.read()
         assert found is not None
         z.append((found.variance - size**2) / found.u)
         assert found.corrects == (size > 0.0)
@@ -137,5 +137,5 @@ def test_a_residual_of_another_colour_is_not_taken_for_noise_of_the_reference(rn
     y = answered(u)
     red = lfilter([1.0], [1.0, -0.95], rng.normal(size=2 * len(y)))[len(y) :]
     one = fed(tracker(None, u=0.1), u, y + 0.01 * np.std(y) * red / np.std(red))
-    found = reference_noise(one)
+    found = estimate_reference_noise(one)
     assert found is None or not found.corrects

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from vibrident.show.views import Block
 
 
+#: Least width of what is printed, characters: a broken line is better than a cut number.
+MIN_COLUMNS = 76
 #: Exit codes: of input that cannot be used, of a warning with --strict, after Ctrl-C.
 BAD_INPUT = 2
 DOUBTFUL = 3
@@ -47,7 +49,7 @@ def output_console() -> Console:
     """
     console = _console(stderr=False)
     free = not sys.stdout.isatty() and not os.environ.get("COLUMNS")
-    console.width = 120 if free else max(console.width, 80)
+    console.width = 120 if free else max(console.width, MIN_COLUMNS)
     return console
 
 

@@ -51,15 +51,9 @@ def option(
     )
 
 
-def flag(
-    *names: str,
-    help: str,
-    value: bool | None = False,
-    panel: str | None = None,
-    hidden: bool = False,
-) -> Any:
+def flag(*names: str, help: str, value: bool = False, panel: str | None = None) -> Any:
     """Define an option without a value."""
-    return typer.Option(value, *names, help=help, rich_help_panel=panel, hidden=hidden)
+    return typer.Option(value, *names, help=help, rich_help_panel=panel)
 
 
 def between(

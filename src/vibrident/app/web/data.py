@@ -23,7 +23,6 @@ from vibrident.app.web.session import (
 )
 from vibrident.app.web.user import User
 from vibrident.app.web.worker import simulate_demo
-from vibrident.app.workflow.real import STORY, real_data, write_real
 from vibrident.base.errors import InputError
 from vibrident.data.io.reader import unknown_format
 from vibrident.show import views
@@ -92,10 +91,6 @@ class DataStep:
                 self.demo_button = ui.button(
                     say("Load the simulated demo"), on_click=self._demo
                 ).props("outline")
-                if real_data():
-                    ui.button(say("Load a real example"), on_click=self._real).props(
-                        "outline id=real"
-                    )
                 ui.button(say("Start anew"), on_click=self._ask_anew).props("flat")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.left = ui.element("div").props("aria-live=polite")
@@ -201,21 +196,7 @@ class DataStep:
         )
 
     async def _demo(self) -> None:
-        doing = say("Simulating the calibration of the paper's accelerometer …")
-        await self._example(
-            doing, lambda folder: self.user.worker.run(simulate_demo, folder=folder)
-        )
-
-    async def _real(self) -> None:
-        source = real_data()
-        if source and await self._example(
-            say("Loading …"), lambda folder: asyncio.to_thread(write_real, source, folder)
-        ):
-            with self.left:
-                ui.label(say(STORY)).classes("hint").props("id=story")
-
-    async def _example(self, doing: str, write: Callable[[Path], Awaitable[object]]) -> bool:
-        """Replace the data by an example; return whether it was loaded."""
+        """Replace the data by the simulated demo."""
         self.errors.clear()
         self.left.clear()
         session = self.user.session
@@ -229,23 +210,22 @@ class DataStep:
                     remedy="wait for it, or cancel it",
                 )
             self.demo_button.disable()
-            self.listing.text = doing
+            self.listing.text = say("Simulating the calibration of the paper's accelerometer …")
             self.user.require("identify", "identify")
             session.clear()
             session.open()
             self.user.form = None
-            await write(session.data)
+            await self.user.worker.run(simulate_demo, folder=session.data)
             session.rescan()
         except asyncio.CancelledError:
-            return False
+            return
         except Exception as error:
             frame.show_error(self.errors, error, session)
-            return False
+            return
         finally:
             self.demo_button.enable()
             self.show()
         await self.on_data()
-        return True
 
     async def _remove(self, name: str) -> None:
         self.errors.clear()

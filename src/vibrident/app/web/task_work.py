@@ -151,7 +151,7 @@ def _track(
     options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.tracked import TrackRequest, track
-    from vibrident.app.workflow.tracking import FALSE_ALARMS_PER_DAY
+    from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
 
     tell.step(phrase("Tracking"))
     request = TrackRequest(

@@ -51,7 +51,7 @@ class Worker:
 
         Raises:
             InputError, NotConverged: as the task does.
-            Stopped: the process was ended by a limit or a signal.
+            StoppedError: the process was ended by a limit or a signal.
             WorkerError: any other failure in the process.
             asyncio.CancelledError: it was cancelled.
         """

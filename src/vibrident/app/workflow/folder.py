@@ -26,22 +26,9 @@ _LAST = "result.json"  # moved last, so that its presence implies the others
 
 def load_result(path: Path) -> Result:
     """Read a result; an error names the file."""
-    from vibrident.result import Result
+    from vibrident.result.given import as_result
 
-    if path.suffix.lower() == ".toml" and os.path.isfile(path):
-        raise InputError(
-            "A result is needed here, not a calibration file.",
-            expected="a result.json that ⟦command = identify⟧ wrote",
-            found=path.name,
-            where=str(path),
-            remedy="name the result first and the calibration file after it, or identify first",
-        )
-    try:
-        return Result.load(path)
-    except InputError as error:
-        if error.where:
-            raise
-        raise error.at(str(path)) from error
+    return as_result(path)
 
 
 @dataclass

@@ -9,16 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import load_result
 from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
-from vibrident.app.workflow.tracking import (
-    FALSE_ALARMS_PER_DAY,
-    RANDOM_WALK_PER_YEAR,
-    RECORDS,
-    ROW_INTERVAL_S,
-    TrackingFiles,
-)
+from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
+from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from vibrident.data.records import Record
@@ -52,6 +47,7 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
     from vibrident.data.sources.source import Wanted
+    from vibrident.use.tracking.following import interval_of_records
     from vibrident.use.tracking.outcome import tracked_result
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Settings
@@ -82,11 +78,8 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
         _walks(request.store, known, tell),
         described.reference.standard_uncertainty,
     )
-    shortest_s = settings.block / rate_hz
-    every_s = request.every_s or (
-        max(shortest_s, min(ROW_INTERVAL_S, length_s / 100)) if length_s else ROW_INTERVAL_S
-    )
-    session = Session.of(known, rate_hz, described.reference.quantity, every_s, settings)
+    every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
+    session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
     key = {
         "result": known.to_json(),
         "file": request.calibration.read_text(encoding="utf-8"),
@@ -124,7 +117,7 @@ def parameter_rows(
 def _walks(store: str | None, known: Result, tell: ProgressReporter) -> float | tuple[float, ...]:
     """Return the relative random walk of each parameter in a year, from the history."""
     if store is None:
-        return RANDOM_WALK_PER_YEAR
+        return DRIFT_PER_YEAR
     from vibrident.lab.history.document import random_walks
     from vibrident.lab.history.store import Store
 
@@ -132,9 +125,9 @@ def _walks(store: str | None, known: Result, tell: ProgressReporter) -> float | 
         walks = random_walks(opened, known)
     names = known.to_sensor().model.parameter_names
     if untold := [name for name in names if name not in walks]:
-        walk = f"{RANDOM_WALK_PER_YEAR:.0%} a year is taken."
+        walk = f"{DRIFT_PER_YEAR:.0%} a year is taken."
         tell.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
-    return tuple(walks.get(name, RANDOM_WALK_PER_YEAR) for name in names)
+    return tuple(walks.get(name, DRIFT_PER_YEAR) for name in names)
 
 
 def _records(calibration: Path, known: Result) -> Sequence[Record]:

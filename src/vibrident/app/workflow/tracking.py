@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 CHECKPOINT = "track.state"
 RECORDS = "calibration-records"  # the source where none is given
-ROW_INTERVAL_S = 1.0  # time between rows of a stream, s, where nobody says
-# random walk of a parameter in a year, relative, where no history tells it: a choice
-RANDOM_WALK_PER_YEAR = 0.01
-FALSE_ALARMS_PER_DAY = 0.01  # expected in a day of motion
 
 
 class TrackingFiles:
@@ -80,11 +76,11 @@ class TrackingFiles:
         session = self._session
         session.tracker.state.restore(state)
         session.samples = known["samples"]
-        session.left = known["left"]
+        session.samples_to_row = known["left"]
         session.started = True
         session.troubles.extend(Trouble(**each) for each in known["troubles"])
         session.alarms.extend(Alarm(**each) for each in known["alarms"])
-        session.held.extend(Alarm(**each) for each in known["held"])
+        session.waiting_alarms.extend(Alarm(**each) for each in known["held"])
         session.cause = Cause(**known["cause"])
         os.truncate(self._folder / "track.csv", known["csv_bytes"])
         return int(known["position"])
@@ -106,10 +102,10 @@ class TrackingFiles:
             "position": position,
             "csv_bytes": self.rows.tell(),
             "samples": session.samples,
-            "left": session.left,
+            "left": session.samples_to_row,
             "troubles": [vars(trouble) for trouble in session.troubles],
             "alarms": [vars(alarm) for alarm in session.alarms],
-            "held": [vars(alarm) for alarm in session.held],
+            "held": [vars(alarm) for alarm in session.waiting_alarms],
             "cause": vars(session.cause),
         }
         with whole(self._folder / CHECKPOINT) as partial:

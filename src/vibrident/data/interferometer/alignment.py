@@ -1,9 +1,10 @@
 """The displacement and the response at the same instants.
 
-The acceleration is made of second differences and a filter that makes them derivatives, within a band. A shock or a
-sweep ends elsewhere than it began, often still moving: its displacement is a ramp, which spoils a spectrum; its
-acceleration is not. The second difference has the response (2 sin ½ω)² exactly; the filter beside it has (½ω / sin
-½ω)², to 5e-6 up to 0.35 of the sampling rate, to 1e-3 up to 0.4, and zero at half.
+The acceleration is made of second differences and a filter that makes them derivatives, within a
+band. A shock or a sweep ends elsewhere than it began, often still moving: its displacement is a
+ramp, which spoils a spectrum; its acceleration is not. The second difference has the response (2
+sin ½ω)² exactly; the filter beside it has (½ω / sin ½ω)², to 5e-6 up to 0.35 of the sampling rate,
+to 1e-3 up to 0.4, and zero at half.
 """
 
 from __future__ import annotations
@@ -32,14 +33,22 @@ from vibrident.data.interferometer.survey import BLOCK
 HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * 0.1)))
 LOST = HALF_FILTER + 1  # samples lost at either end
 OF_SINE = 16.0, 1 << 14  # fewest samples that are kept of a period of a sine, and of a record of it
-OF_OTHERS = 6.0, 1 << 10  # fewest of a period of the highest frequency of other motion, and of a record of it …
-BESIDE_GAPS = 48.0, 1 << 17  # … and where light is lost: filters for a lower rate reach further over a pulse
+# fewest of a period of the highest frequency of other motion, and of a record of it …
+OF_OTHERS = (
+    6.0,
+    1 << 10,
+)
+# … and where light is lost: filters for a lower rate reach further over a pulse
+BESIDE_GAPS = (
+    48.0,
+    1 << 17,
+)
 FINER = 2.5  # fewest samples of the displacement for each of a slower response
 
 
 @functools.cache
 def _derivative_filter() -> FloatArray:
-    """The filter's coefficients, shape (2 · HALF_FILTER + 1,), symmetric."""
+    """Return the filter's coefficients, shape (2 · HALF_FILTER + 1,), symmetric."""
     points = 1 << 14
     frequency = np.arange(points // 2 + 1) / points  # of the rate
     half = np.pi * frequency
@@ -48,14 +57,21 @@ def _derivative_filter() -> FloatArray:
     window = np.kaiser(2 * HALF_FILTER + 1, BETA)
     asked = wanted.copy()
     for _ in range(8):  # the window smooths the target, so the target is raised where it is curved
-        impulse = np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1] * window
-        given = np.real(np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER)))
+        impulse = (
+            np.roll(np.fft.irfft(asked * inside, points), HALF_FILTER)[: 2 * HALF_FILTER + 1]
+            * window
+        )
+        given = np.real(
+            np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER))
+        )
         asked += np.where(frequency <= PASS, wanted - given, 0.0)
     return np.asarray(impulse)
 
 
-def accelerated(displacement: FloatArray, valid: BoolArray, rate_hz: float) -> tuple[FloatArray, BoolArray]:
-    """Acceleration and its validity, both ``LOST`` samples shorter at either end.
+def accelerated(
+    displacement: FloatArray, valid: BoolArray, rate_hz: float
+) -> tuple[FloatArray, BoolArray]:
+    """Return the acceleration and its validity, both ``LOST`` samples shorter at either end.
 
     ``displacement``: shape (n,), m; ``valid``: shape (n,).
     """
@@ -76,53 +92,65 @@ class Aligned:
 
     @property
     def accelerated(self) -> Aligned:
-        """The same with the acceleration, m/s², in place of the displacement."""
+        """Return the same with the acceleration, m/s², in place of the displacement."""
         values, valid = accelerated(self.displacement_m, self.valid, self.rate_hz)
         response = self.response[LOST : self.response.shape[0] - LOST]
         return _whole(values, response, valid, self.rate_hz, self.start_s + LOST / self.rate_hz)
 
 
 def thinning(samples: int, rate_hz: float, highest_hz: float, kept: tuple[float, int]) -> int:
-    """Factor by which a response is decimated.
+    """Return the factor by which a response is decimated.
 
-    ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the noise; ``kept``:
-    fewest samples of a period of it and of the record: a sine has harmonics, other motion only noise above.
+    ``samples``: of it; ``highest_hz``: frequency of a sine, or the highest that stands above the
+    noise; ``kept``: fewest samples of a period of it and of the record: a sine has harmonics, other
+    motion only noise above.
     """
     per_period, fewest = kept
     return max(min(int(rate_hz / (per_period * highest_hz)), samples // fewest), 1)
 
 
 def no_finer(response_hz: float, optical_hz: float) -> int:
-    """Factor by which a response is decimated at least, so that it is no finer than the displacement.
+    """Return the factor by which a response is decimated at least, so that it is no finer than the displacement.
 
-    Between the samples of a displacement there is no noise: interpolated, its noise would end below half the rate, and
-    whatever takes it for white would take too little for it.
+    Between the samples of a displacement there is no noise: interpolated, its noise would end below
+    half the rate, and whatever takes it for white would take too little for it.
     """
     return max(int(np.ceil(response_hz / optical_hz * (1.0 - 1e-9))), 1)
 
 
 def finer(rate_hz: float, response_hz: float) -> int:
-    """Factor from optical samples to the displacement's, for a response of another rate."""
+    """Return the factor from optical samples to the displacement's, for a response of another rate."""
     return max(int(rate_hz / (FINER * response_hz)), 1)
 
 
-def together(found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float) -> Aligned:
-    """Displacement and response at the same instants.
+def together(
+    found: Demodulated, optical: Signals, response: Signals, every: int, delay_s: float
+) -> Aligned:
+    """Return the displacement and response at the same instants.
 
     If both are recorded together they pass the same filter, whose response cancels.
 
-    ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one signal, its first sample
-    at time zero; ``every``: decimation of the response; ``delay_s``: the optical channel comes later by this.
+    ``found``: the displacement; ``optical``: the signals it was made from; ``response``: one
+    signal, its first sample at time zero; ``every``: decimation of the response; ``delay_s``: the
+    optical channel comes later by this.
     """
-    blocks = (response.block(s, min(s + BLOCK, response.samples)) for s in range(0, response.samples, BLOCK))
-    values = decimated((block[0].astype(float, copy=False) for block in blocks), response.samples, every)
-    rate, first = response.rate_hz / every, lost_at_an_end(every) / response.rate_hz
+    blocks = (
+        response.block(s, min(s + BLOCK, response.samples))
+        for s in range(0, response.samples, BLOCK)
+    )
+    values = decimated(
+        (block[0].astype(float, copy=False) for block in blocks), response.samples, every
+    )
+    rate = response.rate_hz / every
+    first = lost_at_an_end(every) / response.rate_hz
     time = first + np.arange(values.shape[0]) / rate
     wanted = ((time + delay_s - optical.first_s) * optical.rate_hz - found.first) / found.factor
     spacing = optical.rate_hz / found.factor / rate
     count = min(values.shape[0], found.displacement_m.shape[0])
     if abs(spacing - 1.0) < 1e-9 and abs(float(wanted[0])) < 1e-6:
-        return _whole(found.displacement_m[:count], values[:count], found.valid[:count], rate, first)
+        return _whole(
+            found.displacement_m[:count], values[:count], found.valid[:count], rate, first
+        )
     kept, displacement, valid = _moved(found.displacement_m, found.valid, wanted, spacing)
     return _whole(displacement, values[kept], valid, rate, first + kept.start / rate)
 
@@ -130,18 +158,21 @@ def together(found: Demodulated, optical: Signals, response: Signals, every: int
 def _moved(
     values: FloatArray, valid: BoolArray, wanted: FloatArray, spacing: float
 ) -> tuple[slice, FloatArray, BoolArray]:
-    """The displacement at positions, in its samples: the covered positions, the values, and their validity."""
+    """Return the displacement at positions, in its samples: the covered positions, the values, and their validity."""
     spacing, half = max(spacing, 1.0), reach(max(spacing, 1.0))
     inside = np.flatnonzero((wanted >= half) & (wanted <= values.shape[0] - 1 - half))
     kept = slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
     at = wanted[kept]
     bad = np.concatenate([[0], np.cumsum(~valid)])
-    low, high = np.floor(at).astype(int) - half, np.floor(at).astype(int) + half + 2
+    low = np.floor(at).astype(int) - half
+    high = np.floor(at).astype(int) + half + 2
     sound = bad[np.minimum(high, valid.shape[0])] == bad[np.maximum(low, 0)]
     return kept, at_positions(values, at, spacing) if at.size else np.zeros(0), sound
 
 
-def _whole(displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float) -> Aligned:
+def _whole(
+    displacement: FloatArray, values: FloatArray, valid: BoolArray, rate: float, start: float
+) -> Aligned:
     if displacement.shape[0] < 8 or not valid.any():
         raise InputError(
             "Too little of the record is left beside the ends of the filters.",

@@ -1,7 +1,7 @@
 """A heterodyne signal mixed down from its carrier: two signals in quadrature at a lower rate.
 
-Mixing and filtering are one product: the filter's coefficients times those of the carrier. The error of the estimated
-carrier remains as a slope of the phase.
+Mixing and filtering are one product: the filter's coefficients times those of the carrier. The
+error of the estimated carrier remains as a slope of the phase.
 """
 
 from __future__ import annotations
@@ -21,17 +21,22 @@ QUIET = 0.05  # … which is this quantile of the spectrum: a wide band fills mo
 MARGIN = 1.6  # band kept over the width of the carrier's band, at least …
 WHOLE = 5.0  # … and so much: a cyclic error of order 4 has sidebands five times as wide …
 CLEAR = 0.1  # … where the noise of the phase, rad, stays below this
-LEAST = 0.8  # least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
+# least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
+LEAST = 0.8
 MOST_OF_ALL = 1.0 / 32.0  # … but over that of the signal at most this …
-MOST_OF_SHOCK = 1.0 / 8.0  # … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+# … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+MOST_OF_SHOCK = 1.0 / 8.0
 ROOM = 0.8  # usable part of the room beside the carrier
 
 
-def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, most: float) -> tuple[Signals, float]:
-    """A heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
+def mixed_down(
+    raw: Signals, near_hz: float, response_hz: float, where: str, most: float
+) -> tuple[Signals, float]:
+    """Return a heterodyne signal mixed down to two signals in quadrature, and its carrier, Hz, found near a frequency.
 
-    ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of the sensor's
-    response; ``most``: of the signal's rate that the least band may take on either side.
+    ``raw``: one signal; ``near_hz``: its carrier, approximately; ``response_hz``: sampling rate of
+    the sensor's response; ``most``: of the signal's rate that the least band may take on either
+    side.
 
     Raises:
         InputError: no carrier is found, or the band beside it is too narrow.
@@ -49,7 +54,14 @@ def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, mos
     length = min(PIECE, raw.samples)
     starts = np.linspace(0, raw.samples - length, 48).astype(int)
     pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
-    power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1]))) ** 2
+    power = (
+        np.abs(
+            np.fft.rfft(
+                (pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1])
+            )
+        )
+        ** 2
+    )
     low, high = _band(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
     least = max(16.0 * raw.rate_hz / PIECE, min(LEAST * response_hz, most * raw.rate_hz))
     whole = min(0.5 * WHOLE * (high - low), _clear(np.mean(power, axis=0), half))
@@ -59,17 +71,20 @@ def mixed_down(raw: Signals, near_hz: float, response_hz: float, where: str, mos
     factor = int(np.clip(PASS * raw.rate_hz / wide, 2, max(raw.samples // (8 * HALF), 2)))
     cycles = carrier_hz / raw.rate_hz
     kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
-    offset = float(pieces.mean()) * kernel.sum()  # the filter lets it pass in part where the carrier's band is wide
+    # the filter lets it pass in part where the carrier's band is wide
+    offset = float(pieces.mean()) * kernel.sum()
 
     def block(start: int, stop: int) -> FloatArray:
         mixed = filtered(raw, (1, stop - start), factor, kernel, start)[0] - offset
-        return _parts(mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0)))
+        return _parts(
+            mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0))
+        )
 
     return at_lower_rate(raw, factor, block), carrier_hz
 
 
 def turned_back(raw: Signals, left: np.polynomial.Legendre) -> Signals:
-    """Two signals in quadrature without what is left of their carrier: their phase is the motion's alone.
+    """Return two signals in quadrature without what is left of their carrier: their phase is the motion's alone.
 
     ``left``: phase of the carrier that is left, rad, over the index of a sample.
     """
@@ -86,13 +101,20 @@ def _parts(values: np.ndarray) -> FloatArray:
 
 
 def _clear(power: FloatArray, half_hz: float) -> float:
-    """Band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
+    """Return the band on either side of the carrier with a noise of the phase of ``CLEAR``, Hz."""
     noise = max(float(np.quantile(power, QUIET)), 1e-300)
-    return CLEAR**2 * max(float(np.sum(power)) / noise - power.shape[0], 0.0) * half_hz / power.shape[0]
+    return (
+        CLEAR**2
+        * max(float(np.sum(power)) / noise - power.shape[0], 0.0)
+        * half_hz
+        / power.shape[0]
+    )
 
 
-def _band(power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str) -> tuple[float, float]:
-    """Lowest and highest frequency of the carrier's band."""
+def _band(
+    power: FloatArray, rate_hz: float, near_hz: float, room: float, where: str
+) -> tuple[float, float]:
+    """Return the lowest and highest frequency of the carrier's band."""
     lines = np.linspace(0.0, 0.5 * rate_hz, power.shape[0])
     inside = np.abs(lines - near_hz) <= room
     floor = float(np.quantile(power, QUIET))

@@ -1,7 +1,8 @@
 """Fewer samples, and samples at other instants, by linear-phase filters whose delay is known exactly.
 
-Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so that nothing aliases
-to below 0.4. They are symmetric; only samples whose filter lies wholly within the signal are computed.
+Up to 0.4 of the new rate the filters pass to 1e-6; above 0.6 they attenuate to the same part, so
+that nothing aliases to below 0.4. They are symmetric; only samples whose filter lies wholly within
+the signal are computed.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ BETA = 0.1102 * (ATTENUATION_DB - 8.7)  # shape of Kaiser's window above 50 dB, 
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
 HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
 AT_ONCE = 1 << 17  # samples that are filtered at once
-PLACES = 4096  # positions between two samples at which the interpolation filter is tabulated; linear between them
+# positions between two samples at which the interpolation filter is tabulated; linear between them
+PLACES = 4096
 
 
 @functools.lru_cache(maxsize=8)
 def taps(factor: int) -> FloatArray:
-    """The filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
+    """Return the filter for every ``factor``-th sample, shape (2 · HALF · factor + 1,), symmetric, of sum one, read-only."""
     half = HALF * factor
     index = np.arange(-half, half + 1)
     window = np.kaiser(2 * half + 1, BETA)
@@ -36,12 +38,12 @@ def taps(factor: int) -> FloatArray:
 
 
 def lost_at_an_end(factor: int) -> int:
-    """Samples before the first new one, which stands at this index."""
+    """Return the samples before the first new one, which stands at this index."""
     return HALF * factor if factor > 1 else 0
 
 
 def decimated_length(samples: int, factor: int) -> int:
-    """Number of new samples."""
+    """Return the number of new samples."""
     if factor == 1:
         return samples
     return max((samples - 2 * HALF * factor - 1) // factor + 1, 0)
@@ -53,7 +55,8 @@ class Decimator:
 
     def __init__(self, factor: int, signals: int, kernel: np.ndarray) -> None:
         """Begin; the kernel is that of :func:`taps`, or times a complex carrier."""
-        self._factor, self._rows = factor, -(-kernel.shape[0] // factor)
+        self._factor = factor
+        self._rows = -(-kernel.shape[0] // factor)
         padded = np.zeros(self._rows * factor, dtype=kernel.dtype)
         padded[: kernel.shape[0]] = kernel
         self._matrix = np.ascontiguousarray(padded.reshape(self._rows, factor).T).view(np.float64)
@@ -61,7 +64,7 @@ class Decimator:
         self._partial = np.zeros((signals, 0, self._rows), dtype=kernel.dtype)
 
     def feed(self, block: FloatArray) -> Any:
-        """The outputs that a block completes; shape (signals, n) → (signals, any number)."""
+        """Return the outputs that a block completes; shape (signals, n) → (signals, any number)."""
         values = np.concatenate([self._samples, block], axis=1)
         rows = values.shape[1] // self._factor
         used = values[:, : rows * self._factor].reshape(values.shape[0], rows, self._factor)
@@ -77,40 +80,49 @@ class Decimator:
 
 
 def decimated(blocks: Iterable[FloatArray], samples: int, factor: int) -> FloatArray:
-    """One signal of so many samples that comes block by block, each of shape (n,): all new samples."""
+    """Return one signal of so many samples that comes block by block, each of shape (n,): all new samples."""
     if factor == 1:
         return np.concatenate(list(blocks))
     count = decimated_length(samples, factor)
-    return _collected((block[None, :] for block in blocks), Decimator(factor, 1, taps(factor)), (1, count), factor)[0]
+    return _collected(
+        (block[None, :] for block in blocks), Decimator(factor, 1, taps(factor)), (1, count), factor
+    )[0]
 
 
-def filtered(raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int) -> Any:
-    """New samples from ``start`` on of signals that are read block by block.
+def filtered(
+    raw: Signals, shape: tuple[int, int], factor: int, kernel: np.ndarray, start: int
+) -> Any:
+    """Return new samples from ``start`` on of signals that are read block by block.
 
-    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs; ``kernel``: real or complex,
-    shape (2 · HALF · factor + 1,); ``start``: first new sample.
+    ``shape``: (signals, new samples); ``factor``: distance of the new samples, in theirs;
+    ``kernel``: real or complex, shape (2 · HALF · factor + 1,); ``start``: first new sample.
     """
-    first, last = start * factor, min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
+    first = start * factor
+    last = min((start + shape[1] - 1) * factor + kernel.shape[0], raw.samples)
     blocks = (raw.block(begin, min(begin + AT_ONCE, last)) for begin in range(first, last, AT_ONCE))
     return _collected(blocks, Decimator(factor, shape[0], kernel), shape, factor)
 
 
-def _collected(blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[int, int], factor: int) -> Any:
-    values, done = [], 0
-    for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):  # completes the last filter
+def _collected(
+    blocks: Iterable[FloatArray], decimator: Decimator, shape: tuple[int, int], factor: int
+) -> Any:
+    values = []
+    done = 0
+    # completes the last filter
+    for block in itertools.chain(blocks, [np.zeros((shape[0], factor))]):
         values.append(decimator.feed(block)[:, : shape[1] - done])
         done += values[-1].shape[1]
     return np.concatenate(values, axis=1)
 
 
 def at_lower_rate(raw: Signals, factor: int, block: Callable[[int, int], FloatArray]) -> Signals:
-    """Signals at a lower rate, whose filtered samples ``block`` makes."""
+    """Return the signals at a lower rate, whose filtered samples ``block`` makes."""
     first_s = lost_at_an_end(factor) / raw.rate_hz
     return Signals(decimated_length(raw.samples, factor), raw.rate_hz / factor, block, first_s)
 
 
 def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> BoolArray:
-    """New samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
+    """Return new samples whose filter touches a gap (start, stop) of the input, shape (decimated_length,)."""
     count = decimated_length(samples, factor)
     bad = np.zeros(count, dtype=bool)
     reach = 2 * lost_at_an_end(factor)
@@ -120,12 +132,14 @@ def spoilt_outputs(gaps: list[tuple[int, int]], samples: int, factor: int) -> Bo
     return bad
 
 
-def at_positions(values: FloatArray, positions: FloatArray, spacing: float, length: int = HALF) -> FloatArray:
-    """A signal at positions between its samples, low-passed for a new rate.
+def at_positions(
+    values: FloatArray, positions: FloatArray, spacing: float, length: int = HALF
+) -> FloatArray:
+    """Return a signal at positions between its samples, low-passed for a new rate.
 
-    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1 −
-    ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half the filter's, in new
-    intervals: a longer one has a narrower transition about half the new rate.
+    ``values``: shape (n,); ``positions``: in samples, shape (m,); from ``reach(spacing)`` to n − 1
+    − ``reach(spacing)``; ``spacing``: of the new samples, in old ones; 1 or more; ``length``: half
+    the filter's, in new intervals: a longer one has a narrower transition about half the new rate.
     """
     half = reach(spacing, length)
     offsets = np.arange(-half, half + 2)
@@ -161,15 +175,17 @@ def _rows(
 
 
 def reach(spacing: float, length: int = HALF) -> int:
-    """Samples on either side that :func:`at_positions` needs."""
+    """Return the samples on either side that :func:`at_positions` needs."""
     return int(np.ceil(length * spacing))
 
 
 @functools.lru_cache(maxsize=2)
 def _table(spacing: float, length: int) -> FloatArray:
-    """The filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
+    """Return the filter at ``PLACES`` + 1 positions between two samples, a row each; do not write to it."""
     half = reach(spacing, length)
     distance = np.arange(-half, half + 2)[None, :] - (np.arange(PLACES + 1) / PLACES)[:, None]
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
-    table = np.where(np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(BETA * np.sqrt(inside)), 0.0)
+    table = np.where(
+        np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(BETA * np.sqrt(inside)), 0.0
+    )
     return np.asarray(table / table.sum(axis=1, keepdims=True))

@@ -22,7 +22,9 @@ from vibrident.data.interferometer.survey import Survey
 MOST_LEFT_OUT = 0.5  # largest part of a record that may be left out
 MOST_GAPS = 400  # most gaps that are examined one by one
 EXCERPT = 2000  # samples of the excerpt
-NEARLY_TOO_FAST = 2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
+NEARLY_TOO_FAST = (
+    2.3  # where the phase jumps, a larger change elsewhere means that turns are missed there too
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,8 @@ class Demodulated:
     factor: int  # distance of the samples, in those
     summary: OpticalSummary  # what the signals show of their quality
     answer: effects.Answer  # effect of the ellipse's errors on this record
-    # what was left of the carrier beside a sine, rad, over the index of an optical sample; None for others
+    # what was left of the carrier beside a sine, rad, over the index of an optical sample; None for
+    # others
     carrier: np.polynomial.Legendre | None = None
 
 
@@ -52,9 +55,10 @@ def demodulate(
 ) -> Demodulated:
     """Make a displacement of two signals in quadrature.
 
-    ``seen``: the first look; ``factor``: optical samples for each of the displacement; ``near_hz``: approximate
-    frequency of a sine, None for other motion; ``highest_hz``: of the motion: that of a sine, or the highest that
-    stands above the noise; ``carrier_hz``: of the heterodyne signal, if any.
+    ``seen``: the first look; ``factor``: optical samples for each of the displacement; ``near_hz``:
+    approximate frequency of a sine, None for other motion; ``highest_hz``: of the motion: that of a
+    sine, or the highest that stands above the noise; ``carrier_hz``: of the heterodyne signal, if
+    any.
     """
     path = Path()
     knots = [(at, piece.for_phase) for at, piece in choice.knots]
@@ -108,17 +112,28 @@ def demodulate(
         seen.points[:, :: max(seen.points.shape[1] // 4000, 1) | 1],  # enough for pictures
         *_excerpt(position / signals.rate_hz, values * setting.metres_per_radian, valid, near_hz),
         carrier_hz,
-        () if around is None else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
+        ()
+        if around is None
+        else tuple((n, *around.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
         findings=(*choice.findings, *_slips(path, open_gaps, left_out, name)),
     )
-    return Demodulated(values * setting.metres_per_radian, valid, int(position[0]), factor, summary, answer, carrier)
+    return Demodulated(
+        values * setting.metres_per_radian,
+        valid,
+        int(position[0]),
+        factor,
+        summary,
+        answer,
+        carrier,
+    )
 
 
 def _bridged(
     signals: Signals, choice: Choice, gaps: Sequence[Gap], values: FloatArray, position: np.ndarray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Values with the turns lost in gaps restored, and the piece of each value: gaps of unknown turns part them."""
-    shift, piece = np.zeros(values.shape[0]), np.zeros(values.shape[0], dtype=int)
+    """Return the values with the turns lost in gaps restored, and the piece of each value: gaps of unknown turns part them."""
+    shift = np.zeros(values.shape[0])
+    piece = np.zeros(values.shape[0], dtype=int)
     for number, gap in enumerate(gaps):
         behind = int(np.searchsorted(position, gap.start))
         found = turns(signals, choice.ellipse, gap) if number < MOST_GAPS else None
@@ -132,7 +147,7 @@ def _bridged(
 def _excerpt(
     time_s: FloatArray, values: FloatArray, valid: BoolArray, near_hz: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Times and values to show: of a sine some periods, where samples are left out if any are; of other motion all."""
+    """Return the times and values to show: of a sine some periods, where samples are left out if any are; of other motion all."""
     part = slice(0, None, max(valid.size // EXCERPT, 1))
     if near_hz is not None:
         first = int(np.argmin(valid)) if not valid.all() else 0
@@ -148,10 +163,11 @@ def _longest(piece: np.ndarray, usable: BoolArray) -> int:
 def _joined(
     values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float, near_hz: float
 ) -> tuple[FloatArray, np.ndarray]:
-    """Pieces of a sine joined: the sine of the longest one gives the turns by which the others are off."""
+    """Return the pieces of a sine joined: the sine of the longest one gives the turns by which the others are off."""
     if piece.size == 0 or piece[-1] == 0:
         return values, piece
-    values, piece = values.copy(), piece.copy()
+    values = values.copy()
+    piece = piece.copy()
     main = _longest(piece, usable)
     others = [p for p in np.unique(piece[usable]).tolist() if p != main]
     for other in sorted(others, key=lambda p: abs(p - main)):
@@ -171,14 +187,16 @@ def _joined(
 def _without_carrier(
     values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None, position: np.ndarray
 ) -> tuple[FloatArray, np.polynomial.Legendre]:
-    """Phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
+    """Return the phase without the carrier's error and drift: a parabola, to which no acceleration sensor responds.
 
-    With a sine both are fitted in rounds, to separate them. The second value is the parabola over ``position``.
+    With a sine both are fitted in rounds, to separate them. The second value is the parabola over
+    ``position``.
     """
     t = np.linspace(-1.0, 1.0, values.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
     time = np.arange(values.shape[0]) / rate
-    wave, total = np.zeros(values.shape), np.zeros(3)
+    wave = np.zeros(values.shape)
+    total = np.zeros(3)
     for _ in range(1 if near_hz is None else 4):
         found, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
         values = values - design @ found
@@ -201,11 +219,15 @@ def _answer(
     noise = choice.ellipse.radial_noise
     if found is not None:
         frequency, harmonics = effects.of_sine(found.amplitude, found.mean, found.frequency_hz)
-        relative_noise = np.array([noise * np.sqrt(2.0 / signals.samples) / max(found.amplitude, 1e-300)])
+        relative_noise = np.array(
+            [noise * np.sqrt(2.0 / signals.samples) / max(found.amplitude, 1e-300)]
+        )
     else:
         frequency, harmonics = effects.of_motion(values, valid, rate)
         size = float(np.std(values[valid]))
-        relative_noise = np.full(frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300))
+        relative_noise = np.full(
+            frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300)
+        )
     covariance = choice.ellipse.shape_covariance
     return effects.Answer(frequency, harmonics, relative_noise, choice.group, covariance, around)
 
@@ -219,12 +241,18 @@ def _slips(path: Path, open_gaps: int, left_out: float, name: str) -> list[Optic
     if lost:
         parts.append(f"the amplitude is lost in {len(lost)} stretch{'es' * (len(lost) > 1)}")
     if jumps:
-        parts.append(f"the phase jumps by nearly half a turn or more in {jumps} place{'s' * (jumps > 1)}")
+        parts.append(
+            f"the phase jumps by nearly half a turn or more in {jumps} place{'s' * (jumps > 1)}"
+        )
     if path.counted != path.by_phase:
-        parts.append(f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase")
+        parts.append(
+            f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase"
+        )
     text = f"{name}: {' and '.join(parts)}; {100 * left_out:.2g} % of the displacement is left out"
     if open_gaps:
-        text += f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"
+        text += (
+            f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"
+        )
     return [OpticalFinding("fringe_slip", text + ".")]
 
 

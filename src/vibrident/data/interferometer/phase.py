@@ -1,8 +1,9 @@
 """Phase of two signals in quadrature, block by block: unwrapped, with gaps and jumps.
 
-Where the amplitude is lost, or the phase jumps by nearly half a turn, the number of turns is unknown. Such samples are
-a gap: the phase is held over it and continues from the nearest turn. The missing turns follow from the motion on both
-sides (:func:`turns`); otherwise the part behind the gap is left out.
+Where the amplitude is lost, or the phase jumps by nearly half a turn, the number of turns is
+unknown. Such samples are a gap: the phase is held over it and continues from the nearest turn. The
+missing turns follow from the motion on both sides (:func:`turns`); otherwise the part behind the
+gap is left out.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ ORDERS = (1, 2, 4)  # orders of the cyclic error: harmonics of the phase
 
 
 def waves(phase: FloatArray) -> FloatArray:
-    """Waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
+    """Return the waves cos nφ and sin nφ for the orders of a cyclic error, shape (6, …)."""
     return np.stack([wave for n in ORDERS for wave in (np.cos(n * phase), np.sin(n * phase))])
 
 
@@ -70,12 +71,14 @@ def unwrapped(
     path: Path,
     error: FloatArray | None = None,
 ) -> Iterator[FloatArray]:
-    """The unwrapped phase, rad, block by block; fills ``path``.
+    """Yield the unwrapped phase, rad, block by block; fills ``path``.
 
-    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else empty; ``path``:
-    what is found on the way; ``error``: amplitudes of a cyclic error to be taken out, rad, shape (6,).
+    ``ellipse``: that the phase is from; ``knots``: sample index and ellipse, where it changes; else
+    empty; ``path``: what is found on the way; ``error``: amplitudes of a cyclic error to be taken
+    out, rad, shape (6,).
     """
-    last, before = 0.0, None
+    last = 0.0
+    before = None
     carried: tuple[float, int] | None = None
     for start in range(0, signals.samples, BLOCK):
         stop = min(start + BLOCK, signals.samples)
@@ -89,7 +92,9 @@ def unwrapped(
         yield phase
 
 
-def _round(u: FloatArray, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], start: int) -> FloatArray:
+def _round(
+    u: FloatArray, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse]], start: int
+) -> FloatArray:
     if not knots:
         return ellipse.round(u)
     at = np.array([at for at, _ in knots])
@@ -100,14 +105,17 @@ def _round(u: FloatArray, ellipse: Ellipse, knots: Sequence[tuple[float, Ellipse
 
     pieces = [piece for _, piece in knots]
     first = (u[0] - along([p.centre[0] for p in pieces])) / along([p.matrix[0, 0] for p in pieces])
-    second = (u[1] - along([p.centre[1] for p in pieces])) - along([p.matrix[1, 0] for p in pieces]) * first
+    second = (u[1] - along([p.centre[1] for p in pieces])) - along(
+        [p.matrix[1, 0] for p in pieces]
+    ) * first
     return np.stack([first, second / along([p.matrix[1, 1] for p in pieces])])
 
 
 def _good(v: FloatArray, ellipse: Ellipse) -> BoolArray:
     radius = v[0] * v[0]
     radius += v[1] * v[1]
-    least, most = lost_radius(ellipse) ** 2, TOO_LARGE**2
+    least = lost_radius(ellipse) ** 2
+    most = TOO_LARGE**2
     if radius.min() > least and radius.max() < most:
         return np.ones(radius.shape, dtype=bool)
     good = (radius > least) & (radius < most)
@@ -120,7 +128,7 @@ def _good(v: FloatArray, ellipse: Ellipse) -> BoolArray:
 def _followed(
     angle: FloatArray, good: BoolArray, last: float, before: float | None, start: int, path: Path
 ) -> tuple[FloatArray, float, float | None]:
-    """Phase of a block that follows the phase ``last``; ``before`` is the last change, None behind a gap."""
+    """Return the phase of a block that follows the phase ``last``; ``before`` is the last change, None behind a gap."""
     whole = bool(good.all())
     kept = angle if whole else angle[good]
     if kept.shape[0] == 0:
@@ -147,7 +155,10 @@ def _followed(
         top = float(np.max(np.where(jump | ~beside, 0.0, sizes)))
     path.fastest = max(path.fastest, top)
     path.length += float(np.sum(sizes))
-    path.lowest, path.highest = min(path.lowest, float(phase.min())), max(path.highest, float(phase.max()))
+    path.lowest, path.highest = (
+        min(path.lowest, float(phase.min())),
+        max(path.highest, float(phase.max())),
+    )
     if whole:
         return phase, float(phase[-1]), float(change[-1])
     index = np.cumsum(good) - 1
@@ -156,11 +167,12 @@ def _followed(
 
 
 def _continued(angle: FloatArray, last: float) -> tuple[FloatArray, FloatArray]:
-    """The phase of angles that follows the phase ``last``, each at the nearest turn, and the change to each.
+    """Return the phase of angles that follows the phase ``last``, each at the nearest turn, and the change to each.
 
     Turns are counted and added to the angles: rounding does not add up.
     """
-    change, turns = np.empty_like(angle), np.empty_like(angle)
+    change = np.empty_like(angle)
+    turns = np.empty_like(angle)
     np.subtract(angle[1:], angle[:-1], out=change[1:])
     first = float(angle[0]) - last
     change[0] = first - TURN * round(first / TURN)
@@ -191,7 +203,11 @@ def _add(path: Path, gap: Gap) -> None:
 
 
 def _counted(
-    signal: FloatArray, phase: FloatArray, good: BoolArray, carried: tuple[float, int] | None, path: Path
+    signal: FloatArray,
+    phase: FloatArray,
+    good: BoolArray,
+    carried: tuple[float, int] | None,
+    path: Path,
 ) -> tuple[float, int] | None:
     """Count half fringes twice: by changes of sign of the first signal, and by the phase."""
     if path.fastest > CLOSE or path.compared > MOST_COUNTED or not good.all():
@@ -199,7 +215,8 @@ def _counted(
     far = np.abs(signal) > BEYOND
     if not far.any():
         return None
-    sign, cell = np.sign(signal[far]), np.rint(phase[far] / np.pi)
+    sign = np.sign(signal[far])
+    cell = np.rint(phase[far] / np.pi)
     first = carried or (float(sign[0]), int(cell[0]))
     path.counted += int(np.count_nonzero(np.diff(sign, prepend=first[0])))
     path.by_phase += int(np.sum(np.abs(np.diff(cell, prepend=float(first[1])))))
@@ -208,18 +225,20 @@ def _counted(
 
 
 def turns(signals: Signals, ellipse: Ellipse, gap: Gap) -> int | None:
-    """Turns to add behind a gap to the phase that continues from the nearest turn; None if they cannot be determined.
+    """Return the turns to add behind a gap to the phase that continues from the nearest turn; None if they cannot be determined.
 
-    A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step of the right
-    polynomial is a whole number of turns, which is the check.
+    A polynomial of time and a step behind the gap are fitted to the phase on both sides. The step
+    of the right polynomial is a whole number of turns, which is the check.
     """
     length = gap.stop - gap.start
     for times in BESIDE:
         width = int(np.clip(times * length, FEWEST_BESIDE, MOST_BESIDE))
-        left, right = max(gap.start - width, 0), min(gap.stop + width, signals.samples)
+        left = max(gap.start - width, 0)
+        right = min(gap.stop + width, signals.samples)
         if gap.start - left < FEWEST_BESIDE // 2 or right - gap.stop < FEWEST_BESIDE // 2:
             return None
-        before, after = _phase(signals, ellipse, left, gap.start), _phase(signals, ellipse, gap.stop, right)
+        before = _phase(signals, ellipse, left, gap.start)
+        after = _phase(signals, ellipse, gap.stop, right)
         nearest = TURN * np.rint((after[0] - before[-1]) / TURN)
         found = _step_behind(before, after - nearest, left, gap.stop, ellipse.radial_noise)
         if found is not None:
@@ -232,8 +251,12 @@ def _phase(signals: Signals, ellipse: Ellipse, start: int, stop: int) -> FloatAr
     return np.unwrap(np.arctan2(v[1], v[0]))
 
 
-def _step_behind(before: FloatArray, after: FloatArray, left: int, right: int, noise: float) -> int | None:
-    time = np.concatenate([left + np.arange(before.size), right + np.arange(after.size)]).astype(float)
+def _step_behind(
+    before: FloatArray, after: FloatArray, left: int, right: int, noise: float
+) -> int | None:
+    time = np.concatenate([left + np.arange(before.size), right + np.arange(after.size)]).astype(
+        float
+    )
     time = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
     behind = np.concatenate([np.zeros(before.size), np.ones(after.size)])
     phase = np.concatenate([before, after])

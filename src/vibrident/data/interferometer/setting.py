@@ -19,18 +19,21 @@ Kind = Literal["quadrature", "heterodyne"]
 class Interferometer:
     """A laser interferometer on the reference surface."""
 
-    kind: Kind  # ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier
+    # ``quadrature``: two signals, cos and sin of the phase; ``heterodyne``: one signal on a carrier
+    kind: Kind
     wavelength_m: float  # in the medium
     wavelength_relative_uncertainty: float = 0.0  # relative standard uncertainty of it
     passes: int = 1  # times the beam goes to the target and back
-    carrier_hz: float | None = None  # nominal carrier of a heterodyne signal; estimated near this value
+    carrier_hz: float | None = (
+        None  # nominal carrier of a heterodyne signal; estimated near this value
+    )
     direction: int | None = None  # sign of the displacement for growing phase; None if unknown
     delay_s: float = 0.0  # the optical channel comes later than the response channel by this time
     delay_standard_uncertainty_s: float = 0.0  # of that
 
     @property
     def metres_per_radian(self) -> float:
-        """Displacement for one radian of phase, with its sign: phase = 4π · passes · x / wavelength."""
+        """Return the displacement for one radian of phase, with its sign: phase = 4π · passes · x / wavelength."""
         return (self.direction or 1) * self.wavelength_m / (4.0 * math.pi * self.passes)
 
 
@@ -40,12 +43,16 @@ class Signals:
 
     samples: int  # of each
     rate_hz: float  # samples per second
-    block: Callable[[int, int], FloatArray]  # start, stop → these samples, shape (signals, stop − start)
+    # start, stop → these samples, shape (signals, stop − start)
+    block: Callable[[int, int], FloatArray]
     first_s: float = 0.0  # time of the first sample; above zero for filtered ones
 
 
 def held(values: FloatArray, rate_hz: float, first_s: float = 0.0) -> Signals:
-    """Signals in memory, shape (signals, samples)."""
+    """Return the signals in memory, shape (signals, samples)."""
     return Signals(
-        values.shape[1], rate_hz, lambda start, stop: np.asarray(values[:, start:stop], dtype=float), first_s
+        values.shape[1],
+        rate_hz,
+        lambda start, stop: np.asarray(values[:, start:stop], dtype=float),
+        first_s,
     )

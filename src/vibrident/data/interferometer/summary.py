@@ -48,13 +48,18 @@ class OpticalSummary:
     excerpt_s: FloatArray  # a piece of the displacement: times …
     excerpt_m: FloatArray  # … and values, NaN where it is left out
     carrier_hz: float | None = None  # of a heterodyne signal, as found; None for others
-    cyclic: tuple[tuple[int, float, float], ...] = ()  # order, amplitude and its u of the phase's cyclic error, rad
+    # order, amplitude and its u of the phase's cyclic error, rad
+    cyclic: tuple[tuple[int, float, float], ...] = ()
     findings: tuple[OpticalFinding, ...] = ()  # doubts
 
     @property
     def noise_density_m(self) -> float:
-        """Displacement noise for white phase noise, m/√Hz."""
-        return abs(self.setting.metres_per_radian) * self.phase_noise_rad * float(np.sqrt(2.0 / self.rate_hz))
+        """Return the displacement noise for white phase noise, m/√Hz."""
+        return (
+            abs(self.setting.metres_per_radian)
+            * self.phase_noise_rad
+            * float(np.sqrt(2.0 / self.rate_hz))
+        )
 
     def as_settings(self) -> dict[str, Any]:
         """As plain values, for a result."""
@@ -76,7 +81,9 @@ class OpticalSummary:
             "left_out": self.left_out,
             "phase_noise_rad": self.phase_noise_rad,
             "noise_density_m": self.noise_density_m,
-            "cyclic_error_rad": {str(n): {"amplitude": size, "u": u_n} for n, size, u_n in self.cyclic},
+            "cyclic_error_rad": {
+                str(n): {"amplitude": size, "u": u_n} for n, size, u_n in self.cyclic
+            },
         }
         if self.setting.kind == "heterodyne":
             return {**found, "carrier_hz": self.carrier_hz}

@@ -20,7 +20,8 @@ BLOCK = 1 << 17  # samples in a block
 MOST = 1 << 22  # most samples for the fit of an ellipse; of longer records, pieces
 FEWEST_BLOCKS = 64  # fewest blocks of a record that determine their scatter
 LEAST_BLOCK = 64  # fewest samples of a block
-LOST_SIGMA = 6.0  # a sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
+# a sample is lost below a radius, over the amplitude, of so many standard deviations of the noise …
+LOST_SIGMA = 6.0
 LOST = 0.3  # … but at least of this …
 MOST_LOST = 0.6  # … and at most of this
 TOO_LARGE = 2.0  # a sample is also lost above this radius
@@ -31,7 +32,9 @@ KNOWN = 0.05  # largest uncertainty of a piece's ellipse over its amplitude
 CHANCE = 1e-5  # probability below which a change is significant
 FADES = 8.0  # the amplitude fades if its variance between blocks is this many times that of noise
 ALIKE = 0.9999  # signals of a larger correlation are one
-AT_LIMIT = 0.005  # a signal is at a limit where more than this part of its samples has its extreme value …
+AT_LIMIT = (
+    0.005  # a signal is at a limit where more than this part of its samples has its extreme value …
+)
 PILED = 10.0  # … and so many times as many as have the value beside it
 FEWEST_TO_FADE = 12  # fewest blocks to detect fading
 
@@ -51,23 +54,23 @@ class Survey:
 
     @property
     def change(self) -> float:
-        """Largest change of the shape in time, relative to the amplitude; zero if there is none."""
+        """Return the largest change of the shape in time, relative to the amplitude; zero if there is none."""
         shapes = [self.ellipse.shape_of(piece) for _, piece in self.knots]
         return float(np.max(np.ptp(shapes, axis=0))) if shapes else 0.0
 
     @property
     def whole(self) -> bool:
-        """Whether the motion covers a fringe or more."""
+        """Return whether the motion covers a fringe or more."""
         return self.fitted and self.covered_rad > 2.0 * np.pi * (1.0 - 1.5 / PARTS)
 
 
 def lost_radius(ellipse: Ellipse) -> float:
-    """Radius over the amplitude below which a sample is lost."""
+    """Return the radius over the amplitude below which a sample is lost."""
     return float(np.clip(LOST_SIGMA * ellipse.radial_noise, LOST, MOST_LOST))
 
 
 def sound(ellipse: Ellipse, u: FloatArray) -> BoolArray:
-    """Samples, shape (2, n), that are neither lost nor far outside."""
+    """Return the samples, shape (2, n), that are neither lost nor far outside."""
     v = ellipse.round(u)
     radius = v[0] * v[0] + v[1] * v[1]
     return (radius > lost_radius(ellipse) ** 2) & (radius < TOO_LARGE**2)
@@ -110,9 +113,10 @@ def _require_two(points: FloatArray) -> None:
 
 
 def _at_limit(points: FloatArray) -> tuple[float, ...]:
-    """Part of each signal's samples at an extreme, where far more lie there than at the value beside it.
+    """Return the part of each signal's samples at an extreme, where far more lie there than at the value beside it.
 
-    A free signal's turns put 2.4 times as many into the outermost code of a converter, 5.3 times at most.
+    A free signal's turns put 2.4 times as many into the outermost code of a converter, 5.3 times at
+    most.
     """
     found = []
     for signal in points:
@@ -132,11 +136,13 @@ def _sample(signals: Signals) -> FloatArray:
     if signals.samples <= STRETCHES * STRETCH:
         return signals.block(0, signals.samples).astype(float)
     starts = np.linspace(0, signals.samples - length, STRETCHES).astype(int)
-    return np.concatenate([signals.block(int(s), int(s) + length) for s in starts], axis=1, dtype=float)
+    return np.concatenate(
+        [signals.block(int(s), int(s) + length) for s in starts], axis=1, dtype=float
+    )
 
 
 def _coarse(points: FloatArray) -> Ellipse:
-    """An ellipse through the sample without lost parts, and the ratio of the signals' noise."""
+    """Return an ellipse through the sample without lost parts, and the ratio of the signals' noise."""
     found = ellipses.circle(points)
     for _ in range(4):
         kept = points[:, sound(found, points)]
@@ -144,13 +150,15 @@ def _coarse(points: FloatArray) -> Ellipse:
         start = ellipses.circle(kept)
         scale = np.array(start.amplitudes)
         normal = _scaled(start, start.centre, scale)
-        fitted = ellipses.fit([moments.sums(*((kept - start.centre[:, None]) / scale[:, None]))], normal)
+        fitted = ellipses.fit(
+            [moments.sums(*((kept - start.centre[:, None]) / scale[:, None]))], normal
+        )
         found = start if fitted is None else _unscaled(fitted, start.centre, scale)
     return replace(found, noise=_noise_ratio(found, points[:, sound(found, points)]) * found.noise)
 
 
 def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
-    """Factors on the noise variances of both signals, from how the radial noise changes round the circle; (2,)."""
+    """Return the factors on the noise variances of both signals, from how the radial noise changes round the circle; (2,)."""
     if u.shape[1] < 1000:
         return np.ones(2)
     v = ellipse.round(u)
@@ -164,28 +172,37 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
     return np.clip(np.linalg.solve(normal, design.T @ square), 0.1, 10.0)
 
 
-def _blocks(signals: Signals, coarse: Ellipse, scale: FloatArray) -> tuple[list[FloatArray], list[float]]:
-    """Sums of blocks in coordinates of the coarse ellipse, and the index of the middle of each."""
+def _blocks(
+    signals: Signals, coarse: Ellipse, scale: FloatArray
+) -> tuple[list[FloatArray], list[float]]:
+    """Return the sums of blocks in coordinates of the coarse ellipse, and the index of the middle of each."""
     length = int(np.clip(signals.samples // FEWEST_BLOCKS, LEAST_BLOCK, BLOCK))
     count = max(signals.samples // length, 1)
     every = max(int(np.ceil(count * length / MOST)), 1)
-    found, middles, whole = [], [], []
+    found = []
+    middles = []
+    whole = []
     for index in range(0, count, every):
         u = signals.block(index * length, min((index + 1) * length, signals.samples))
         good = sound(coarse, u)
         u = u if good.all() else u[:, good]
         if u.shape[1] < 0.5 * length:
             continue
-        found.append(moments.sums((u[0] - coarse.centre[0]) / scale[0], (u[1] - coarse.centre[1]) / scale[1]))
+        found.append(
+            moments.sums((u[0] - coarse.centre[0]) / scale[0], (u[1] - coarse.centre[1]) / scale[1])
+        )
         middles.append((index + 0.5) * length)
         whole.append(bool(good.all()))
     if np.mean(whole or [True]) > LEAST_WHOLE:  # next to a loss the light is unstable
-        found, middles = ([v for v, kept in zip(values, whole, strict=True) if kept] for values in (found, middles))
+        found, middles = (
+            [v for v, kept in zip(values, whole, strict=True) if kept]
+            for values in (found, middles)
+        )
     return found, middles
 
 
 def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
-    """Blocks with a fading common amplitude removed: it does not change the phase."""
+    """Return the blocks with a fading common amplitude removed: it does not change the phase."""
     count = np.array([block[0, 0] for block in blocks])
     excess = np.array([ellipses.excess(block, whole) for block in blocks])
     expected = 4.0 * whole.radial_noise**2 / count
@@ -199,8 +216,10 @@ def _steadied(blocks: list[FloatArray], whole: Ellipse) -> list[FloatArray]:
     return steadied
 
 
-def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse) -> list[tuple[float, Ellipse]]:
-    """Ellipses of those pieces of time that determine one if they differ; else empty."""
+def _knots(
+    blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellipse
+) -> list[tuple[float, Ellipse]]:
+    """Return the ellipses of those pieces of time that determine one if they differ; else empty."""
     found = []
     for part in np.array_split(np.arange(len(blocks)), min(PIECES, max(len(blocks) // 4, 1))):
         piece = ellipses.fit([blocks[i] for i in part], whole)
@@ -211,7 +230,9 @@ def _knots(blocks: Sequence[FloatArray], middles: Sequence[float], whole: Ellips
     differences = np.array([whole.shape_of(piece) for _, piece in found])
     weights = np.array([np.linalg.inv(piece.shape_covariance) for _, piece in found])
     # Pieces of small motion are known little: a plain mean would be off by their errors.
-    off = differences - np.linalg.solve(weights.sum(axis=0), np.einsum("kij,kj->i", weights, differences))
+    off = differences - np.linalg.solve(
+        weights.sum(axis=0), np.einsum("kij,kj->i", weights, differences)
+    )
     total = float(np.einsum("ki,kij,kj->", off, weights, off))
     return found if chdtrc(4 * (len(found) - 1), total) < CHANCE else []
 
@@ -220,15 +241,19 @@ def _covered(ellipse: Ellipse, points: FloatArray) -> float:
     v = ellipse.round(points[:, sound(ellipse, points)])
     counts, _ = np.histogram(np.arctan2(v[1], v[0]), bins=PARTS, range=(-np.pi, np.pi))
     filled = np.flatnonzero(counts)
-    longest = np.max(np.diff(filled, append=filled[:1] + PARTS) - 1, initial=0) if filled.size else PARTS
+    longest = (
+        np.max(np.diff(filled, append=filled[:1] + PARTS) - 1, initial=0) if filled.size else PARTS
+    )
     return float(2.0 * np.pi * (1.0 - longest / PARTS))
 
 
 def _scaled(ellipse: Ellipse, centre: FloatArray, scale: FloatArray) -> Ellipse:
-    matrix, noise = ellipse.matrix / scale[:, None], ellipse.noise / scale**2
+    matrix = ellipse.matrix / scale[:, None]
+    noise = ellipse.noise / scale**2
     return replace(ellipse, centre=(ellipse.centre - centre) / scale, matrix=matrix, noise=noise)
 
 
 def _unscaled(ellipse: Ellipse, centre: FloatArray, scale: FloatArray) -> Ellipse:
-    matrix, noise = ellipse.matrix * scale[:, None], ellipse.noise * scale**2
+    matrix = ellipse.matrix * scale[:, None]
+    noise = ellipse.noise * scale**2
     return replace(ellipse, centre=centre + ellipse.centre * scale, matrix=matrix, noise=noise)

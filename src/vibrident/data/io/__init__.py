@@ -5,8 +5,15 @@
 Libraries for the formats are loaded when a file of that format is opened.
 """
 
-from vibrident.data.io.reading import read, read_guarded
+from vibrident.data.io.reading import GivenCalibration, as_calibration, read, read_guarded
 from vibrident.data.io.writer import write_calibration
 from vibrident.data.records.calibration import describe
 
-__all__ = ["describe", "read", "read_guarded", "write_calibration"]
+__all__ = [
+    "GivenCalibration",
+    "as_calibration",
+    "describe",
+    "read",
+    "read_guarded",
+    "write_calibration",
+]

@@ -154,7 +154,8 @@ def _is_plain(channel: Channel) -> bool:
 
 def _share_raster(first: Channel, second: Channel) -> bool:
     """Tell whether two channels are known to be sampled together, or nothing else is known."""
-    first_clock, second_clock = first.clock, second.clock
+    first_clock = first.clock
+    second_clock = second.clock
     assert first_clock is not None
     if second_clock is None or (
         first_clock.timeline is second_clock.timeline and first_clock.timeline is not None
@@ -162,7 +163,8 @@ def _share_raster(first: Channel, second: Channel) -> bool:
         return True
     if not _is_plain(second) or not is_same_rate(first_clock.clock, second_clock.clock):
         return False
-    first_start, second_start = first_clock.clock.start, second_clock.clock.start
+    first_start = first_clock.clock.start
+    second_start = second_clock.clock.start
     if first_start is None or second_start is None or first_start.epoch != second_start.epoch:
         return True
     apart = (second_start.ns - first_start.ns) * 1e-9 * first_clock.clock.rate_hz
@@ -183,7 +185,8 @@ def _differ_in_length(response: Channel, reference: Channel) -> InputError:
 def _on_raster(channel: Channel) -> _Raster:
     """Return a channel on its even raster: doubled rows out, holes as NaN, uneven stamps evened."""
     assert channel.clock is not None
-    timeline, clock = channel.clock.timeline, channel.clock.clock
+    timeline = channel.clock.timeline
+    clock = channel.clock.clock
     notes = [channel.clock.note]
     if timeline is None or _is_plain(channel):
         return _Raster(channel, channel.values, clock, tuple(filter(None, notes)))
@@ -271,10 +274,12 @@ def _on_one_raster(
     apart_s, timing_u_s = apart
     notes = [*dict.fromkeys((*response.notes, *reference.notes))]
     is_same = is_same_rate(response.clock, reference.clock)
-    slower, faster = response, reference
+    slower = response
+    faster = reference
     faster_begins_s = apart_s
     if not is_same and reference.clock.rate_hz < response.clock.rate_hz:
-        slower, faster = reference, response
+        slower = reference
+        faster = response
         faster_begins_s = -apart_s
     rate_hz = slower.clock.rate_hz
     ratio = 1.0 if is_same else faster.clock.rate_hz / rate_hz
@@ -327,7 +332,8 @@ def _time_between(response: Channel, reference: Channel) -> tuple[float, float]:
     """Return how much later the reference begins, s, and its standard uncertainty."""
     assert response.clock is not None
     assert reference.clock is not None
-    response_start, reference_start = response.clock.clock.start, reference.clock.clock.start
+    response_start = response.clock.clock.start
+    reference_start = reference.clock.clock.start
     stamps = [response.clock.timeline, reference.clock.timeline]
     is_one_clock = stamps[0] is stamps[1] and stamps[0] is not None
     if (
@@ -371,7 +377,8 @@ def _without_holes(
         complete &= np.isfinite(reference)
     there = np.flatnonzero(complete)
     if there.size < MIN_SAMPLES:
-        source, position = raster.channel.source, raster.channel.position
+        source = raster.channel.source
+        position = raster.channel.position
         source.require_finite(position, raster.channel.values, 0, REPAIR)
         raise InputError(
             "The record is too short.",

@@ -32,7 +32,7 @@ class ArrayColumn:
 
     @property
     def without_part(self) -> str:
-        """The name of the column whose real and imaginary parts are two channels."""
+        """Return the name of the column whose real and imaginary parts are two channels."""
         return self.name.removesuffix(".real").removesuffix(".imag")
 
     def of(self, array: Any) -> Any:
@@ -137,7 +137,7 @@ class ArrayFile(StatedFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """The columns of the only array with several, or of the only array."""
+        """Return the columns of the only array with several, or of the only array."""
         columns: list[ArrayColumn] = [channel.handle for channel in self._channels]
         several = [column.column is not None or ":" in column.name for column in columns]
         tables = {c.array for c, of_several in zip(columns, several, strict=True) if of_several}

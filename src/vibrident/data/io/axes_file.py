@@ -45,7 +45,8 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
     Raises:
         InputError: the file or the data cannot be used, or the axes do not fit together.
     """
-    file, where = Path(path), str(path)
+    file = Path(path)
+    where = str(path)
     document = read_toml(file)
     responses = _by_axis(document.get("response"), "[[response]]", where)
     several = isinstance(document.get("reference"), list)

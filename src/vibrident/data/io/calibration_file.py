@@ -75,7 +75,7 @@ class SensorSection(FileSection):
 
     @property
     def free(self) -> dict[str, Any]:
-        """The keys but the model, as far as they are stated."""
+        """Return the keys but the model, as far as they are stated."""
         declared = type(self).model_fields.keys() & self.model_fields_set - {"model"}
         stated = {name: getattr(self, name) for name in sorted(declared)}
         return {**stated, **(self.model_extra or {})}
@@ -191,7 +191,7 @@ class TableSection(FileSection):
 
     @property
     def response_column(self) -> tuple[Column, str]:
-        """The column whose unit is that of the response, and the key that names it."""
+        """Return the column whose unit is that of the response, and the key that names it."""
         if self.complex is not None:
             return f"{self.complex}.real", "[table] complex"
         if self.real is not None:
@@ -224,7 +224,7 @@ class CalibrationFile(FileSection):
 
     @property
     def sensor_text(self) -> dict[str, str]:
-        """The free text of [sensor]."""
+        """Return the free text of [sensor]."""
         return {name: str(value) for name, value in self.sensor.free.items()}
 
 
@@ -299,7 +299,8 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
     if calibration.reference.column is None and moved:
         raise _missing("[reference] column", where)
     names = {"rate_hz": "rate_hz", "time_column": "time_column"}
-    twice, here = "The sampling rate is given twice.", f"{where}, [sampling]"
+    twice = "The sampling rate is given twice."
+    here = f"{where}, [sampling]"
     require_one(calibration.sampling, names, twice, here, needed=False)
     for number, entry in enumerate(calibration.records, start=1):
         _check_entry(entry, f"{where}, [[records]] entry {number}")

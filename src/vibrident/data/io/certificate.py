@@ -28,12 +28,12 @@ _LANGUAGES = ("English", "German", "French", "Chinese")
 
 
 def _text(value: Any) -> Any:
-    """A number (of a certificate, of an order) is text."""
+    """Return a number (of a certificate, of an order) is text."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _date(value: Any) -> Any:
-    """A date of TOML, or the same in quotes, as text."""
+    """Return a date of TOML, or the same in quotes, as text."""
     if isinstance(value, datetime.date) and not isinstance(value, datetime.datetime):
         return value.isoformat()
     if isinstance(value, str):
@@ -165,7 +165,7 @@ class CertificateSection(FileSection):
     country: _Country | None = None
 
     def stated(self) -> Mapping[str, Any]:
-        """What the file states, as plain values; dates as text."""
+        """Return what the file states, as plain values; dates as text."""
         return self.model_dump(exclude_none=True, exclude_unset=True)
 
 

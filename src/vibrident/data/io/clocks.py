@@ -224,7 +224,8 @@ def agree(statements: Sequence[tuple[str, Clock | None]], where: str, file: str)
         if clock is None:
             continue
         if agreed is None:
-            agreed, whose = clock, name
+            agreed = clock
+            whose = name
             continue
         apart = abs(clock.rate_hz / agreed.rate_hz - 1.0)
         if apart > clock.rate_rounding + agreed.rate_rounding:
@@ -236,7 +237,8 @@ def agree(statements: Sequence[tuple[str, Clock | None]], where: str, file: str)
                 remedy="remove or correct rate_hz; of wrong time stamps, remove the column",
             )
         if apart > clock.rate_rounding:  # the later one refutes the earlier one's last digits
-            agreed, whose = replace(clock, start=clock.start or agreed.start), name
+            agreed = replace(clock, start=clock.start or agreed.start)
+            whose = name
         else:
             agreed = replace(agreed, start=clock.start or agreed.start)
     return agreed

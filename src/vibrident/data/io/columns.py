@@ -325,9 +325,8 @@ def real_numbers(values: Any) -> FloatArray:
     """
     array = np.asarray(values)
     if array.dtype.kind == "M":
-        array = (array - array[:1]) / np.timedelta64(
-            1, "s"
-        )  # subtracted first, to keep the digits of the seconds
+        # subtracted first, to keep the digits of the seconds
+        array = (array - array[:1]) / np.timedelta64(1, "s")
     elif array.dtype.kind == "m":
         array = array / np.timedelta64(1, "s")
     if array.dtype.kind not in "iufb" or array.ndim != 1:

@@ -114,7 +114,7 @@ def detect_layout(text: PlainText, file: str) -> CsvLayout:
 
 
 def too_long_a_line(file: str, line: int) -> InputError:
-    """The error of a line that is too long for a table of numbers."""
+    """Return the error of a line that is too long for a table of numbers."""
     return InputError(
         "A line of the file is too long.",
         expected=f"lines of at most {LONGEST_LINE} characters",
@@ -153,14 +153,15 @@ def _head_lines(head: bytes, whole: bool, file: str) -> tuple[list[str], str]:
         raise too_long_a_line(file, 1)
     complete = head if whole else head[: head.rfind(b"\n") + 1]
     try:
-        text, encoding = complete.decode("utf-8-sig"), "utf-8"
+        text = complete.decode("utf-8-sig")
+        encoding = "utf-8"
     except UnicodeDecodeError:
         text, encoding = _national(complete)
     return text.split("\n")[:_HEAD_LINES], encoding
 
 
 def _national(data: bytes) -> tuple[str, str]:
-    """Text that is not UTF-8, and its encoding: Chinese (GB 2312) or Western European."""
+    """Return the text that is not UTF-8, and its encoding: Chinese (GB 2312) or Western European."""
     try:
         text = data.decode("gb2312")
     except UnicodeDecodeError:
@@ -292,7 +293,8 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
 
     One field a line is the last resort: "1,5" may be one number or two, usually two.
     """
-    best, best_score = (BLANKS, ".", 1), 0.0
+    best = (BLANKS, ".", 1)
+    best_score = 0.0
     for delimiter, decimal in _CANDIDATES:
         if delimiter != BLANKS and not any(delimiter in line for line in sample):
             continue
@@ -307,7 +309,8 @@ def _dialect(sample: list[str], lines: list[str]) -> tuple[str, str, int]:
         filled = sum(cell != "" for row in regular for cell in row)
         score = numbers / max(filled, 1) * len(regular) / max(len(rows), 1)
         if fields > 1 and score > best_score:
-            best, best_score = (delimiter, decimal, fields), score
+            best = (delimiter, decimal, fields)
+            best_score = score
     return best
 
 
@@ -329,7 +332,7 @@ def _decimal_of(lines: list[str], delimiter: str) -> str:
 
 
 def _texts(row: Sequence[str], numeric: Sequence[int], decimal: str) -> list[int]:
-    """Columns of numbers that hold text in this row."""
+    """Return the columns of numbers that hold text in this row."""
     return [
         column
         for column in numeric

@@ -75,12 +75,12 @@ class Columns:
 
     @property
     def is_table(self) -> bool:
-        """Whether the names are those of a tabulated response."""
+        """Return whether the names are those of a tabulated response."""
         return {"frequency", "magnitude"} <= self.document["table"].keys()
 
     @property
     def time(self) -> int | str | None:
-        """The column of the times; None if there is none, or the file states its rate."""
+        """Return the column of the times; None if there is none, or the file states its rate."""
         return self.document["sampling"].get("time_column")
 
 
@@ -109,7 +109,8 @@ def guess_columns(path: Path) -> Columns:
     if reference is None and not detectors and len(free) > 1:
         reference, response = free[:2]
     table = _table(names)
-    unit, response_unit = _unit(names, reference), _unit(names, response)
+    unit = _unit(names, reference)
+    response_unit = _unit(names, response)
     if {"frequency", "magnitude"} <= table.keys():
         response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""

@@ -83,7 +83,9 @@ def _is_sacpz(head: str) -> bool:
 
 def _read_sacpz(text: str, path: Path) -> tuple[KnownResponse, str]:
     roots: dict[str, list[complex]] = {"ZEROS": [], "POLES": []}
-    counts, constant, current = {"ZEROS": 0, "POLES": 0}, 1.0, ""
+    counts = {"ZEROS": 0, "POLES": 0}
+    constant = 1.0
+    current = ""
     units = {"INPUT": "m", "OUTPUT": "counts"}
     try:
         for line in text.splitlines():
@@ -127,7 +129,8 @@ def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) 
 
 def _known(response: Any, path: Path) -> tuple[KnownResponse, str]:
     """Return the response of all stages, else of the sensitivity alone, and its unit."""
-    stages, stated = response.response_stages, response.instrument_sensitivity
+    stages = response.response_stages
+    stated = response.instrument_sensitivity
     if not stages and stated is None:
         raise _refused(path, "stages, or a sensitivity", "neither")
     shapes: list[Shape] = [shape for stage in stages for shape in _shapes(stage, path)]
@@ -200,7 +203,8 @@ def _poles(stage: Any, rate_hz: Any) -> Shape:
     if kind == "LAPLACE (HERTZ)":
         turn = 2.0 * np.pi
         factor *= turn ** (poles.size - zeros.size)
-        poles, zeros = turn * poles, turn * zeros
+        poles = turn * poles
+        zeros = turn * zeros
     return PolesZeros(poles.astype(complex), zeros.astype(complex), factor)
 
 

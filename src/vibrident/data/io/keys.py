@@ -90,12 +90,12 @@ class Key:
 
     @property
     def label(self) -> str:
-        """The title with the unit in which a form asks."""
+        """Return the title with the unit in which a form asks."""
         return self.title + (f", {self.in_form[0]}" if self.in_form[0] else "")
 
     @property
     def heading(self) -> str:
-        """The name of a section in brackets, double ones where there may be several."""
+        """Return the name of a section in brackets, double ones where there may be several."""
         return f"[[{self.name}]]" if self.kind == "entries" else f"[{self.name}]"
 
 

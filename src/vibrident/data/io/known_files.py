@@ -228,7 +228,8 @@ def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> K
     steps = motions.index(theirs) - motions.index(quantity)  # K per x = K per v · s
     parsed = parse_unit(unit)
     assert parsed is not None
-    origin, none = np.zeros(abs(steps), dtype=complex), np.zeros(0, dtype=complex)
+    origin = np.zeros(abs(steps), dtype=complex)
+    none = np.zeros(0, dtype=complex)
     poles, zeros = (origin, none) if steps > 0 else (none, origin)
     if steps == 0 and math.isclose(parsed.factor, 1.0):
         return known

@@ -17,10 +17,14 @@ import numpy as np
 
 from vibrident.data.io.columns import memory_for, require_room
 
-_HEADER_BYTES, _HEAD_BYTES, _PIECE_BYTES = 128, 4096, 1 << 20
+_HEADER_BYTES = 128
+_HEAD_BYTES = 4096
+_PIECE_BYTES = 1 << 20
 _COMPRESSED = 15
 _IS_COMPLEX = 0x0800
-_CELL, _STRUCT, _CHAR = 1, 2, 4
+_CELL = 1
+_STRUCT = 2
+_CHAR = 4
 _NUMERIC = range(6, 16)  # classes double, single, int8 to uint64
 _CLASSES = {
     1: "cell", 2: "struct array", 3: "object", 4: "char", 5: "sparse", 16: "function_handle",

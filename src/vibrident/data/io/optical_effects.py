@@ -36,9 +36,8 @@ def left_of(
         return []
     if setting.kind == "quadrature":
         return [(answers, known[0].covariance)]
-    shown = np.array([error.waves for error in known]).reshape(
-        len(known), -1, 2
-    )  # zero where not significant
+    # zero where not significant
+    shown = np.array([error.waves for error in known]).reshape(len(known), -1, 2)
     power = np.sum(shown**2, axis=(0, 2)) / np.maximum(
         np.sum(np.any(shown != 0.0, axis=2), axis=0), 1
     )
@@ -52,10 +51,8 @@ def left_of(
 
 def stated_effects(setting: Interferometer) -> list[SystematicEffect]:
     """Return the effects that the calibration file states."""
-    wavelength, delay_s = (
-        setting.wavelength_relative_uncertainty,
-        setting.delay_standard_uncertainty_s,
-    )
+    wavelength = setting.wavelength_relative_uncertainty
+    delay_s = setting.delay_standard_uncertainty_s
     found = [
         SystematicEffect("wavelength of the interferometer", "gain", wavelength),
         SystematicEffect("delay of the interferometer", "timing", delay_s),

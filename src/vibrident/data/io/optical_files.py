@@ -112,7 +112,8 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     errors = cyclic_errors([demodulated for demodulated, _ in results], setting)
     for index, error in enumerate(errors):
         if error is not None:
-            raw, demodulated = opened[index], results[index][0]
+            raw = opened[index]
+            demodulated = results[index][0]
             if demodulated.carrier is not None:
                 turned = turned_back(raw.optical, demodulated.carrier)
                 raw = replace(raw, optical=turned, carrier_hz=demodulated.summary.carrier_hz)
@@ -160,7 +161,8 @@ def _looked_at(
 
 def _held(opened: Sequence[_Opened]) -> list[_Opened]:
     """Return the records with filtered signals in memory, as many as have room."""
-    room, loaded = MOST_HELD, []
+    room = MOST_HELD
+    loaded = []
     for raw in opened:
         signals = raw.optical
         if signals.first_s > 0.0 and signals.samples <= room:
@@ -265,8 +267,10 @@ def _optical_rate(
     reader = ClockReader(section.rate_hz, time_column, part.where, optical_file)
     clock = reader.clock_of(optical_file, places[0], places) or response
     require_even(clock, optical_file, part.where)
-    sampling, rate_hz = response.clock, clock.clock.rate_hz
-    begin, other_begin = sampling.start, clock.clock.start
+    sampling = response.clock
+    rate_hz = clock.clock.rate_hz
+    begin = sampling.start
+    other_begin = clock.clock.start
     if begin is not None and other_begin is not None and begin.epoch == other_begin.epoch:
         apart_s = (other_begin.ns - begin.ns) * 1e-9
         if abs(apart_s) * sampling.rate_hz > MAX_APART_SAMPLES:
@@ -303,7 +307,8 @@ def _record(
     *,
     moving: bool,
 ) -> tuple[Demodulated, Record]:
-    entry, sine = raw.part.entry, raw.part.entry.excitation == "sine"
+    entry = raw.part.entry
+    sine = raw.part.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(raw.optical, choice)) if sine else None
     coarse = alignment.finer(raw.optical.rate_hz, raw.response.rate_hz)
     top, broken = (near, False) if near else highest_frequency(raw.optical, choice, coarse)

@@ -93,10 +93,8 @@ def with_columns(path: Path, target: Path, columns: Mapping[str, FloatArray]) ->
 
 
 def _parquet(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
-    parquet, arrow = (
-        library("pyarrow.parquet", "parquet", path),
-        library("pyarrow", "parquet", path),
-    )
+    parquet = library("pyarrow.parquet", "parquet", path)
+    arrow = library("pyarrow", "parquet", path)
     table = parquet.read_table(path)
     _require_rows(table.num_rows, columns, path)
     for name, values in columns.items():
@@ -115,7 +113,8 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
     ]
     size = len(next(iter(columns.values())))
     _require_rows(min(len(rows), size), columns, path)
-    data, head = rows[-size:], rows[: len(rows) - size]
+    data = rows[-size:]
+    head = rows[: len(rows) - size]
     first = sheet.max_column + 1
     for offset, (name, values) in enumerate(columns.items()):
         if head:
@@ -125,7 +124,8 @@ def _excel(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
     for row in sheet.iter_rows():
         for cell in row:
             if isinstance(cell.value, float):  # openpyxl itself would write 16 digits, one too few
-                cell.value, cell.data_type = repr(cell.value), "n"
+                cell.value = repr(cell.value)
+                cell.data_type = "n"
     book.save(target)
 
 
@@ -134,7 +134,8 @@ def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
     layout = detect_layout(text, str(path))
     gap = " " if layout.delimiter == BLANKS else layout.delimiter
     lines = text.read().decode(layout.encoding).splitlines()
-    head, data = lines[: layout.first_line - 1], lines[layout.first_line - 1 :]
+    head = lines[: layout.first_line - 1]
+    data = lines[layout.first_line - 1 :]
     filled = [n for n, line in enumerate(data) if line.strip()]
     _require_rows(len(filled), columns, path)
     texts = [

@@ -142,7 +142,8 @@ def _wide_encoding(head: bytes) -> str:
         return "utf-16"
     if len(head) < 4:
         return ""
-    even, odd = head[0::2].count(0) / len(head[0::2]), head[1::2].count(0) / len(head[1::2])
+    even = head[0::2].count(0) / len(head[0::2])
+    odd = head[1::2].count(0) / len(head[1::2])
     if even == 0.0 and odd > _WIDE_SHARE:
         return "utf-16-le"
     return "utf-16-be" if odd == 0.0 and even > _WIDE_SHARE else ""

@@ -27,8 +27,26 @@ from vibrident.data.records import Calibration, Record
 
 # Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit;
 # time, and more a byte.
-_LIBRARIES_BYTES, _COPIES = 600_000_000, 2
-_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
+_LIBRARIES_BYTES = 600_000_000
+_COPIES = 2
+_SECONDS = 30.0
+_SECONDS_PER_BYTE = 1e-6
+
+
+#: A calibration, or the path of its calibration file.
+GivenCalibration = Calibration | str | os.PathLike[str]
+
+
+def as_calibration(given: GivenCalibration) -> Calibration:
+    """Return a calibration, read from its file where a path is given.
+
+    Args:
+        given: a calibration, or the path of a calibration file.
+
+    Raises:
+        InputError: the file or its data cannot be used.
+    """
+    return given if isinstance(given, Calibration) else read(given)
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
@@ -81,7 +99,8 @@ def read(path: str | os.PathLike[str]) -> Calibration:
 def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
     """Return the calibration of a checked file, whose relative paths start at ``folder``."""
     quantity = document.reference.quantity
-    described, document = document, as_channels(document)
+    described = document
+    document = as_channels(document)
     records: tuple[Record, ...] = ()
     table = None
     more: tuple[SystematicEffect, ...] = ()

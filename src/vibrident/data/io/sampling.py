@@ -56,9 +56,8 @@ def plainest_clock(interval_s: float, half_unit_s: float, start: Start | None = 
         raise ValueError(f"a sampling interval of {interval_s!r} s")
 
     def possible(candidate_s: float) -> bool:
-        return abs(candidate_s - interval_s) <= half_unit_s * (
-            1 + 1e-9
-        )  # 9.765625e-06 lies on the edge
+        # 9.765625e-06 lies on the edge
+        return abs(candidate_s - interval_s) <= half_unit_s * (1 + 1e-9)
 
     rate, digits = _plainest(1.0 / interval_s, lambda candidate_hz: possible(1.0 / candidate_hz))
     interval, digits_of_interval = _plainest(interval_s, possible)

@@ -34,13 +34,18 @@ def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str)
     expected = keys[-1].expected if keys else "sections in brackets"
     if finding["type"] == "extra_forbidden" and section is not None:
         name = str(finding["loc"][-1])
-        problem, found = f"The key {name!r} is not known here.", name
-        expected, remedy = f"one of {', '.join(section.model_fields)}", _likely(name, section, root)
+        problem = f"The key {name!r} is not known here."
+        found = name
+        expected = f"one of {', '.join(section.model_fields)}"
+        remedy = _likely(name, section, root)
     elif finding["type"] == "missing":
         *place, name = place
-        problem, found, remedy = f"The key {name!r} is missing.", "nothing", f"add {name} = …"
+        problem = f"The key {name!r} is missing."
+        found = "nothing"
+        remedy = f"add {name} = …"
     else:
-        problem, remedy = f"A value in the {what} file cannot be used.", "correct the value"
+        problem = f"A value in the {what} file cannot be used."
+        remedy = "correct the value"
         found = repr(finding["input"])[:60]
         if place and isinstance(place[-1], str):
             found = f"{place[-1]} = {found}"

@@ -68,7 +68,8 @@ def require_only_with(
     section: Any, name: str, other: str, value: str, problem: str, where: str, *, needed: bool
 ) -> None:
     """Refuse a key unless ``other`` has this value; where it is needed, its absence then."""
-    fits, stated = getattr(section, other) == value, getattr(section, name) is not None
+    fits = getattr(section, other) == value
+    stated = getattr(section, name) is not None
     if stated != fits and (stated or needed):
         raise InputError(
             problem,
@@ -82,7 +83,8 @@ def require_only_with(
 #: Keys of [reference] that are not allowed beside [interferometer].
 CHANNEL_KEYS = ("column", "quantity", "scale", "unit", "full_scale")
 #: Shortest and longest wavelength of a laser, m: from excimer to CO2 lasers, with room.
-_SHORTEST, _LONGEST = 1e-7, 2e-5
+_SHORTEST = 1e-7
+_LONGEST = 2e-5
 
 
 class InterferometerSection(FileSection):
@@ -117,7 +119,7 @@ class InterferometerSection(FileSection):
 
     @property
     def setting(self) -> Interferometer:
-        """The section as the interferometer that it describes."""
+        """Return the section as the interferometer that it describes."""
         return Interferometer(**self.model_dump(exclude={"columns", "rate_hz"}))
 
 
@@ -189,7 +191,8 @@ _Table = Annotated[
 
 #: Kinds of contributions that may hold over a band.
 _BANDED: tuple[StatedKind, ...] = ("gain", "phase")
-_PERCENT, _DEGREES = ("%", 100.0), ("°", 180.0 / math.pi)
+_PERCENT = ("%", 100.0)
+_DEGREES = ("°", 180.0 / math.pi)
 
 
 class UncertaintyEntry(FileSection):
@@ -230,7 +233,7 @@ class UncertaintyEntry(FileSection):
 
     @property
     def effect(self) -> SystematicEffect:
-        """The entry as the record of an effect."""
+        """Return the entry as the record of an effect."""
         freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
         size = max((u for _, u in self.table or ()), default=self.standard_uncertainty or 0.0)
         scale = size if self.table and size else 1.0
@@ -240,10 +243,11 @@ class UncertaintyEntry(FileSection):
 
     @property
     def _shape(self) -> list[tuple[float, float]]:
-        """Frequency and size of the rows of a table, or of a band of one; empty for neither."""
+        """Return the frequency and size of the rows of a table, or of a band of one; empty for neither."""
         if self.table:
             return [(float(f), float(u)) for f, u in self.table]
-        low, high = self.from_hz, self.to_hz
+        low = self.from_hz
+        high = self.to_hz
         below = [] if low is None else [(low * (1.0 - _EDGE), 0.0), (low, 1.0)]
         return below + ([] if high is None else [(high, 1.0), (high * (1.0 + _EDGE), 0.0)])
 
@@ -266,7 +270,7 @@ class CapabilityEntry(FileSection):
 
     @property
     def capability(self) -> Capability:
-        """The entry as a capability."""
+        """Return the entry as a capability."""
         return Capability(
             self.quantity, self.expanded_uncertainty, self.from_hz or 0.0, self.to_hz or math.inf
         )

@@ -142,7 +142,9 @@ def _days(date: str, month_first: bool) -> int | None:
 
 def _nanoseconds(match: re.Match[str], month_first: bool) -> int | None:
     """Return the nanoseconds since 1970 UTC or midnight; None for a time that does not exist."""
-    hour, minute, second = int(match["hour"]), int(match["minute"]), int(match["second"])
+    hour = int(match["hour"])
+    minute = int(match["minute"])
+    second = int(match["second"])
     if match["half"]:
         if not 1 <= hour <= 12:
             return None

@@ -63,7 +63,7 @@ class TableColumn:
 
     @property
     def stated_unit(self) -> str:
-        """Unit that the file states beside the name; "" for none."""
+        """Return the unit that the file states beside the name; "" for none."""
         text = self.source.stated_unit(self.position)
         return "" if says_nothing(text) else without_brackets(text.strip())
 

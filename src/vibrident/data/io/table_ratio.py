@@ -75,7 +75,8 @@ def sensitivity_factor(column: TableColumn, text: str, calibration: CalibrationF
     Raises:
         InputError: the unit contradicts [response] or [reference], or a scale is that factor.
     """
-    response, reference = calibration.response, calibration.reference
+    response = calibration.response
+    reference = calibration.reference
     si = QUANTITY_UNITS.get(reference.quantity) or parse_unit(reference.unit)
     label = response_label(text)
     if not label and parse_unit(text) in (None, _NO_DIMENSION):
@@ -119,8 +120,10 @@ def _quotient(text: str) -> tuple[str, Unit | None]:
         depth += (sign in "([") - (sign in ")]")
         if sign != "/" or depth:
             continue
-        above, below = text[:place].strip(), text[place + 1 :].strip()
-        numerator, denominator = parse_unit(above), parse_unit(below)
+        above = text[:place].strip()
+        below = text[place + 1 :].strip()
+        numerator = parse_unit(above)
+        denominator = parse_unit(below)
         if not above or denominator is None or not (quantity_of(below) or _output_of(below)):
             continue
         if whole is None or (
@@ -146,7 +149,8 @@ def _factor(text: str, unit: str, si: Unit | None) -> float | None:
 
     ``si``: None for a drive whose unit is not known, which keeps the file's.
     """
-    parsed, wanted = parse_unit(text), parse_unit(unit)
+    parsed = parse_unit(text)
+    wanted = parse_unit(unit)
     above, below = _quotient(text)
     if parsed is None or wanted is None:
         if above != unit or below is None or (si and below.dimension != si.dimension):
@@ -180,7 +184,8 @@ def _refuse_second_conversion(
     column: TableColumn, text: str, unit: str, factor: float, calibration: CalibrationFile
 ) -> None:
     """Refuse a scale that is the unit's factor, or that of a part of it: it would convert twice."""
-    response, reference = calibration.response.scale, calibration.reference.scale
+    response = calibration.response.scale
+    reference = calibration.reference.scale
     si = QUANTITY_UNITS.get(calibration.reference.quantity)
     above, below = _quotient(text)
     conversions = [

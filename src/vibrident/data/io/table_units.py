@@ -209,11 +209,14 @@ def require_coverage(column: TableColumn, stated: float) -> None:
     A header that says "expanded" alone fits any factor but 1.
     """
     name = column.header[: 2 * MAX_NAME_LENGTH].translate(PLAIN_BRACKETS)
-    factor, expanded = _COVERAGE.search(name), _EXPANDED.search(name)
+    factor = _COVERAGE.search(name)
+    expanded = _EXPANDED.search(name)
     if factor is not None and float(factor.group(1).replace(",", ".")) != stated:
-        found, number = f"k = {factor.group(1)}", factor.group(1)
+        found = f"k = {factor.group(1)}"
+        number = factor.group(1)
     elif factor is None and expanded is not None and stated == 1.0:
-        found, number = expanded.group(0), "k"
+        found = expanded.group(0)
+        number = "k"
     else:
         return
     remedy = f"state coverage_factor = {number}; or divide it by {number}, and correct the header"

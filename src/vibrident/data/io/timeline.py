@@ -210,7 +210,8 @@ def _rounding(times: FloatArray, resolution_s: float) -> float:
             widths.append(width)
             break
     steps = np.diff(late)
-    low, high = float(np.min(steps)), float(np.max(steps))
+    low = float(np.min(steps))
+    high = float(np.max(steps))
     exact = max(widths)
     near_either = np.minimum(np.abs(steps - low), np.abs(steps - high))
     if high > low and np.all(near_either <= exact + 4.0 * resolution_s):

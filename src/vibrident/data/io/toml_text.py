@@ -51,10 +51,11 @@ def read_toml(path: Path, what: str = "calibration") -> dict[str, Any]:
             where=f"{path}, line {error.object[: error.start].count(bytes([10])) + 1}",
             remedy="save it as UTF-8; data files belong under [[records]] file",
         ) from error
+    # a number of thousands of digits; hundreds of nested brackets
     except (
         ValueError,
         RecursionError,
-    ) as error:  # a number of thousands of digits; hundreds of nested brackets
+    ) as error:
         line = re.search(r"at line (\d+)", str(error))
         raise InputError(
             f"The {what} file is not valid TOML.",

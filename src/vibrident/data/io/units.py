@@ -76,10 +76,28 @@ _PREFIX_WORDS = {
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
 #: What programs write where there is no unit.
-_NO_UNIT = frozenset((
-    "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
-    "?", "[]", "()", "1",
-))  # fmt: skip
+# fmt: skip
+_NO_UNIT = frozenset(
+    (
+        "",
+        "-",
+        "--",
+        "none",
+        "n/a",
+        "unknown",
+        "unit",
+        "units",
+        "eu",
+        "arb",
+        "a.u.",
+        "au",
+        "raw",
+        "?",
+        "[]",
+        "()",
+        "1",
+    )
+)
 #: Of what numbers the rows, in place of a unit.
 _COUNTERS = frozenset((
     "#", "sample", "samples", "smp", "point", "points", "tick", "ticks", "count", "counts", "index",
@@ -202,7 +220,9 @@ def _parse_product(text: str) -> Unit | None:
     """Parse factors from left to right; a group in brackets is a factor."""
     stack: list[tuple[Unit, bool]] = []  # the products outside of open brackets, each with its sign
     product = Unit(1.0, ())
-    divides, place, factors = False, 0, 0
+    divides = False
+    place = 0
+    factors = 0
     while place < len(text):
         token = _TOKEN.match(text, place)
         if token is None:
@@ -214,7 +234,8 @@ def _parse_product(text: str) -> Unit | None:
             continue
         if sign == "(":
             stack.append((product, divides))
-            product, divides = Unit(1.0, ()), False
+            product = Unit(1.0, ())
+            divides = False
             continue
         if sign == ")":
             if not stack:
@@ -292,7 +313,8 @@ def quantity_of(unit: str) -> str | None:
 
 def factor_between(unit: str, target: str) -> float | None:
     """Return how many ``target`` units a ``unit`` is; None if unknown or of another dimension."""
-    parsed, wanted = parse_unit(unit), parse_unit(target)
+    parsed = parse_unit(unit)
+    wanted = parse_unit(target)
     if parsed is None or wanted is None or parsed.dimension != wanted.dimension:
         return None
     return parsed.factor / wanted.factor

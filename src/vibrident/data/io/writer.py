@@ -60,7 +60,8 @@ def write_calibration(folder: str | os.PathLike[str], calibration: Calibration) 
     target = Path(folder)
     _refuse_unwritable(calibration)
     if calibration.table is not None:
-        files, tables = ["table.csv"], [_table_columns(calibration.table)]
+        files = ["table.csv"]
+        tables = [_table_columns(calibration.table)]
     else:
         files = record_files([record.name for record in calibration.records])
         tables = (_record_columns(record, calibration.quantity) for record in calibration.records)
@@ -99,7 +100,7 @@ def _refuse_unwritable(calibration: Calibration) -> None:
 
 
 def record_files(records: list[str]) -> list[str]:
-    """A unique CSV file name for each record, valid on every system."""
+    """Return a unique CSV file name for each record, valid on every system."""
     stems: list[str] = []
     for record in records:
         stem = _UNSAFE.sub("_", record.removesuffix(".csv")).encode(errors="replace")[-_MOST_BYTES:]
@@ -120,7 +121,7 @@ def _record_columns(record: Record, quantity: str) -> dict[str, FloatArray]:
 
 
 def _table_columns(table: ResponseTable) -> dict[str, FloatArray]:
-    """The columns that the table has, by their names in the file, which are those of its fields."""
+    """Return the columns that the table has, by their names in the file, which are those of its fields."""
     return {
         name: values
         for name in _TABLE_KEYS.values()
@@ -147,7 +148,8 @@ def _band(record: Record) -> dict[str, float]:
 
 def _document(calibration: Calibration, files: list[str]) -> dict[str, Any]:
     """Return the keys of the calibration file."""
-    records, quantity = calibration.records, calibration.quantity
+    records = calibration.records
+    quantity = calibration.quantity
     driven = [record for record in records if record.excitation != "decay"]
     document: dict[str, Any] = {
         "sensor": {**calibration.sensor, "model": calibration.model},
@@ -183,7 +185,8 @@ def _document(calibration: Calibration, files: list[str]) -> dict[str, Any]:
 
 
 def _effect(effect: SystematicEffect) -> dict[str, Any]:
-    size, freedom = effect.standard_uncertainty, effect.degrees_of_freedom
+    size = effect.standard_uncertainty
+    freedom = effect.degrees_of_freedom
     by_frequency = effect.pattern if effect.kind in ("gain", "phase") else ()
     table = [[f, size * abs(complex(real, imaginary))] for f, real, imaginary in by_frequency]
     return {

@@ -61,7 +61,7 @@ class KnownResponse:
     files: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
-        """Source, band and uncertainty."""
+        """Return the source, band and uncertainty."""
         low, high = self.band_hz
         return f"<KnownResponse {self.source}: {low:g} to {high:g} Hz, {len(self.effects)} effects>"
 

@@ -17,7 +17,8 @@ ErrorKind = Literal["gain", "phase"]
 #: Part of the variance of correlated errors that the effects may leave out; rows make up for it.
 LEFT_OUT = 1e-4
 #: Octaves from a corner to which its effect is tabulated, and rows an octave.
-CORNER_OCTAVES, ROWS_AN_OCTAVE = 14, 8
+CORNER_OCTAVES = 14
+ROWS_AN_OCTAVE = 8
 
 
 def effect_of(

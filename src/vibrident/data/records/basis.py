@@ -32,8 +32,13 @@ BoolArray = NDArray[np.bool_]
 
 
 def frozen(values: object) -> FloatArray:
-    """A copy that cannot be written to; the same array where it is one already, as another record's is."""
-    if type(values) is np.ndarray and values.dtype == np.float64 and values.base is None and not values.flags.writeable:
+    """Return a copy that cannot be written to; the same array where it is one already, as another record's is."""
+    if (
+        type(values) is np.ndarray
+        and values.dtype == np.float64
+        and values.base is None
+        and not values.flags.writeable
+    ):
         return values
     array = np.array(values, dtype=np.float64)  # a copy: a record does not follow its source
     array.flags.writeable = False
@@ -41,13 +46,13 @@ def frozen(values: object) -> FloatArray:
 
 
 def distinct(values: NDArray[Any]) -> NDArray[Any]:
-    """The different values, rising, none of them NaN; ``np.unique`` would load NumPy's masked arrays."""
+    """Return the different values, rising, none of them NaN; ``np.unique`` would load NumPy's masked arrays."""
     ordered = np.sort(values, axis=None)
     return np.concatenate([ordered[:1], ordered[1:][ordered[1:] != ordered[:-1]]])
 
 
 def runs_of_true(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """First sample of every run of True, and the sample behind its last."""
+    """Return the first sample of every run of True, and the sample behind its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return edges[::2], edges[1::2]
 
@@ -59,7 +64,7 @@ def span_of(flags: NDArray[np.bool_]) -> slice:
 
 
 def resolution(values: FloatArray) -> float:
-    """Smallest step between values that occur: the quantisation, if there is any."""
+    """Return the smallest step between values that occur: the quantisation, if there is any."""
     steps = np.diff(np.unique(values[:: max(1, values.size // 20000)]))
     return float(np.min(steps)) if steps.size else 0.0
 
@@ -87,7 +92,10 @@ class Provenance:
 
 def check_size(what: str, values: FloatArray, where: str) -> None:
     """Refuse values of a size that no unit explains."""
-    largest, span = float(np.max(np.abs(values))), f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
+    largest = float(np.max(np.abs(values)))
+    span = f"a largest value between {1.0 / LARGEST:g} and {LARGEST:g}"
     if largest != 0.0 and not 1.0 / LARGEST <= largest <= LARGEST:
         text = f"{what} holds values of a size that no unit explains."
-        raise InputError(text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale")
+        raise InputError(
+            text, expected=span, found=f"{largest:.3g}", where=where, remedy="correct the scale"
+        )

@@ -16,7 +16,14 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
 from vibrident.data.known import KnownResponse, refuse_known
-from vibrident.data.records.basis import QUANTITIES, REFERENCE_UNITS, USUAL_MODEL, Excitation, FloatArray, Quantity
+from vibrident.data.records.basis import (
+    QUANTITIES,
+    REFERENCE_UNITS,
+    USUAL_MODEL,
+    Excitation,
+    FloatArray,
+    Quantity,
+)
 from vibrident.data.records.record import Record, ResponseTable
 
 
@@ -35,12 +42,14 @@ class Calibration:
         effects: further systematic contributions to the uncertainty.
         sensor: free text for reports (manufacturer, type, serial_number, …).
         source: path of the calibration file; empty for data made in memory.
-        certificate: what a certificate needs besides the data (customer, laboratory, conditions, …), as given; keys as
-            in the calibration file, plain values, dates as ISO text.
+        certificate: what a certificate needs besides the data (customer, laboratory, conditions,
+            …), as given; keys as in the calibration file, plain values, dates as ISO text.
         capabilities: below which no U of the sensitivity is stated.
-        reference_known_response: what is known of the reference's channel. The records then hold what that channel
-            says, a table what the response says per unit of it; ``quantity`` and ``reference_unit`` are of the motion.
-        response_known_response: what is known of the response's channel; ``response_unit`` is of the sensor's output.
+        reference_known_response: what is known of the reference's channel. The records then hold
+            what that channel says, a table what the response says per unit of it; ``quantity`` and
+            ``reference_unit`` are of the motion.
+        response_known_response: what is known of the response's channel; ``response_unit`` is of
+            the sensor's output.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -75,13 +84,18 @@ class Calibration:
             )
         if self.quantity not in QUANTITIES:
             raise unknown("The reference quantity is not known.", self.quantity, QUANTITIES, where)
-        object.__setattr__(self, "quantity", str(self.quantity))  # NumPy's own strings are no static argument
+        # NumPy's own strings are no static argument
+        object.__setattr__(self, "quantity", str(self.quantity))
         object.__setattr__(self, "records", tuple(self.records))
-        object.__setattr__(self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity])
+        object.__setattr__(
+            self, "reference_unit", self.reference_unit or REFERENCE_UNITS[self.quantity]
+        )
         object.__setattr__(self, "sensor", MappingProxyType(dict(self.sensor)))
         object.__setattr__(self, "certificate", MappingProxyType(dict(self.certificate)))
 
-    def __reduce__(self) -> tuple[object, ...]:  # views of mappings do not travel to another process
+    def __reduce__(
+        self,
+    ) -> tuple[object, ...]:  # views of mappings do not travel to another process
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         own |= {"sensor": dict(self.sensor), "certificate": dict(self.certificate)}
         return functools.partial(Calibration, **own), ()
@@ -108,7 +122,9 @@ class Calibration:
             )
         if self.table is not None:
             return replace(self, table=self.table.within((low, high)))
-        return replace(self, records=tuple(replace(record, band_hz=(low, high)) for record in self.records))
+        return replace(
+            self, records=tuple(replace(record, band_hz=(low, high)) for record in self.records)
+        )
 
     @classmethod
     def from_arrays(
@@ -122,27 +138,31 @@ class Calibration:
         names: Sequence[str] = (),
         **more: Any,
     ) -> Calibration:
-        """A calibration of records in memory.
+        """Return a calibration of records in memory.
 
         Args:
-            reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for one record, or
-                (records, samples), or a sequence of arrays of any lengths; None for free decays.
+            reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for
+                one record, or (records, samples), or a sequence of arrays of any lengths; None for
+                free decays.
             response: what the sensor answered, alike.
             sampling_rate_hz: samples per second, of all records or one number a record.
             quantity: what the reference is.
             excitation: kind of motion, of all records or one word a record.
             names: of the records; by default ``record 1``, ….
-            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor``, ``effects`` and
-                ``reference_known_response``.
+            more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor``,
+                ``effects`` and ``reference_known_response``.
 
         Raises:
-            InputError: the arguments are of different numbers of records, or a record cannot be used.
+            InputError: the arguments are of different numbers of records, or a record cannot be
+                used.
         """
         responses = _each_record(response)
         count = len(responses)
         columns = {
             "reference": [None] * count if reference is None else _each_record(reference),
-            "sampling_rate_hz": [sampling_rate_hz] * count if np.ndim(sampling_rate_hz) == 0 else sampling_rate_hz,
+            "sampling_rate_hz": [sampling_rate_hz] * count
+            if np.ndim(sampling_rate_hz) == 0
+            else sampling_rate_hz,
             "excitation": [excitation] * count if isinstance(excitation, str) else excitation,
             "name": names or [f"record {number}" for number in range(1, count + 1)],
         }
@@ -157,20 +177,24 @@ class Calibration:
                 )
         rows = zip(responses, *columns.values(), strict=True)  # type: ignore[arg-type]
         records = [
-            Record(str(name), signal, answer, float(rate), motion) for answer, signal, rate, motion, name in rows
+            Record(str(name), signal, answer, float(rate), motion)
+            for answer, signal, rate, motion, name in rows
         ]
         return cls(tuple(records), quantity=quantity, **more)
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each channel, by its label: of what it holds."""
+        """Return the unit of each channel, by its label: of what it holds."""
         held = {name: known.channel_unit for name, known in self.known_responses.items()}
         return {"reference": self.reference_unit, "response": self.response_unit} | held
 
     @property
     def known_responses(self) -> dict[str, KnownResponse]:
-        """What is known of each channel, by its label; empty where nothing is."""
-        stated = {"reference": self.reference_known_response, "response": self.response_known_response}
+        """Return what is known of each channel, by its label; empty where nothing is."""
+        stated = {
+            "reference": self.reference_known_response,
+            "response": self.response_known_response,
+        }
         return {name: known for name, known in stated.items() if known is not None}
 
     def refuse_known_responses(self, what: str) -> None:
@@ -180,7 +204,8 @@ class Calibration:
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result that is applied to them.
 
-        ``unit``: of the response of the result; ``without_records``: the problem that a table is, in words.
+        ``unit``: of the response of the result; ``without_records``: the problem that a table is,
+        in words.
         """
         where = self.source or "calibration in memory"
         if self.table is not None:
@@ -202,7 +227,7 @@ class Calibration:
 
 
 def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
-    """The arrays of a channel, one a record: a single one where the elements are numbers."""
+    """Return the arrays of a channel, one a record: a single one where the elements are numbers."""
     whole = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
     return whole if whole and np.ndim(whole[0]) > 0 else [channel]
 
@@ -210,7 +235,11 @@ def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
 def describe(calibration: Calibration) -> list[dict[str, Any]]:
     """Return one row a record, or one row for the table; labels state the units."""
     if calibration.table is not None:
-        return [_table_row(calibration.table, pretty("{response}/({reference})".format(**calibration.units)))]
+        return [
+            _table_row(
+                calibration.table, pretty("{response}/({reference})".format(**calibration.units))
+            )
+        ]
     return [_record_row(record, calibration) for record in calibration.records]
 
 
@@ -229,10 +258,11 @@ def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
 
 
 def _channel(name: str, values: FloatArray | None, unit: str) -> dict[str, float]:
-    """The size of the motion, and the constant beside it."""
+    """Return the size of the motion, and the constant beside it."""
     if values is None:
         return {}
-    rms, offset = float(np.std(values)), float(np.mean(values))
+    rms = float(np.std(values))
+    offset = float(np.mean(values))
     return {f"{name} rms / {pretty(unit)}": rms, f"{name} offset / {pretty(unit)}": offset}
 
 

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Circumstances
-from vibrident.data.records.basis import EXCITATIONS, BoolArray, Excitation, FloatArray, Provenance, check_size, frozen
+from vibrident.data.records.basis import (
+    EXCITATIONS,
+    BoolArray,
+    Excitation,
+    FloatArray,
+    Provenance,
+    check_size,
+    frozen,
+)
 
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
@@ -24,7 +32,8 @@ class ResponseTable:
     Attributes:
         frequency_hz: shape (points,), positive, any order, repeats allowed.
         magnitude: shape (points,), response unit per SI unit of the reference quantity, positive.
-        phase_rad: shape (points,) or None; phase of the response minus phase of the reference, lag negative.
+        phase_rad: shape (points,) or None; phase of the response minus phase of the reference, lag
+            negative.
         magnitude_uncertainty: standard uncertainty, same unit as magnitude, or None.
         phase_uncertainty_rad: standard uncertainty, rad, or None.
         provenance: file, hash and history.
@@ -50,7 +59,9 @@ class ResponseTable:
         """
         kept = in_band(self.frequency_hz, band_hz)
         if not np.any(kept):
-            raise nothing_in_band(band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}")
+            raise nothing_in_band(
+                band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}"
+            )
         columns = {
             name: None if (column := getattr(self, name)) is None else column[kept]
             for name in (
@@ -68,7 +79,13 @@ class ResponseTable:
         positive = {"frequency_hz", "magnitude", "magnitude_uncertainty", "phase_uncertainty_rad"}
         shape = np.shape(self.frequency_hz)
         where = f"table {self.provenance.file or 'in memory'!r}"
-        for label in ("frequency_hz", "magnitude", "phase_rad", "magnitude_uncertainty", "phase_uncertainty_rad"):
+        for label in (
+            "frequency_hz",
+            "magnitude",
+            "phase_rad",
+            "magnitude_uncertainty",
+            "phase_uncertainty_rad",
+        ):
             values = getattr(self, label)
             if values is None:
                 continue
@@ -81,7 +98,9 @@ class ResponseTable:
                     where=where,
                     remedy="give every column the same number of rows",
                 )
-            bad = np.flatnonzero(~np.isfinite(values) | ((values <= 0) if label in positive else False))
+            bad = np.flatnonzero(
+                ~np.isfinite(values) | ((values <= 0) if label in positive else False)
+            )
             if bad.size:
                 raise InputError(
                     f"Column {label} holds values that cannot be used.",
@@ -95,12 +114,12 @@ class ResponseTable:
 
     @property
     def points(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return int(self.frequency_hz.shape[0])
 
     @property
     def response(self) -> NDArray[np.complex128]:
-        """Complex response, shape (points,); real and positive where the table has no phase."""
+        """Return the complex response, shape (points,); real and positive where the table has no phase."""
         if self.phase_rad is None:
             return self.magnitude.astype(np.complex128)
         return np.asarray(self.magnitude * np.exp(1j * self.phase_rad), dtype=np.complex128)
@@ -112,27 +131,31 @@ class Record:
 
     Attributes:
         name: short name for tables and messages (the file name, usually).
-        reference: shape (samples,), in the SI unit of the calibration's reference quantity; None for a free decay.
+        reference: shape (samples,), in the SI unit of the calibration's reference quantity; None
+            for a free decay.
         response: shape (samples,), in the calibration's response unit.
         sampling_rate_hz: samples per second.
         excitation: kind of motion.
         frequency_hz: start value for a sine's frequency; None where it is to be found in the data.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
-        reference_valid: shape (samples,), where the reference may be used as the sensor's input, though the response is
-            not valid there; None: as ``valid``.
+        reference_valid: shape (samples,), where the reference may be used as the sensor's input,
+            though the response is not valid there; None: as ``valid``.
         start_time_s: time of the first sample on the file's own clock.
-        reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its unit; None if unknown.
+        reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its
+            unit; None if unknown.
         provenance: file, hash and history.
-        reference_noise_order: the reference's own noise grows with this power of frequency (in power): 4 for an
-            acceleration that was made of a displacement with white noise; 0 for white noise.
-        optical: what the signals of an interferometer said, from which the reference was made; None for others.
+        reference_noise_order: the reference's own noise grows with this power of frequency (in
+            power): 4 for an acceleration that was made of a displacement with white noise; 0 for
+            white noise.
+        optical: what the signals of an interferometer said, from which the reference was made; None
+            for others.
         hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
         circumstances: run, mounting, axis and temperature, as far as stated.
         band_hz: lowest and highest frequency that a fit takes from the record; None: all.
 
     Raises:
-        InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples or hold a
-            value that is not finite, or the sampling rate is not a positive number.
+        InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples
+            or hold a value that is not finite, or the sampling rate is not a positive number.
     """
 
     name: str
@@ -185,13 +208,18 @@ class Record:
             object.__setattr__(self, label, values)
         if self.frequency_hz is not None and not 0 < self.frequency_hz < self.sampling_rate_hz / 2:
             raise InputError(
-                "The frequency of a sine record is outside the band that its sampling rate can show.",
+                "The frequency of a sine record is outside the band that its sampling rate can "
+                "show.",
                 expected=f"0 < frequency_hz < {self.sampling_rate_hz / 2:g} (half the sampling rate)",
                 found=f"{self.frequency_hz:g} Hz",
                 where=where,
                 remedy="correct frequency_hz or rate_hz",
             )
-        valid = np.ones(response.shape, dtype=bool) if self.valid is None else np.array(self.valid, dtype=bool)
+        valid = (
+            np.ones(response.shape, dtype=bool)
+            if self.valid is None
+            else np.array(self.valid, dtype=bool)
+        )
         if valid.shape != response.shape:
             raise InputError(
                 "The mask of valid samples does not fit the record.",
@@ -209,33 +237,33 @@ class Record:
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return int(self.response.shape[0])
 
     @property
     def sampling_interval_s(self) -> float:
-        """Time between samples, s."""
+        """Return the time between samples, s."""
         return 1.0 / self.sampling_rate_hz
 
     @property
     def duration_s(self) -> float:
-        """Length of the record, s."""
+        """Return the length of the record, s."""
         return self.samples / self.sampling_rate_hz
 
     @property
     def time_s(self) -> FloatArray:
-        """Sample times from the record's first sample, s; shape (samples,)."""
+        """Return the sample times from the record's first sample, s; shape (samples,)."""
         return np.arange(self.samples) / self.sampling_rate_hz
 
     @property
     def mask(self) -> BoolArray:
-        """Samples that may be used; shape (samples,)."""
+        """Return the samples that may be used; shape (samples,)."""
         assert self.valid is not None  # set in __post_init__
         return self.valid
 
     @property
     def reference_mask(self) -> BoolArray:
-        """Samples of the reference that may be used as input; shape (samples,)."""
+        """Return the samples of the reference that may be used as input; shape (samples,)."""
         return self.mask if self.reference_valid is None else self.reference_valid
 
     def part(self, span: slice, step: str) -> Record:
@@ -256,9 +284,13 @@ class Record:
         return replace(self.without_response(bad, reason), reference_valid=reference)
 
     def without_response(self, bad: BoolArray, reason: str) -> Record:
-        """The same where the reference is still the sensor's input."""
-        provenance = self.provenance.then(f"{int(np.sum(bad & self.mask))} samples left out: {reason}")
-        return replace(self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance)
+        """Return the same where the reference is still the sensor's input."""
+        provenance = self.provenance.then(
+            f"{int(np.sum(bad & self.mask))} samples left out: {reason}"
+        )
+        return replace(
+            self, valid=self.mask & ~bad, reference_valid=self.reference_mask, provenance=provenance
+        )
 
     def with_response(self, response: FloatArray, reason: str) -> Record:
         """Return the record with another response, shape (samples,), and what was done to it."""
@@ -277,9 +309,13 @@ def in_band(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> Bo
     return (frequency_hz >= low * (1.0 - EDGE)) & (frequency_hz <= high * (1.0 + EDGE))
 
 
-def nothing_in_band(band_hz: tuple[float, float], frequency_hz: FloatArray, where: str) -> InputError:
+def nothing_in_band(
+    band_hz: tuple[float, float], frequency_hz: FloatArray, where: str
+) -> InputError:
     """Return the error of a band without data."""
-    there = f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
+    there = (
+        f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
+    )
     return InputError(
         "No data are in the band.",
         expected=f"data from {band_hz[0]:g} to {band_hz[1]:g} Hz",

@@ -1,4 +1,4 @@
-"""What is wrong with data before any model: overdriven, dead, cut or copied channels, clocks, drift and hum. No JAX."""
+"""Screen data before any model: clipped, dead, cut or copied channels, wild and lost samples."""
 
 from __future__ import annotations
 

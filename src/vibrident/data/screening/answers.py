@@ -1,8 +1,9 @@
-"""Decide whether the response of a sensor answers what its reference shows, or denies it.
+"""Compare a sensor's response with the prediction from its reference: confirm or deny events.
 
-The response is predicted from its past and from the reference (an ARX model; Ljung 1999, ch. 4.2), so that the
-beginning, the end and the corners of a motion are no surprise: a sensor answers them. What is wild in one channel
-alone leaves an error of known shape and size. Lost time breaks the prediction.
+The response is predicted from its past and from the reference (an ARX model; Ljung 1999, ch. 4.2),
+so that the beginning, the end and the corners of a motion are no surprise: a sensor answers them.
+What is wild in one channel alone leaves an error of known shape and size. Lost time breaks the
+prediction.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from vibrident.data.screening.wild import (
     Event,
 )
 
-#: Lags of the autocorrelation that tells the band of a motion.
+#: Lags of the autocorrelation that represents the band of a motion.
 BAND_LAGS = 2 * ORDER
-#: A prediction misses less than this part of what the response makes of a motion.
-MISSED = 0.25
+#: A prediction misses less than this share of the response to a motion.
+MAX_MISSED_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,8 @@ class Answer:
     Attributes:
         reference: channel of the reference.
         response: channel of the response.
-        delay: samples by which the response comes later than the first of the reference that predicts it.
+        delay: samples by which the response comes later than the first of the reference that
+            predicts it.
     """
 
     reference: Channel
@@ -52,32 +54,48 @@ class Answer:
 
     @classmethod
     def all_from_channels(cls, reference: Channel, response: Channel) -> tuple[Answer, ...]:
-        """Return the best prediction, and those of delays beside its own that are as good within chance.
+        """Return the best prediction, and those of other delays that are as good within chance.
 
-        The best is found downhill in the delay, from none and from that of the most alike channels.
+        The best is found downhill in the delay, from zero and from the delay of the largest
+        correlation of both channels.
         """
-        alike = np.abs(_products(reference.series, response.series))[: reference.series.size // 2]
-        starts = {0, max(int(np.argmax(alike)) - ORDER // 2, 0)}
-        found = [cls(reference, response, start)._downhill(alike.size) for start in starts]
-        best = min(found, key=lambda each: each.deviation)
-        # A standard deviation told by the median of n sizes scatters by 1.17 / √n of itself.
-        most = best.deviation * (1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1)))
-        return tuple(each for each in (best, *best._beside(alike.size), *found) if each.deviation <= most)
+        correlation = np.abs(_products(reference.series, response.series))[
+            : reference.series.size // 2
+        ]
+        starts = {0, max(int(np.argmax(correlation)) - ORDER // 2, 0)}
+        minima = [cls(reference, response, start)._downhill(correlation.size) for start in starts]
+        best = min(minima, key=lambda each: each.deviation)
+        # A standard deviation estimated by the median of n sizes scatters by 1.17 / √n of itself.
+        limit = best.deviation * (
+            1.0 + NOISE * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
+        )
+        return tuple(
+            each
+            for each in (best, *best._neighbours(correlation.size), *minima)
+            if each.deviation <= limit
+        )
 
     def _downhill(self, latest: int) -> Answer:
-        """Return the prediction of a delay below ``latest`` beside which there is no better one."""
-        better = min(self._beside(latest), key=lambda each: each.deviation, default=self)
+        """Return the prediction of a local optimum of the delay, below ``latest``."""
+        better = min(self._neighbours(latest), key=lambda each: each.deviation, default=self)
         return better._downhill(latest) if better.deviation < self.deviation else self
 
-    def _beside(self, latest: int) -> list[Answer]:
-        """Return the predictions of delays beside its own, below ``latest``."""
+    def _neighbours(self, latest: int) -> list[Answer]:
+        """Return the predictions of neighbouring delays, below ``latest``."""
         delays = [self.delay + step for step in (-2 * ORDER, -ORDER // 2, ORDER // 2, 2 * ORDER)]
-        return [Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest]
+        return [
+            Answer(self.reference, self.response, delay) for delay in delays if 0 <= delay < latest
+        ]
 
     @functools.cached_property
     def taps(self) -> tuple[FloatArray, FloatArray]:
-        """Errors that follow a wild sample of size one in the reference, and in the response; shape (ORDER + 1,)."""
-        windows = [sliding_window_view(each, ORDER + 1) for each in (self._delayed, self.response.series)]
+        """Return the errors that follow a wild sample of size one in reference and response.
+
+        Two arrays, each of shape (ORDER + 1,).
+        """
+        windows = [
+            sliding_window_view(each, ORDER + 1) for each in (self._delayed, self.response.series)
+        ]
         rows = np.flatnonzero(self._usual[ORDER:])
         rows = rows[:: max(1, rows.size // (MAX_BLOCKS * BLOCK))]
         rows = np.concatenate([each[rows] for each in windows], axis=1)
@@ -88,13 +106,16 @@ class Answer:
 
     @functools.cached_property
     def _delayed(self) -> FloatArray:
-        """The reference, later by the delay; shape (samples,)."""
+        """Return the reference shifted by the delay, shape (samples,)."""
         return np.pad(self.reference.series, (self.delay, 0))[: self.reference.series.size]
 
     @functools.cached_property
     def _usual(self) -> BoolArray:
-        """Samples at which neither channel shows an event, with those before them; shape (samples,)."""
-        usual = self.response.follows & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
+        """Return the samples at which neither channel shows an event, nor before; shape (samples,)."""
+        usual = (
+            self.response.follows
+            & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
+        )
         for channel, delay in ((self.reference, self.delay), (self.response, 0)):
             for event in channel.events:
                 first, end = sorted((event.first + delay, event.end + delay))
@@ -103,8 +124,11 @@ class Answer:
 
     @functools.cached_property
     def errors(self) -> FloatArray:
-        """Errors of the prediction, shape (samples,); zero for the first ORDER."""
-        parts = [np.convolve(each, taps, "valid") for each, taps in zip(self._series, self.taps, strict=True)]
+        """Return the errors of the prediction, shape (samples,); zero for the first ORDER."""
+        parts = [
+            np.convolve(each, taps, "valid")
+            for each, taps in zip(self._series, self.taps, strict=True)
+        ]
         return np.pad(parts[0] + parts[1], (ORDER, 0))
 
     @property
@@ -113,7 +137,7 @@ class Answer:
 
     @functools.cached_property
     def deviation(self) -> float:
-        """Standard deviation of the errors, by their median."""
+        """Return the standard deviation of the errors, by their median."""
         return self._deviation(self.errors, slice(None))
 
     def _deviation(self, errors: FloatArray, near: slice) -> float:
@@ -121,48 +145,57 @@ class Answer:
         return float(np.median(size)) / MEDIAN if size.size else np.inf
 
     @functools.cached_property
-    def _within_band(self) -> FloatArray:
-        """Autocorrelation of the reference, a filter that keeps the band of its motion; shape (2 BAND_LAGS + 1,)."""
+    def _band_filter(self) -> FloatArray:
+        """Return the windowed autocorrelation of the reference: a filter that keeps the motion's band.
+
+        Shape (2 BAND_LAGS + 1,).
+        """
         later = _products(self.reference.series, self.reference.series)[: BAND_LAGS + 1]
         return np.concatenate([later[:0:-1], later]) * np.hanning(2 * BAND_LAGS + 3)[1:-1]
 
     def denies(self, label: str, event: Event) -> bool:
-        """Tell whether a channel's wild samples are no motion: errors of the prediction are as wild samples leave them.
+        """Tell whether a channel's wild samples are no motion: the errors are those that they leave.
 
-        What the response makes of the reference is known within the band of its motion alone, so that is compared.
-        Where the errors are lost in noise, wild samples are those beyond all others of the channel.
+        The response to the reference is known within the band of its motion alone, so that only
+        this band is compared. Where the errors are lost in noise, the wild samples must exceed all
+        others of the channel.
         """
         is_response = label == "response"
         channel = self.response if is_response else self.reference
         sizes = channel.sizes(event)
         effect = np.convolve(sizes, self.taps[is_response])
         first = event.first if is_response else event.first + self.delay
-        errors, reach = self.errors, 0
+        errors = self.errors
+        reach = 0
         if not is_response:
-            effect = np.convolve(effect, self._within_band)
-            errors = np.convolve(errors, self._within_band, mode="same")
+            effect = np.convolve(effect, self._band_filter)
+            errors = np.convolve(errors, self._band_filter, mode="same")
             reach = BAND_LAGS
-        here = slice(max(first - reach, 0), first - reach + effect.size)
+        span = slice(max(first - reach, 0), first - reach + effect.size)
         around = NEAR + 2 * effect.size
-        usual = self._deviation(errors, slice(max(here.start - around, 0), here.stop + around))
-        if float(np.linalg.norm(errors[here])) < MISSED * float(np.linalg.norm(effect)):
+        usual = self._deviation(errors, slice(max(span.start - around, 0), span.stop + around))
+        if float(np.linalg.norm(errors[span])) < MAX_MISSED_SHARE * float(np.linalg.norm(effect)):
             return False
-        if float(np.max(np.abs(errors[here]), initial=0.0)) > STANDS_OUT * usual:
+        if float(np.max(np.abs(errors[span]), initial=0.0)) > STANDS_OUT * usual:
             return True
-        others = np.abs(channel.series[~channel.wild])
-        return float(np.max(np.abs(sizes))) > float(np.max(others))
+        regular_sizes = np.abs(channel.series[~channel.wild])
+        return float(np.max(np.abs(sizes))) > float(np.max(regular_sizes))
 
     def breaks_off(self, place: int) -> bool:
-        """Tell whether the response is not what follows from its past and from the reference, at a sample."""
+        """Tell whether the response at a sample does not follow from its past and the reference."""
         near = slice(max(place - TOGETHER, ORDER), place + self.delay + ORDER + TOGETHER)
-        alone = np.convolve(self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid")
-        most = float(np.max(np.abs(self.errors[near])))
+        own_part = np.convolve(
+            self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid"
+        )
+        largest = float(np.max(np.abs(self.errors[near])))
         reach = slice(max(near.start - NEAR, 0), near.stop + NEAR)
-        return most > max(MIN_BREAK * float(np.max(np.abs(alone))), NOISE * self._deviation(self.errors, reach))
+        return largest > max(
+            MIN_BREAK * float(np.max(np.abs(own_part))), NOISE * self._deviation(self.errors, reach)
+        )
 
 
 def _products(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the sums of products of a series with another so many samples later, shape (samples,)."""
+    """Return the sums of products of a series with a later one, for each lag; shape (samples,)."""
     size = 1 << (2 * first.size - 1).bit_length()
     lines = fft.rfft(second, size) * np.conj(fft.rfft(first, size))
     return fft.irfft(lines, size)[: first.size]

@@ -1,4 +1,4 @@
-"""Does a motion die away, as a free one does? A look at its power in pieces of time, before anything is fitted."""
+"""Tell whether a motion dies away, by its power in pieces of time, before anything is fitted."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray
 
 #: Pieces of time, and the fewest samples of each.
-PIECES, MIN_SAMPLES = 16, 32
-#: Largest power of a piece over the smallest, of a motion that goes on.
+PIECES = 16
+MIN_SAMPLES = 32
+#: Largest ratio of the powers of two pieces in a motion that goes on.
 MAX_RATIO = 2.0
 #: Largest power of a line in a piece over the median of the pieces: noise hardly ever exceeds it.
 MAX_LINE_RATIO = 60.0
 #: The strongest line falls by so many standard deviations of its slope …
 MIN_FALL = 4.0
-#: … and by this part of its amplitude in half a record, as what leaks from other lines may change.
+#: … and by this share of its amplitude in half a record: leakage from other lines may change it.
 MIN_CHANGE = 5e-3
 
 
-def goes_on(response: FloatArray, valid: BoolArray) -> bool:
+def is_sustained(response: FloatArray, valid: BoolArray) -> bool:
     """Tell whether a response is as large at the end of a record as throughout.
 
-    The power of all of it, and that of each line, is much the same in all pieces, and its strongest line does not fall.
+    The total power and that of each line are much the same in all pieces, and the strongest line
+    does not fall.
 
     Args:
         response: shape (samples,).
@@ -42,7 +44,7 @@ def goes_on(response: FloatArray, valid: BoolArray) -> bool:
 
 
 def _strongest_line_falls(response: FloatArray) -> bool:
-    """Tell whether the amplitude of a record's strongest line becomes smaller with time, to first order."""
+    """Tell whether the amplitude of the strongest line falls with time, to first order."""
     samples = response.size
     window = np.hanning(samples)
     time = np.linspace(-1.0, 1.0, samples)
@@ -59,6 +61,8 @@ def _strongest_line_falls(response: FloatArray) -> bool:
     direction = np.array([0.0, 0.0, cosine, sine]) / squares
     spread = inverse @ columns.T @ ((window**2)[:, None] * columns) @ inverse
     residual = motion - columns @ amounts
-    variance = float(np.average(residual**2, weights=window)) * float(direction @ spread @ direction)
+    variance = float(np.average(residual**2, weights=window)) * float(
+        direction @ spread @ direction
+    )
     fall = -float(cosine * rising_cosine + sine * rising_sine) / squares
     return fall > max(MIN_FALL * np.sqrt(variance), MIN_CHANGE)

@@ -1,4 +1,4 @@
-"""Is a drive held between samples, as the stairs of a digital-to-analogue converter are?"""
+"""Tell whether a drive is held between samples, as a digital-to-analogue converter does."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from vibrident.data.records import Calibration, FloatArray
 
-#: Steps of a moving signal are 0.67 of their standard deviation in the median (normal); of a held
-#: one, noise: a step stands out by as much as noise exceeds with a chance of 1e-9.
+#: A step between treads exceeds this many standard deviations of the noise, which noise itself
+#: exceeds with a chance of 1e-9.
 MIN_STEP_SIGMA = 6.0
 SIGMA_OF_MEDIAN = 1.4826  # standard deviation of normal numbers over the median of their size
 MIN_LONE_POWER = 0.99  # part of the steps' power in steps whose neighbours are noise
@@ -17,7 +17,7 @@ MIN_EXPLAINED = 0.5  # part of the signal's power in the levels of its treads: m
 def is_held_drive(calibration: Calibration) -> bool:
     """Tell whether every driven record's reference is a drive in stairs, with noise or without.
 
-    Only a commanded signal can be; a motion that repeats is recorded with few bits.
+    Only a commanded signal can be held; a motion with repeated values was recorded with few bits.
     """
     drives = [r.reference for r in calibration.records if r.reference is not None]
     return calibration.quantity == "drive" and bool(drives) and all(map(is_stairs, drives))
@@ -26,7 +26,8 @@ def is_held_drive(calibration: Calibration) -> bool:
 def is_stairs(drive: FloatArray) -> bool:
     """Tell whether a signal jumps from level to level, each of two samples or more.
 
-    A motion with a few jumps is not: it moves between them, so that its mean levels explain little.
+    A motion with a few jumps does not: it moves between them, so that its mean levels explain
+    little of its power.
     """
     size = np.abs(np.diff(drive))
     noise = SIGMA_OF_MEDIAN * float(np.median(size))

@@ -1,4 +1,4 @@
-"""Is a record fit for use? Overdriven channels, channels without signal, too few periods, aliasing."""
+"""Screen records: clipped and dead channels, wild and lost samples, repeated blocks, aliasing."""
 
 from __future__ import annotations
 
@@ -15,20 +15,28 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.answers import Answer
 from vibrident.data.screening.clipping import clipped
-from vibrident.data.screening.decays import goes_on
-from vibrident.data.screening.gaps import lost
+from vibrident.data.screening.decays import is_sustained
+from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.repeats import repeated_block
-from vibrident.data.screening.wild import MAX_RUN, MAX_SHORT_RUN, Channel, breaks, moves
+from vibrident.data.screening.wild import (
+    MAX_RUN_SAMPLES,
+    MAX_SHORT_RUN_SAMPLES,
+    Channel,
+    breaks,
+    moves,
+)
 
-#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing anti-alias filter.
+#: Part of the reference's power above 0.45 of the sampling rate that is taken for a missing
+#: anti-alias filter.
 ALIAS_POWER = 0.01
 #: Samples on either side that the interpolation of the reference takes in.
 REACH = 40
-#: A record that lost samples is used where at least this part of it is whole over as many …
-LEAST_WHOLE = 0.05
-#: … and so many samples are.
-FEWEST_WHOLE = 128
+#: A record that lost samples is used if at least this share of it is intact over REACH samples on
+#: either side …
+MIN_INTACT_SHARE = 0.05
+#: … and at least this number of samples.
+MIN_INTACT_SAMPLES = 128
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", "multisine", "random")
 #: Motions throughout which the channels go together in one way.
@@ -37,7 +45,7 @@ LINEAR = (*STEADY, "sweep")
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding about the data."""
+    """Finding of a screening: a warning code and its message."""
 
     code: WarningCode
     message: str
@@ -46,7 +54,7 @@ class Finding:
 def screen(
     records: Sequence[Record], units: Mapping[str, str] | None = None
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """Mark samples that must not be used, leave out dead records, and say what was found.
+    """Mark samples that must not be used, leave out dead records, and return the findings.
 
     Args:
         records: as read.
@@ -55,50 +63,69 @@ def screen(
     Raises:
         InputError: no record is left.
     """
-    kept, findings = [], []
+    usable = []
+    findings = []
     for record in records:
         dead = _dead(record)
         if dead:
-            findings.append(Finding("dead_channel", f"{record.name}: {dead}; the record is left out."))
+            findings.append(
+                Finding("dead_channel", f"{record.name}: {dead}; the record is left out.")
+            )
             continue
         record, spoilt = _without_spoilt(record, units or {})
         findings += spoilt
         if record.mask.sum() < 8 or (spoilt and _in_pieces(record)):
-            text = f"{record.name}: too little is left between the samples left out; the record is left out."
+            text = (
+                f"{record.name}: too little is left between the samples left out; "
+                "the record is left out."
+            )
             findings.append(Finding(spoilt[0].code if spoilt else "dead_channel", text))
             continue
-        findings += _aliasing(record)
-        kept.append(record)
-    return _any_of(kept, findings)
+        findings += _aliasing_findings(record)
+        usable.append(record)
+    return _require_records(usable, findings)
 
 
-def without_steady_decays(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """Return the records without those that are stated to be free decays and do not die away, and say which.
+def without_steady_decays(
+    records: Sequence[Record],
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """Return the records without stated free decays that do not die away, and the findings.
 
     Raises:
         InputError: no record is left.
     """
-    steady = [r for r in records if r.excitation == "decay" and goes_on(r.response, r.mask)]
-    text = "the response does not die away, it is as large at the end as throughout; the record is left out."
+    steady = [r for r in records if r.excitation == "decay" and is_sustained(r.response, r.mask)]
+    text = (
+        "the response does not die away, it is as large at the end as throughout; "
+        "the record is left out."
+    )
     findings = [Finding("dead_channel", f"{record.name}: {text}") for record in steady]
-    return _any_of([record for record in records if record not in steady], findings)
+    return _require_records([record for record in records if record not in steady], findings)
 
 
-def _any_of(records: Sequence[Record], findings: Sequence[Finding]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """Return both, if there are records at all."""
+def _require_records(
+    records: Sequence[Record], findings: Sequence[Finding]
+) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    """Return the records and findings, or refuse if there are no records.
+
+    Raises:
+        InputError: there are none.
+    """
     if not records:
         raise InputError(
             "No record can be used.",
-            expected="at least one record in which both channels carry a signal, of a decay one that dies away",
+            expected="at least one record in which both channels carry a signal, of a decay one "
+            "that dies away",
             found="; ".join(f.message for f in findings),
             where="records",
-            remedy="check the excitation, and the columns of [reference] and [response] with ⟦command = inspect⟧",
+            remedy="check the excitation, and the columns of [reference] and [response] with "
+            "⟦command = inspect⟧",
         )
     return tuple(records), tuple(findings)
 
 
 def _dead(record: Record) -> str:
-    """The reason why the record holds no signal; empty if it holds one."""
+    """Return the reason why the record holds no signal; empty if it holds one."""
     for label, values, _ in _channels(record):
         values = values[record.mask]
         if values.size == 0 or np.ptp(values) == 0.0:
@@ -107,156 +134,232 @@ def _dead(record: Record) -> str:
 
 
 def _in_pieces(record: Record) -> bool:
-    """Whether the reference of other motion than a sine is hardly anywhere whole for long enough to interpolate it."""
+    """Return whether losses leave too little of the reference to interpolate it.
+
+    Never so for a sine or a decay, whose reference is not interpolated.
+    """
     if record.excitation in ("sine", "decay"):
         return False
     bad = np.concatenate([[0], np.cumsum(~record.reference_mask)])
-    whole = int(np.sum(bad[2 * REACH :] == bad[: -2 * REACH])) if bad.size > 2 * REACH else record.samples
-    return whole < max(LEAST_WHOLE * record.samples, min(FEWEST_WHOLE, 0.5 * record.samples))
+    intact = (
+        int(np.sum(bad[2 * REACH :] == bad[: -2 * REACH]))
+        if bad.size > 2 * REACH
+        else record.samples
+    )
+    return intact < max(
+        MIN_INTACT_SHARE * record.samples, min(MIN_INTACT_SAMPLES, 0.5 * record.samples)
+    )
 
 
 def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
-    """Label, samples and full scale of each channel that there is."""
-    found = [("response", record.response, record.response_full_scale)]
+    """Return the label, samples and full scale of each channel that there is."""
+    channels = [("response", record.response, record.response_full_scale)]
     if record.reference is not None:
-        found.insert(0, ("reference", record.reference, record.reference_full_scale))
-    return found
+        channels.insert(0, ("reference", record.reference, record.reference_full_scale))
+    return channels
 
 
 def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, list[Finding]]:
-    """Without what is clipped and what was lost: of the response alone, where the reference is sound."""
+    """Return the record without clipped, lost, copied and wild samples, and the findings.
+
+    Only the response is marked where the reference is sound.
+    """
     findings = []
     for label, values, full_scale in _channels(record):
         if label == "reference" and record.optical is not None:
-            continue  # it was computed: the converter's limits and losses were seen in the optical signals
+            # It was computed: the optical signals show the converter's limits and losses.
+            continue
         bad, rails = clipped(values, record.mask, full_scale)
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
-            said = f"the {label} channel is clipped at {levels}"
-            record, finding = _without(record, label, bad, "clipped", said, f"{label} clipped at {levels}")
+            observation = f"the {label} channel is clipped at {levels}"
+            record, finding = _without(
+                record, label, bad, "clipped", observation, f"{label} clipped at {levels}"
+            )
             findings.append(finding)
-        bad = lost(values, record.mask)
+        bad = lost_samples(values, record.mask)
         if bad.any():
             stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
             first = float(np.argmax(bad)) / record.sampling_rate_hz
-            often = _how_often(stretches)
-            said = f"the {label} channel stands still {often}at {first:.4g} s, as where a recorder lost samples"
-            record, finding = _without(record, label, bad, "dead_channel", said, f"{label} stands still")
+            often = _frequency_words(stretches)
+            observation = (
+                f"the {label} channel stands still {often}at {first:.4g} s, as where a recorder "
+                "lost samples"
+            )
+            record, finding = _without(
+                record, label, bad, "dead_channel", observation, f"{label} stands still"
+            )
             findings.append(finding)
     record, copied = _without_copied(record)
     findings += copied
-    longest = MAX_RUN if record.reference is not None and record.excitation in LINEAR else MAX_SHORT_RUN
-    channels = {label: Channel.from_values(values, record.mask, longest) for label, values, _ in _channels(record)}
+    longest = (
+        MAX_RUN_SAMPLES
+        if record.reference is not None and record.excitation in LINEAR
+        else MAX_SHORT_RUN_SAMPLES
+    )
+    channels = {
+        label: Channel.from_values(values, record.mask, longest)
+        for label, values, _ in _channels(record)
+    }
     for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
-        record, finding = _without(record, label, bad, "dead_channel", _wild_words(record, label, bad), f"{label} wild")
+        record, finding = _without(
+            record,
+            label,
+            bad,
+            "dead_channel",
+            _wild_observation(record, label, bad),
+            f"{label} wild",
+        )
         findings.append(finding)
     record, broken = _longest_part(record, channels)
     return record, findings + broken
 
 
-def _wild_words(record: Record, label: str, bad: BoolArray) -> str:
-    """Return what is wrong with a channel that has wild samples."""
+def _wild_observation(record: Record, label: str, bad: BoolArray) -> str:
+    """Describe the wild samples of a channel for a finding."""
     begins, ends = runs_of_true(bad)
     most = int(np.max(ends - begins))
-    what = "a single sample far off its neighbours" if most == 1 else f"up to {most} samples far off those around them"
-    often = _how_often(begins.size)
+    what = (
+        "a single sample far off its neighbours"
+        if most == 1
+        else f"up to {most} samples far off those around them"
+    )
+    often = _frequency_words(begins.size)
     first_s = float(begins[0]) / record.sampling_rate_hz
-    return f"the {label} channel has {what} {often}at {first_s:.6g} s, as where a recorder or a contact fails"
+    return (
+        f"the {label} channel has {what} {often}at {first_s:.6g} s, as where a recorder or a "
+        "contact fails"
+    )
 
 
-def _how_often(number: int) -> str:
+def _frequency_words(number: int) -> str:
     return "" if number == 1 else f"{number} times, first "
 
 
 def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
-    """Without the copy of a block that was written twice."""
-    found = {label: repeated_block(values, record.mask) for label, values, _ in _channels(record)}
-    found = {label: block for label, block in found.items() if block is not None}
-    if not found:
+    """Return the record without the copy of a block that was written twice, and the findings."""
+    blocks = {label: repeated_block(values, record.mask) for label, values, _ in _channels(record)}
+    blocks = {label: block for label, block in blocks.items() if block is not None}
+    if not blocks:
         return record, []
     findings = []
-    times = len(set(found.values())) == 1 and len(found) == len(_channels(record))
-    for label, block in list(found.items())[: 1 if times else None]:
+    times = len(set(blocks.values())) == 1 and len(blocks) == len(_channels(record))
+    for label, block in list(blocks.items())[: 1 if times else None]:
         bad = np.zeros(record.samples, dtype=bool)
         bad[block.second : block.second + block.length] = True
-        what = "both channels" if times else f"the {label} channel"
+        channel_words = "both channels" if times else f"the {label} channel"
         if times and record.excitation in STEADY:
             before = block.second >= record.samples - block.second - block.length
             bad[block.second :] |= before
             bad[: block.second] |= not before
         first_s, second_s = (at / record.sampling_rate_hz for at in (block.first, block.second))
-        said = (
-            f"{block.length} samples of {what} at {first_s:.6g} s return at {second_s:.6g} s, "
-            "as where a recorder writes a buffer twice"
+        observation = (
+            f"{block.length} samples of {channel_words} at {first_s:.6g} s return at "
+            f"{second_s:.6g} s, as where a recorder writes a buffer twice"
         )
         label, code = ("both", "clock_suspect") if times else (label, "dead_channel")
-        record, finding = _without(record, label, bad, code, said, f"{what} repeated")
+        record, finding = _without(
+            record, label, bad, code, observation, f"{channel_words} repeated"
+        )
         findings.append(finding)
     return record, findings
 
 
 def _longest_part(record: Record, channels: Mapping[str, Channel]) -> tuple[Record, list[Finding]]:
-    """The longest part of a steady motion in which no time was lost; ``channels`` as seen before."""
+    """Return the longest part of a steady motion in which no time was lost, and the finding.
+
+    ``channels``: the record's channels as predicted before; computed anew where samples were
+    marked since.
+    """
     if record.reference is None or record.excitation not in STEADY or is_stairs(record.reference):
         return record, []
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
-        channels = {label: Channel.from_values(values, valid) for label, values, _ in _channels(record)}
+        channels = {
+            label: Channel.from_values(values, valid) for label, values, _ in _channels(record)
+        }
     places = breaks(**channels)
     if places.size:
         answers = Answer.all_from_channels(**channels)
-        places = places[[all(answer.breaks_off(int(place)) for answer in answers) for place in places]]
+        places = places[
+            [all(answer.breaks_off(int(place)) for answer in answers) for place in places]
+        ]
     if places.size == 0:
         return record, []
     edges = np.concatenate([[0], places, [record.samples]])
     longest = int(np.argmax(np.diff(edges)))
     outside = np.ones(record.samples, dtype=bool)
     # Which of the samples at a break is the last, or the first, is not known.
-    outside[edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)] = False
+    outside[
+        edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)
+    ] = False
     times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
-    said = (
+    observation = (
         f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
         "only the longest unbroken part is used"
     )
-    record, finding = _without(record, "both", outside, "clock_suspect", said, "the longest part without lost time")
+    record, finding = _without(
+        record, "both", outside, "clock_suspect", observation, "the longest part without lost time"
+    )
     return record, [finding]
 
 
 def _wild(channels: Mapping[str, Channel], linear: bool) -> dict[str, BoolArray]:
-    """Return the wild samples of each channel that has any; where the other channel moves as oddly, it is motion.
+    """Return the wild samples of each channel that has any.
 
-    But a sample or two of both at one time is none of a motion that goes on, ``linear``: a sensor answers for longer.
+    Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
+    (``linear``), one or two odd samples in both channels at once are wild: a sensor answers for
+    longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
         return {label: bad for label, bad in wild.items() if bad.any()}
     answers = Answer.all_from_channels(**channels)
-    for label, other in zip(wild, [*channels.values()][::-1], strict=True):
+    for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue
-        moved = moves(other, wild[label])
+        moved = moves(other_channel, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
-            at_once = [event.brief for event in other.events if event.first <= end and first <= event.end]
-            if moved[first:end].any() and not (linear and end - first <= MAX_SHORT_RUN and at_once and all(at_once)):
+            at_once = [
+                event.may_be_short_wild
+                for event in other_channel.events
+                if event.first <= end and first <= event.end
+            ]
+            if moved[first:end].any() and not (
+                linear and end - first <= MAX_SHORT_RUN_SAMPLES and at_once and all(at_once)
+            ):
                 wild[label][first:end] = False
-            events = [event for event in channels[label].events if event.wild and first <= event.first < end]
-            if not any(event.brief or all(answer.denies(label, event) for answer in answers) for event in events):
+            events = [
+                event
+                for event in channels[label].events
+                if event.wild and first <= event.first < end
+            ]
+            if not any(
+                event.may_be_short_wild or all(answer.denies(label, event) for answer in answers)
+                for event in events
+            ):
                 wild[label][first:end] = False
     return {label: bad for label, bad in wild.items() if bad.any()}
 
 
 def _without(
-    record: Record, label: str, bad: BoolArray, code: WarningCode, said: str, reason: str
+    record: Record, label: str, bad: BoolArray, code: WarningCode, observation: str, reason: str
 ) -> tuple[Record, Finding]:
-    """The record without some samples, of the response alone where no other channel is spoilt; and the finding."""
+    """Return the record without the ``bad`` samples, and the finding that says so.
+
+    The reference stays in use where only the response is spoilt.
+    """
     count = int(np.sum(bad & (record.reference_mask if label == "reference" else record.mask)))
-    text = f"{record.name}: {said}; {count} of {record.samples} samples are left out of the fit."
-    kept = record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
-    return kept, Finding(code, text)
+    text = f"{record.name}: {observation}; {count} of {record.samples} samples are left out of the fit."
+    remaining = (
+        record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
+    )
+    return remaining, Finding(code, text)
 
 
-def _aliasing(record: Record) -> list[Finding]:
-    if record.reference is None or record.optical is not None:  # what would fold of raw light is filtered away
+def _aliasing_findings(record: Record) -> list[Finding]:
+    # The decimation of optical signals filters away what would alias.
+    if record.reference is None or record.optical is not None:
         return []
     mask = record.reference_mask
     values = record.reference
@@ -268,7 +371,8 @@ def _aliasing(record: Record) -> list[Finding]:
     if above <= ALIAS_POWER * total:
         return []
     text = (
-        f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of the sampling "
-        "rate, where no anti-alias filter leaves any; content above half the rate would look the same."
+        f"{record.name}: {100 * above / total:.0f} % of the reference's power lies above 0.45 of "
+        "the sampling rate, where no anti-alias filter leaves any; content above half the rate "
+        "would look the same."
     )
     return [Finding("aliasing", text)]

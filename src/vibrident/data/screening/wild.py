@@ -1,10 +1,11 @@
-"""Wild samples (bit errors, failing contacts, slipped buffers) and places where a recorder lost time.
+"""Find wild samples (bit errors, failing contacts, slipped buffers) and breaks where time was lost.
 
-A channel is predicted from the samples before each one and, with the same coefficients, from those after it
-(autoregression; Vaseghi 2008, ch. 13). Both errors are noise where the motion goes on as elsewhere. The forward error
-first stands out at the first sample that those before it do not explain, the backward error last at the last sample
-that those after it do not explain. So the samples from the one to the other are wild; where none lies between them,
-the motion broke off and went on elsewhere, began, or has a corner.
+A channel is predicted from the samples before each one and, with the same coefficients, from those
+after it (autoregression; Vaseghi 2008, ch. 13). Both errors are noise where the motion goes on as
+elsewhere. The forward error first stands out at the first sample that those before it do not
+explain, the backward error last at the last sample that those after it do not explain. So the
+samples from the one to the other are wild; where none lies between them, the motion broke off and
+went on elsewhere, began, or has a corner.
 """
 
 from __future__ import annotations
@@ -21,37 +22,45 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.steps import converter_step
 
-#: Samples that predict one.
+#: Order of the autoregression: how many samples predict the next.
 ORDER = 16
-#: A prediction is fitted to at most so many blocks of so many samples.
-MAX_BLOCKS, BLOCK = 16, 256
-#: What is added to the products of a fit, as a part of their sum: rounding of double precision.
+#: A prediction is fitted to at most MAX_BLOCKS blocks of BLOCK samples.
+MAX_BLOCKS = 16
+BLOCK = 256
+#: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
-#: Rounds of a fit without what it does not explain.
+#: Refits without the samples that the previous fit did not explain.
 ROUNDS = 3
-#: Wild samples and breaks stand out by so many standard deviations; noise alone seldom exceeds NOISE of them.
-STANDS_OUT, NOISE = 9.0, 5.0
-#: Wild samples are larger than so many steps of the converter, and this part of the channel's range: rounding.
-MIN_STEPS, MIN_SIZE = 4.0, 1e-7
+#: Wild samples and breaks exceed STANDS_OUT standard deviations; noise alone seldom exceeds NOISE.
+STANDS_OUT = 9.0
+NOISE = 5.0
+#: Wild samples are larger than MIN_STEPS steps of the converter, and than this share of the
+#: channel's range: rounding.
+MIN_STEPS = 4.0
+MIN_SIZE = 1e-7
 #: Longest run of wild samples where a reference shows what is motion, and where nothing does.
-MAX_RUN, MAX_SHORT_RUN = 40, 2
+MAX_RUN_SAMPLES = 40
+MAX_SHORT_RUN_SAMPLES = 2
 #: Samples beside a longer run that are as likely wild, only not far enough off to show it.
 GUARD = 4
 #: Largest number of wild runs, as a part of the samples; more are the channel's nature.
 MAX_SHARE = 0.01
-#: Samples on either side that show how large errors usually are, beside those that a run of wild ones disturbs.
+#: Samples on either side that show how large errors usually are, beside those that a run of wild
+#: ones disturbs.
 NEAR = 40
-#: Median of the size of normal errors, in standard deviations.
+#: Median magnitude of normal errors, in standard deviations.
 MEDIAN = 0.6745
-#: What both channels show is so many samples apart at most.
+#: Largest distance, in samples, of the same event in both channels.
 TOGETHER = 2
-#: A break is larger than this part of the motion's deviation: smoother changes are its own.
+#: A break is larger than this share of the motion's standard deviation; smaller changes are motion.
 MIN_BREAK = 2e-3
-#: The motion goes on after a break: so many samples on one side have this part of the others' deviation, or more.
-BESIDE, ALIKE = 64, 0.2
+#: The motion goes on after a break: of BESIDE samples on either side, the smaller standard
+#: deviation is at least ALIKE times the larger one.
+BESIDE = 64
+ALIKE = 0.2
 
 
-_WIDER = sorted(((left, right) for left in range(GUARD) for right in range(GUARD)), key=sum)
+_EXTENSIONS = sorted(itertools.product(range(GUARD), repeat=2), key=sum)
 
 
 @dataclass(frozen=True)
@@ -62,8 +71,8 @@ class Event:
         first: first sample that those before it do not explain.
         end: sample behind the last that those after it do not explain.
         strength: largest error, in its standard deviation.
-        lone: whether wild samples from ``first`` to ``end`` explain all that is odd.
-        wild: whether they stand out of the noise, too.
+        lone: whether wild samples from ``first`` to ``end`` explain the whole event.
+        wild: whether those samples exceed the noise, too.
     """
 
     first: int
@@ -73,24 +82,26 @@ class Event:
     wild: bool
 
     @property
-    def plain(self) -> bool:
-        """Whether wild samples may be all there is."""
+    def may_be_wild(self) -> bool:
+        """Return whether wild samples alone may explain the event."""
         return self.lone or self.strength < STANDS_OUT
 
     @property
-    def brief(self) -> bool:
-        """Whether a wild sample or two may be all there is."""
-        return self.plain and self.end - self.first <= MAX_SHORT_RUN
+    def may_be_short_wild(self) -> bool:
+        """Return whether one or two wild samples may explain the event."""
+        return self.may_be_wild and self.end - self.first <= MAX_SHORT_RUN_SAMPLES
 
     @property
-    def torn(self) -> bool:
-        """Whether hardly a sample lies between what those before and those after it explain."""
-        return not self.wild and self.end - self.first <= MAX_SHORT_RUN
+    def is_abrupt(self) -> bool:
+        """Return whether at most two samples lie between those that either side explains."""
+        return not self.wild and self.end - self.first <= MAX_SHORT_RUN_SAMPLES
 
-    def meets(self, other: Event) -> bool:
-        """Tell whether two channels show something at the same time."""
-        (low, high), (other_low, other_high) = (sorted((each.first, each.end)) for each in (self, other))
-        return low <= other_high + TOGETHER and other_low <= high + TOGETHER
+    def meets(self, event: Event) -> bool:
+        """Tell whether another channel's event happens at the same time."""
+        (low, high), (event_low, event_high) = (
+            sorted((each.first, each.end)) for each in (self, event)
+        )
+        return low <= event_high + TOGETHER and event_low <= high + TOGETHER
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,52 +116,59 @@ class Channel:
 
     series: FloatArray
     valid: BoolArray
-    longest: int = MAX_SHORT_RUN
+    longest: int = MAX_SHORT_RUN_SAMPLES
 
     @classmethod
-    def from_values(cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN) -> Channel:
-        """Return the channel of some values, shape (samples,), as far as they are ``valid``."""
+    def from_values(
+        cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN_SAMPLES
+    ) -> Channel:
+        """Return a channel from values and their validity, both of shape (samples,)."""
         middle = float(np.median(values[valid])) if valid.any() else 0.0
         size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
         return cls(np.where(valid, (values - middle) / (size or 1.0), 0.0), valid, longest)
 
     @functools.cached_property
     def follows(self) -> BoolArray:
-        """Samples that ORDER valid ones precede, shape (samples,)."""
+        """Return which samples follow ORDER valid ones, shape (samples,)."""
         bad = np.cumsum(np.concatenate([[0], ~self.valid]))
         return np.concatenate([np.zeros(ORDER, dtype=bool), bad[ORDER + 1 :] == bad[: -ORDER - 1]])
 
     @functools.cached_property
     def judged(self) -> BoolArray:
-        """Samples with ORDER valid ones on both sides, shape (samples,)."""
+        """Return which samples have ORDER valid ones on both sides, shape (samples,)."""
         return self.follows & np.concatenate([self.follows[ORDER:], np.zeros(ORDER, dtype=bool)])
 
     @functools.cached_property
     def readable(self) -> bool:
-        """Whether there is enough to judge."""
-        return bool(self.valid.size > 8 * ORDER and np.sum(self.judged) >= 8 * ORDER and np.any(self.series))
+        """Return whether the channel has enough valid samples to judge."""
+        return bool(
+            self.valid.size > 8 * ORDER and np.sum(self.judged) >= 8 * ORDER and np.any(self.series)
+        )
 
     @functools.cached_property
     def smallest(self) -> float:
-        """Least size of a wild sample."""
+        """Return the smallest size that a wild sample can have."""
         return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_SIZE)
 
     @functools.cached_property
     def prediction(self) -> Prediction:
-        """The prediction fitted to the samples that it explains well."""
+        """Return the prediction fitted to the samples that it explains well."""
         return self._fitted[0]
 
     @functools.cached_property
     def _fitted(self) -> tuple[Prediction, FloatArray]:
-        """The prediction, and its errors matched to a wild sample; these are noise or rounding where it is the first.
+        """Return the prediction, and its errors matched to a wild sample.
 
-        Then the largest is below NOISE standard deviations, and half of them are above the median.
+        The first fit stands where its errors are noise or rounding: where the largest of them is
+        below NOISE standard deviations, estimated by their median.
         """
         samples = Samples.from_series(self.series, self.follows)
         prediction = samples.fit()
         errors = prediction.matched(self.series, self.judged)
         size = np.abs(errors)
-        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(self.judged):
+        if np.count_nonzero(size > MEDIAN / NOISE * np.max(size)) > 0.5 * np.count_nonzero(
+            self.judged
+        ):
             return prediction, errors
         for _ in range(ROUNDS):
             prediction = samples.without_worst(prediction).fit()
@@ -158,18 +176,23 @@ class Channel:
 
     @functools.cached_property
     def errors(self) -> FloatArray:
-        """Errors matched to a single wild sample in standard deviations, shape (samples,); zero where not judged."""
+        """Return the errors matched to a single wild sample, in standard deviations.
+
+        Shape (samples,); zero where a sample is not judged.
+        """
         return self._fitted[1]
 
     def level(self, places: NDArray[np.int_]) -> FloatArray:
-        """Return the usual size of the errors around some samples in standard deviations, at least one."""
+        """Return the usual size of the errors around samples, in standard deviations, at least one."""
         reach = NEAR + 2 * self.longest  # less than a third of the samples are disturbed
-        around = sliding_window_view(np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1)
+        around = sliding_window_view(
+            np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
+        )
         return np.maximum(np.median(around[places], axis=1) / MEDIAN, 1.0)
 
     @functools.cached_property
     def events(self) -> tuple[Event, ...]:
-        """Places where the channel does not go on as predicted; none where there are too many."""
+        """Return the places where the channel does not go on as predicted; none if there are too many."""
         if not self.readable:
             return ()
         size = np.abs(self.errors)
@@ -177,15 +200,17 @@ class Channel:
         if not places.size:
             return ()
         level = self.level(places)
-        places, level = places[size[places] > NOISE * level], level[size[places] > NOISE * level]
+        significant = size[places] > NOISE * level
+        places = places[significant]
+        level = level[significant]
         groups = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) > ORDER) + 1)
         if not places.size or len(groups) > max(8, MAX_SHARE * size.size):
             return ()
-        found = (self._found(places[group], float(np.max(level[group]))) for group in groups)
-        return tuple(itertools.chain.from_iterable(found))
+        events = (self._events_at(places[group], float(np.max(level[group]))) for group in groups)
+        return tuple(itertools.chain.from_iterable(events))
 
-    def _found(self, places: NDArray[np.int_], level: float) -> tuple[Event, ...]:
-        """Return what happened around some samples next to each other; nothing beside samples that are not valid."""
+    def _events_at(self, places: NDArray[np.int_], level: float) -> tuple[Event, ...]:
+        """Return the events at samples next to each other; none next to invalid samples."""
         low = max(int(places[0]) - ORDER, ORDER)
         high = min(int(places[-1]) + ORDER + 1, self.valid.size - ORDER)
         if not self.valid[low - ORDER : high + ORDER].all():
@@ -197,62 +222,80 @@ class Channel:
         before = np.flatnonzero(np.abs(backward[ORDER:]) > NOISE * usual)
         first = low + int(after[0]) if after.size else peak
         end = low + int(before[-1]) + 1 if before.size else peak + 1
-        if first == low or end == high:  # it began before, or goes on behind what can be judged
+        if first == low or end == high:  # the event reaches beyond the samples that can be judged
             return ()
         strength = float(np.abs(self.errors[peak])) / level
         around_peak = [(peak, peak + 1), (peak, peak + 2), (peak - 1, peak + 1)]
-        candidates = [(first - left, end + right) for left, right in _WIDER if end > first]
+        candidates = [
+            (first - before_first, end + behind_end)
+            for before_first, behind_end in _EXTENSIONS
+            if end > first
+        ]
         for begin, behind in candidates or around_peak:
             if begin < low or behind - begin > self.longest:
                 break
             errors = forward[begin - low : behind - low + ORDER]
             lone, wild = self._explained(errors, usual, behind - begin)
-            if lone:  # a corner of the motion is seldom told from a wild sample that neither error shows
+            # A corner of the motion looks much like a wild sample that neither error shows.
+            if lone:
                 return (Event(begin, behind, strength, lone, wild and end > first),)
         motion = Event(first, end, strength, lone=False, wild=False)
         for begin, behind in around_peak:
             if self._far_off(begin, behind):
-                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (not motion.torn)
+                return Event(begin, behind, strength, lone=True, wild=True), *[motion] * (
+                    not motion.is_abrupt
+                )
         return (motion,)
 
     def _far_off(self, begin: int, behind: int) -> bool:
-        """Tell whether samples stand out of a motion that is not predicted: of its changes from sample to sample."""
+        """Tell whether samples lie far off a motion that no prediction explains.
+
+        The scale is the largest change between neighbouring samples of that motion.
+        """
         before = np.arange(max(begin - ORDER, 0), begin)
-        beside = np.append(before, np.arange(behind, min(behind + ORDER, self.series.size)))
-        off = self.series[begin:behind] - np.interp(np.arange(begin, behind), beside, self.series[beside])
-        change = float(np.max(np.abs(np.diff(self.series[beside]))))
+        neighbours = np.append(before, np.arange(behind, min(behind + ORDER, self.series.size)))
+        off = self.series[begin:behind] - np.interp(
+            np.arange(begin, behind), neighbours, self.series[neighbours]
+        )
+        change = float(np.max(np.abs(np.diff(self.series[neighbours]))))
         return float(np.min(np.abs(off))) > max(STANDS_OUT * change, self.smallest)
 
     def _explained(self, errors: FloatArray, usual: float, length: int) -> tuple[bool, bool]:
-        """Tell whether the first ``length`` samples explain some forward errors, if wild, and whether they surely are.
+        """Tell whether wild samples may explain the forward errors, and whether they surely do.
 
-        ``usual``: standard deviation of the errors.
+        Args:
+            errors: forward errors from the first of these samples on.
+            usual: standard deviation of the errors.
+            length: number of wild samples.
         """
         sizes, remainder = self._split(errors, length)
         gained = float(errors @ errors - remainder @ remainder) / usual**2
-        lone = float(np.max(np.abs(remainder))) <= NOISE * usual and float(np.max(np.abs(sizes))) > self.smallest
+        lone = (
+            float(np.max(np.abs(remainder))) <= NOISE * usual
+            and float(np.max(np.abs(sizes))) > self.smallest
+        )
         return lone, lone and gained > STANDS_OUT**2 + length
 
     def _split(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
-        """Return how far off the first ``length`` samples of some errors are, and the errors that this leaves."""
+        """Return by how much the first ``length`` samples are off, and the errors that remain."""
         taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
         design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
         sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
         return sizes, errors - design @ sizes
 
     def sizes(self, event: Event) -> FloatArray:
-        """Return how far wild samples are off what those before and after them predict."""
+        """Return by how much wild samples differ from the prediction of their neighbours."""
         errors = self.prediction.both(self.series[event.first - ORDER : event.end + ORDER])[0]
         return self._split(errors, event.end - event.first)[0]
 
     @functools.cached_property
     def wild(self) -> BoolArray:
-        """Wild samples, shape (samples,)."""
+        """Return the wild samples, shape (samples,)."""
         flags = np.zeros(self.series.shape, dtype=bool)
         if self.readable:
             runs = [event for event in self.events if event.wild]
             for run in runs if len(runs) <= max(4, MAX_SHARE * flags.size) else []:
-                guard = GUARD * (run.end - run.first > MAX_SHORT_RUN)
+                guard = GUARD * (run.end - run.first > MAX_SHORT_RUN_SAMPLES)
                 flags[max(run.first - guard, 0) : run.end + guard] = True
         return flags
 
@@ -262,7 +305,8 @@ class Prediction:
     """A prediction fitted to a channel.
 
     Attributes:
-        taps: error of the sample after a wild one of size one, and of those after that; shape (ORDER + 1,).
+        taps: error of the sample after a wild one of size one, and of those after that; shape
+            (ORDER + 1,).
         deviation: standard deviation of the errors where the prediction was fitted.
     """
 
@@ -270,11 +314,19 @@ class Prediction:
     deviation: float
 
     def both(self, series: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the forward errors of all but the first ORDER samples, and the backward errors of all but the last."""
-        return np.convolve(series, self.taps, mode="valid"), np.convolve(series, self.taps[::-1], mode="valid")
+        """Return the forward errors and the backward errors of a series.
+
+        The forward errors lack the first ORDER samples, the backward errors the last.
+        """
+        forward = np.convolve(series, self.taps, mode="valid")
+        backward = np.convolve(series, self.taps[::-1], mode="valid")
+        return forward, backward
 
     def matched(self, series: FloatArray, judged: BoolArray) -> FloatArray:
-        """Return the forward errors matched to a single wild sample, of variance one, shape (samples,)."""
+        """Return forward errors matched to a single wild sample, of variance one.
+
+        Shape (samples,); zero where a sample is not judged.
+        """
         scale = self.deviation * float(np.linalg.norm(self.taps))
         double = np.convolve(self.taps, self.taps[::-1]) / scale
         return np.where(judged, np.convolve(series, double, mode="same"), 0.0)
@@ -294,12 +346,19 @@ class Samples:
 
     @classmethod
     def from_series(cls, series: FloatArray, follows: BoolArray) -> Samples:
-        """Return some samples of a series, evenly spread, those that ``follows`` says to be predictable."""
-        every = sliding_window_view(series, ORDER + 1)
-        begins = np.linspace(0, max(len(every) - BLOCK, 0), MAX_BLOCKS if len(every) > BLOCK * MAX_BLOCKS else 1)
-        length = BLOCK if begins.size > 1 else len(every)
+        """Return evenly spread samples of a series, and which of them can be predicted.
+
+        Args:
+            series: shape (samples,).
+            follows: which samples follow ORDER valid ones, shape (samples,).
+        """
+        windows = sliding_window_view(series, ORDER + 1)
+        begins = np.linspace(
+            0, max(len(windows) - BLOCK, 0), MAX_BLOCKS if len(windows) > BLOCK * MAX_BLOCKS else 1
+        )
+        length = BLOCK if begins.size > 1 else len(windows)
         rows = (begins.astype(int)[:, None] + np.arange(length)).ravel()
-        return cls(every[rows], follows[rows + ORDER])
+        return cls(windows[rows], follows[rows + ORDER])
 
     def fit(self) -> Prediction:
         """Return the prediction of least squares, forwards and backwards."""
@@ -311,9 +370,10 @@ class Samples:
         return Prediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
 
     def without_worst(self, prediction: Prediction) -> Samples:
-        """Return the same samples without those near what a prediction does not explain; all if these are most.
+        """Return the samples without those near large errors of a prediction.
 
-        Half of them may lie at rest, which tells nothing of the motion.
+        Returns all samples if more than half would go: half may lie at rest, which says nothing
+        about the motion.
         """
         size = np.abs(self.windows @ prediction.taps[::-1])
         usual = float(np.median(size[self.clean])) / MEDIAN
@@ -321,60 +381,79 @@ class Samples:
         return Samples(self.windows, clean) if np.sum(clean) > 0.5 * np.sum(self.clean) else self
 
 
-def moves(other: Channel, bad: BoolArray) -> BoolArray:
-    """Return which samples are motion, shape (samples,): the other channel does something odd there, too.
+def moves(other_channel: Channel, bad: BoolArray) -> BoolArray:
+    """Return which odd samples are motion, as the other channel shows an event there, too.
 
-    A jump of velocity is a pulse of acceleration of a few samples, so the other's differences are looked at as well.
-    A sample or two are not explained by what the other shows before, throughout and after them.
+    A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
+    second differences are compared as well. An event of the other channel that begins before one or
+    two odd samples and ends after them does not explain them.
 
     Args:
-        other: the other channel.
+        other_channel: the channel to compare with.
         bad: samples that are odd in a channel, shape (samples,).
+
+    Returns:
+        shape (samples,).
     """
-    places, moved = np.flatnonzero(bad), np.zeros(bad.shape, dtype=bool)
+    places = np.flatnonzero(bad)
+    moved = np.zeros(bad.shape, dtype=bool)
     short = bad.copy()
     for first, end in zip(*runs_of_true(bad), strict=True):
-        short[first:end] = end - first <= MAX_SHORT_RUN
+        short[first:end] = end - first <= MAX_SHORT_RUN_SAMPLES
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
-            series = np.diff(other.series, prepend=other.series[:1])
-            other = Channel.from_values(series, other.valid & np.roll(other.valid, 1))
-        if places.size and other.readable:
-            odd, reach = np.zeros(bad.shape, dtype=bool), TOGETHER + order
+            series = np.diff(other_channel.series, prepend=other_channel.series[:1])
+            other_channel = Channel.from_values(
+                series, other_channel.valid & np.roll(other_channel.valid, 1)
+            )
+        if places.size and other_channel.readable:
+            odd = np.zeros(bad.shape, dtype=bool)
+            reach = TOGETHER + order
             near = np.flatnonzero(_near(bad, reach))
-            odd[near] = np.abs(other.errors[near]) > NOISE * other.level(near)
+            odd[near] = np.abs(other_channel.errors[near]) > NOISE * other_channel.level(near)
             midst = np.zeros(bad.shape, dtype=bool)
-            for event in other.events:
+            for event in other_channel.events:
                 midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
             moved |= bad & _near(odd, reach) & ~(short & midst)
     return moved
 
 
 def breaks(reference: Channel, response: Channel) -> NDArray[np.int_]:
-    """Return the samples at which both channels of a stationary motion jump: time was lost before them.
+    """Return the samples at which both channels of a stationary motion jump: time was lost there.
 
-    There both go on elsewhere, which no wild samples explain, and nothing lies between what was before and what is
-    after it: a knock lasts. A motion that begins or ends is not a break, nor is one of several close together:
-    something was moving there.
+    Both channels go on elsewhere, no wild samples explain that, and nothing lies between the motion
+    before and after: a knock would last. The begin or end of a motion is not a break, nor is one of
+    several breaks close together, where the sensor was moved.
     """
     places = []
     for event in reference.events:
-        for other in (each for each in response.events if each.meets(event)):
-            strongest = max(event, other, key=lambda each: each.strength)
+        for answer in filter(event.meets, response.events):
+            strongest = max(event, answer, key=lambda each: each.strength)
             place = max(strongest.first, 0)
-            seen = strongest.strength > STANDS_OUT and not (event.plain and other.plain)
-            if seen and event.torn and other.torn:
-                places += [place] * all(_breaks_off(channel, place) for channel in (reference, response))
-    apart = np.diff(np.unique(np.array(places, dtype=int)), prepend=-BESIDE, append=reference.valid.size + BESIDE)
+            significant = strongest.strength > STANDS_OUT and not (
+                event.may_be_wild and answer.may_be_wild
+            )
+            if significant and event.is_abrupt and answer.is_abrupt:
+                places += [place] * all(
+                    _breaks_off(channel, place) for channel in (reference, response)
+                )
+    apart = np.diff(
+        np.unique(np.array(places, dtype=int)),
+        prepend=-BESIDE,
+        append=reference.valid.size + BESIDE,
+    )
     return np.unique(np.array(places, dtype=int))[(apart[:-1] >= BESIDE) & (apart[1:] >= BESIDE)]
 
 
 def _breaks_off(channel: Channel, place: int) -> bool:
-    """Tell whether a channel jumps at a sample, and its motion is about as large before it as after it."""
+    """Tell whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
     errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]
-    before, after = series[max(place - BESIDE - ORDER, 0) : place], series[place : place + ORDER + BESIDE]
-    if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(np.std(series)):
+    before = series[max(place - BESIDE - ORDER, 0) : place]
+    after = series[place : place + ORDER + BESIDE]
+    if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(
+        np.std(series)
+    ):
         return False
     sizes = sorted((float(np.std(before)), float(np.std(after))))
     return sizes[0] > ALIKE * sizes[1]

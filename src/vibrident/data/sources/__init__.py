@@ -1,1 +1,1 @@
-"""Samples as they come: chunks of both channels, from records, a growing file, standard input, a network, a device."""
+"""Samples as they come: chunks of both channels, from records, a growing file, standard input, a device."""

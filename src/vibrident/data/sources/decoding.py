@@ -30,7 +30,9 @@ PIECE = 1_000_000  # bytes that a source gives at once, and most of a line
 ROUNDED = 0.1
 
 
-def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str, first_line: bytes = b"") -> Iterator[Chunk]:
+def chunks(
+    pieces: Iterator[bytes], wanted: Wanted, form: str, where: str, first_line: bytes = b""
+) -> Iterator[Chunk]:
     """Yield chunks of pieces of bytes: complete lines or frames, the rest with the next piece.
 
     ``first_line``: of a source that goes on in its middle, which may name the columns.
@@ -38,24 +40,29 @@ def chunks(pieces: Iterator[bytes], wanted: Wanted, form: str, where: str, first
     if form not in FORMS:
         raise unknown("The form of the samples is not known.", form, FORMS, where)
     decoder = _Lines(wanted, where, first_line) if form == "csv" else _Frames(wanted, where)
-    rest, position = b"", wanted.position
+    rest = b""
+    position = wanted.position
     for piece in pieces:
         whole, rest = decoder.split(rest + piece)
         position += len(whole)
         if len(rest) > PIECE:
-            raise InputError("A line does not end.", expected="lines of numbers", found="none", where=where)
+            raise InputError(
+                "A line does not end.", expected="lines of numbers", found="none", where=where
+            )
         if whole and (columns := decoder.columns(whole)) is not None:
             yield from _cut(columns, wanted, position)
 
 
 def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[Chunk]:
-    """One chunk, or several where the time stamps jump."""
+    """Yield one chunk, or several where the time stamps jump."""
     to = wanted.calibration
-    reference, response = columns[0] * to.reference.scale, columns[1] * to.response.scale
+    reference = columns[0] * to.reference.scale
+    response = columns[1] * to.response.scale
     if len(columns) == 2:
         yield Chunk(reference, response, position=position)
         return
-    time, clock = columns[2], ROUNDED / wanted.rate_hz
+    time = columns[2]
+    clock = ROUNDED / wanted.rate_hz
     jumps = np.flatnonzero(~(np.abs(np.diff(time) * wanted.rate_hz - 1.0) < 0.5)) + 1
     edges = [0, *jumps.tolist(), len(time)]
     for first, last in itertools.pairwise(edges):
@@ -66,7 +73,7 @@ def _cut(columns: list[FloatArray], wanted: Wanted, position: int) -> Iterator[C
 
 
 def _columns(wanted: Wanted) -> list[tuple[str, int | str | None]]:
-    """Key and column of reference, response and, where there is one, time."""
+    """Return the key and column of reference, response and, where there is one, time."""
     to = wanted.calibration
     found = [("[reference] column", to.reference.column), ("[response] column", to.response.column)]
     time = to.sampling.time_column
@@ -87,7 +94,8 @@ class _Lines:
     """CSV: a first line that holds no numbers names the columns."""
 
     def __init__(self, wanted: Wanted, where: str, first_line: bytes) -> None:
-        self._where, self._line = where, 0
+        self._where = where
+        self._line = 0
         self._separator: str | None = None
         self._positions: list[int] = []
         self._wanted = _columns(wanted)
@@ -102,18 +110,21 @@ class _Lines:
         return data[:end], data[end:]
 
     def columns(self, data: bytes) -> list[FloatArray] | None:
-        """The columns wanted, in order."""
+        """Return the columns wanted, in order."""
         from pandas import read_csv
         from pandas.errors import ParserError
 
         if self._separator is None:
             first, _, after = data.partition(b"\n")
             if self._begin(first):
-                self._line, data = 1, after
+                self._line = 1
+                data = after
         if not data.strip():
             return None
         try:
-            table = read_csv(io.BytesIO(data), sep=self._separator, header=None, skip_blank_lines=True)
+            table = read_csv(
+                io.BytesIO(data), sep=self._separator, header=None, skip_blank_lines=True
+            )
             found = [
                 table[place].to_numpy(dtype=float) * factor
                 for place, factor in zip(self._positions, self._factors, strict=True)
@@ -195,7 +206,7 @@ class _Frames:
         return data[:end], data[end:]
 
     def columns(self, data: bytes) -> list[FloatArray]:
-        """The columns wanted, in order."""
+        """Return the columns wanted, in order."""
         frames = np.frombuffer(data, dtype="<f4").reshape(-1, self._width).astype(float)
         return [frames[:, place] for place in self._places]
 

@@ -14,15 +14,20 @@ from vibrident.data.records import FloatArray
 class Chunk:
     """Samples of both channels that follow each other; one that is not a number in either is a gap."""
 
-    reference: FloatArray  # shape (samples,), in the SI unit of the calibration's reference quantity
+    reference: (
+        FloatArray  # shape (samples,), in the SI unit of the calibration's reference quantity
+    )
     response: FloatArray  # shape (samples,), in its response unit
     # time of the first sample, s, by the source's clock; None: it follows the chunk before
     start_s: float | None = None
-    clock_s: float = 0.0  # standard uncertainty of that time, s: what is within 3 of them of the expected one follows
+    # standard uncertainty of that time, s: what is within 3 of them of the expected one follows
+    clock_s: float = 0.0
     separate: bool = False  # a record of its own, which follows no other
     sine: bool = False  # the motion is one tone
     tone_hz: float | None = None  # its frequency, where it is known exactly
-    position: int = 0  # where a resumable source goes on after this chunk; 0: it cannot be left here
+    position: int = (
+        0  # where a resumable source goes on after this chunk; 0: it cannot be left here
+    )
 
 
 @dataclass(frozen=True)
@@ -32,9 +37,13 @@ class Wanted:
     calibration: CalibrationFile  # the calibration file: columns, scales, units, sampling
     file: Path  # its path
     rate_hz: float  # samples per second
-    address: str = ""  # what to open: a file, a host and port, a device; or the form of the data, for standard input
+    # what to open: a file, a device; or the form of the data, for standard input
+    address: str = ""
     position: int = 0  # where to go on; 0: from the beginning
-    idle_s: float | None = None  # seconds without new samples after which a source that would wait ends; None: it waits
+    idle_s: float | None = (
+        # seconds without new samples after which a source that would wait ends; None: it waits
+        None
+    )
 
 
 @dataclass(frozen=True)
@@ -43,5 +52,6 @@ class Source:
 
     name: str  # as a user names it
     title: str  # in a few words
-    open: Callable[[Wanted], Iterator[Chunk]]  # what is wanted → chunks. Raises InputError where it cannot be had
+    # what is wanted → chunks. Raises InputError where it cannot be had
+    open: Callable[[Wanted], Iterator[Chunk]]
     resumable: bool = False  # whether it can go on at the position of a chunk

@@ -1,7 +1,8 @@
 """C99 header and source for firmware: the sensor's model, its correction filter and the network's cell.
 
-Their errors are computed from the coefficients as written, and stated in the comment. Of the text around the numbers
-(templates/sensor*) ``@N@`` is the name, ``@S@`` the suffix of the precision, ``@T@`` its type; the rest are numbers.
+Their errors are computed from the coefficients as written, and stated in the comment. Of the text
+around the numbers (templates/sensor*) ``@N@`` is the name, ``@S@`` the suffix of the precision,
+``@T@`` its type; the rest are numbers.
 """
 
 from __future__ import annotations
@@ -54,16 +55,22 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     paths = []
     for ending in ("h", "c"):
         part = template(f"sensor_part.{ending}")
-        body = "".join(_filled(part, {**common, **_numbers(made, single)}) for single in (False, True))
+        body = "".join(
+            _filled(part, {**common, **_numbers(made, single)}) for single in (False, True)
+        )
         path = folder / f"{options.name}.{ending}"
-        path.write_text(_filled(template(f"sensor.{ending}"), {**common, "BODY": body}), encoding="utf-8")
+        path.write_text(
+            _filled(template(f"sensor.{ending}"), {**common, "BODY": body}), encoding="utf-8"
+        )
         paths.append(path)
     return paths
 
 
 def description(made: Firmware) -> list[str]:
     """Identity, and each part with its errors, one line each."""
-    sensor, model, correction = made.sensor, made.model, made.correction
+    sensor = made.sensor
+    model = made.model
+    correction = made.correction
     f = sensor.band
     wanted = sensor.response(f)
     rational = np.asarray(poles_zeros(sensor).response(f))
@@ -75,39 +82,71 @@ def description(made: Firmware) -> list[str]:
     upper = f[f >= np.sqrt(low * high)]
     above = np.linspace(high, 0.5 * made.rate_hz, 1000)
     passed = np.abs(correction.response(above)) / np.max(np.abs(back))
-    top, loud = int(np.argmax(passed)), np.flatnonzero(passed > PASSED)
+    top = int(np.argmax(passed))
+    loud = np.flatnonzero(passed > PASSED)
     lines = [
         *identity(sensor),
         "",
         f"sampling rate: {made.rate_hz!r} Hz; all coefficients are valid for it only",
-        "errors below: largest relative deviation of the complex response over the band, from the coefficients as",
+        (
+            "errors below: largest relative deviation of the complex response over the band, from "
+            "the coefficients as"
+        ),
         "written; rounding in operation is not included",
         "",
-        "model: taps, then second-order sections with the sensor's poles and zeros mapped by e^(sT)",
-        f"  latency {model.latency} samples ({model.latency * ms:.6g} ms), the sensor's own delay not counted",
+        (
+            "model: taps, then second-order sections with the sensor's poles and zeros mapped by "
+            "e^(sT)"
+        ),
+        (
+            f"  latency {model.latency} samples ({model.latency * ms:.6g} ms), the sensor's own "
+            "delay not counted"
+        ),
         f"  error {_error(model.response(f), wanted * model.late(f))} (double), "
         f"{_error(model.in_single_precision().response(f), wanted * model.late(f))} (float)",
-        f"  sections alone, without latency: error {_error(model.sections.response(f), rational)}{plain}",
-        f"  sections in CMSIS-DSP order, float: error {_error(_single_cmsis(model.sections, f), rational)}{plain}",
+        (
+            "  sections alone, without latency: error "
+            f"{_error(model.sections.response(f), rational)}{plain}"
+        ),
+        (
+            "  sections in CMSIS-DSP order, float: error "
+            f"{_error(_single_cmsis(model.sections, f), rational)}{plain}"
+        ),
         "cell: one step of the network by first-order hold, without latency",
         f"  error {_error(made.cell.response(f), rational)}{plain}",
         "correction: from the response back to the input, with the latency stated here",
         f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
-        f"  error {_error(correction.response(f), back)} (double), "
-        f"{_error(correction.in_single_precision().response(f), back)} (float), over {low!r} Hz to {high!r} Hz",
+        (
+            f"  error {_error(correction.response(f), back)} (double), "
+            f"{_error(correction.in_single_precision().response(f), back)} (float), over {low!r} "
+            f"Hz to {high!r} Hz"
+        ),
     ]
     if len(upper):
         late = correction.late(upper) / sensor.response(upper)
-        lines.append(f"  error from {upper[0]:.4g} Hz on: {_error(correction.response(upper), late)}")
+        lines.append(
+            f"  error from {upper[0]:.4g} Hz on: {_error(correction.response(upper), late)}"
+        )
     if np.any(poles_zeros(sensor).zeros == 0):
-        lines.append(f"  below the band a high-pass at {BELOW * low:.4g} Hz replaces the integrator and settles slowly")
+        lines.append(
+            f"  below the band a high-pass at {BELOW * low:.4g} Hz replaces the integrator and "
+            "settles slowly"
+        )
     lines += [
-        f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at {above[top]:.4g} Hz), "
-        f"and less than {PASSED:g} from {above[loud[-1] if len(loud) else 0]:.4g} Hz on",
-        f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 {sensor.output_unit} becomes "
-        f"{correction.noise_gain:.3g} {sensor.input_unit}",
+        (
+            f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at "
+            f"{above[top]:.4g} Hz), and less than {PASSED:g} from "
+            f"{above[loud[-1] if len(loud) else 0]:.4g} Hz on"
+        ),
+        (
+            f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 "
+            f"{sensor.output_unit} becomes {correction.noise_gain:.3g} {sensor.input_unit}"
+        ),
         "",
-        "the code holds no uncertainties: those of the parameters are above, those of a corrected signal do not",
+        (
+            "the code holds no uncertainties: those of the parameters are above, those of a "
+            "corrected signal do not"
+        ),
         "follow from them alone; see `vibrident correct`.",
         "Do not compile with -ffast-math or -funsafe-math-optimizations.",
     ]
@@ -141,7 +180,10 @@ def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
         "OUTPUT": c_comment(made.sensor.output_unit),
     }
     for which, f in filters.items():
-        common |= {f"{which}_LATENCY": str(f.latency), f"{which}_SECTIONS": str(len(f.sections.rows))}
+        common |= {
+            f"{which}_LATENCY": str(f.latency),
+            f"{which}_SECTIONS": str(len(f.sections.rows)),
+        }
         common |= {f"{which}_TAPS": str(len(f.taps.taps)), f"{which}_LEAD": str(f.taps.lead)}
     return common
 

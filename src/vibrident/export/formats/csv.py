@@ -35,7 +35,10 @@ _MEASURED = {
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write a table for each of :func:`sheets`, ``NAME_parameters.csv`` and so on."""
-    return [_table(folder / f"{options.name}_{name}.csv", *table) for name, table in sheets(sensor.result).items()]
+    return [
+        _table(folder / f"{options.name}_{name}.csv", *table)
+        for name, table in sheets(sensor.result).items()
+    ]
 
 
 Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]  # a heading for each column, and the rows
@@ -44,31 +47,72 @@ Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]  # a heading for each c
 def sheets(result: Result) -> dict[str, Sheet]:
     """The tables of a result by name, with its own numbers; levels in dB and budgets where there are any."""
     rows: list[Sequence[object]] = [
-        (name, p.value, p.unit, p.standard_uncertainty, *p.interval_95, _word(p.identifiable), _word(p.derived))
+        (
+            name,
+            p.value,
+            p.unit,
+            p.standard_uncertainty,
+            *p.interval_95,
+            _word(p.identifiable),
+            _word(p.derived),
+        )
         for name, p in result.parameters.items()
     ]
     correlation = result.correlation
-    head = ("parameter", "value", "unit", "standard_uncertainty", "low_95", "high_95", "identifiable", "derived")
-    related = [(name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)]
-    found: dict[str, Sheet] = {"parameters": (head, rows), "correlation": (("parameter", *correlation.names), related)}
+    head = (
+        "parameter",
+        "value",
+        "unit",
+        "standard_uncertainty",
+        "low_95",
+        "high_95",
+        "identifiable",
+        "derived",
+    )
+    related = [
+        (name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)
+    ]
+    found: dict[str, Sheet] = {
+        "parameters": (head, rows),
+        "correlation": (("parameter", *correlation.names), related),
+    }
     per = f"{result.response_unit} per {per_unit(result)}"
-    curves = (result.response, "response", _COLUMNS), (result.measured, "measured", _COLUMNS | _MEASURED)
+    curves = (
+        (result.response, "response", _COLUMNS),
+        (result.measured, "measured", _COLUMNS | _MEASURED),
+    )
     for curve, name, columns in curves:
         padded = (_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns)
-        found[name] = [heading.format(per=per) for heading in columns.values()], list(zip(*padded, strict=True))
+        found[name] = (
+            [heading.format(per=per) for heading in columns.values()],
+            list(zip(*padded, strict=True)),
+        )
     if result.measured.frequency_hz.size:
         found["level"] = _level(result, per)
-    budget = [row for row in result.settings.get("uncertainty_budget") or () if isinstance(row, Mapping)]
+    budget = [
+        row for row in result.settings.get("uncertainty_budget") or () if isinstance(row, Mapping)
+    ]
     if budget:
-        names = list(dict.fromkeys(name for row in budget for name in row.get("contributions") or ()))
+        names = list(
+            dict.fromkeys(name for row in budget for name in row.get("contributions") or ())
+        )
         own = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
         parts = [row["contributions"] for row in budget]
-        lines = [(*map(row.get, own), *map(part.get, names)) for row, part in zip(budget, parts, strict=True)]
+        lines = [
+            (*map(row.get, own), *map(part.get, names))
+            for row, part in zip(budget, parts, strict=True)
+        ]
         found["budget"] = (*own, *names), lines
     points = result.settings.get("point_budget")
     if isinstance(points, Mapping):
-        columns_ = [points["frequency_hz"]] + [one[key] for one in points["sources"] for key in _PARTS]
-        heads = [f"{_PARTS[key]} of {one['source']}".format(per=per) for one in points["sources"] for key in _PARTS]
+        columns_ = [points["frequency_hz"]] + [
+            one[key] for one in points["sources"] for key in _PARTS
+        ]
+        heads = [
+            f"{_PARTS[key]} of {one['source']}".format(per=per)
+            for one in points["sources"]
+            for key in _PARTS
+        ]
         found["point_budget"] = ["frequency_hz", *heads], list(zip(*columns_, strict=True))
     return found
 
@@ -78,15 +122,31 @@ _PARTS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
 
 def _level(result: Result, per: str) -> Sheet:
     """Measured points and the model beside them in dB: 20 lg of the magnitude over one unit."""
-    points, factor = result.measured, 20.0 / math.log(10.0)
+    points = result.measured
+    factor = 20.0 / math.log(10.0)
     rows = []
     for f, size, u, off in zip(
-        points.frequency_hz, points.magnitude, points.magnitude_uncertainty, points.deviation_percent, strict=True
+        points.frequency_hz,
+        points.magnitude,
+        points.magnitude_uncertainty,
+        points.deviation_percent,
+        strict=True,
     ):
         known = size > 0 and off > -100.0
-        values = (f, math.log(size) * factor, u / size * factor, math.log1p(off / 100.0) * factor) if known else (f,)
-        rows.append([None if math.isnan(v) else float(v) for v in values] + [None] * (4 - len(values)))
-    heads = ("frequency_hz", f"level_db (re 1 {per})", "standard_uncertainty_db", "model_deviation_db")
+        values = (
+            (f, math.log(size) * factor, u / size * factor, math.log1p(off / 100.0) * factor)
+            if known
+            else (f,)
+        )
+        rows.append(
+            [None if math.isnan(v) else float(v) for v in values] + [None] * (4 - len(values))
+        )
+    heads = (
+        "frequency_hz",
+        f"level_db (re 1 {per})",
+        "standard_uncertainty_db",
+        "model_deviation_db",
+    )
     return heads, rows
 
 
@@ -119,6 +179,9 @@ CSV = Format(
     name="csv",
     title="tables of all numbers",
     write=write,
-    holds="parameters, u, intervals, correlation, curve and measured points with u, levels in dB, budgets",
+    holds=(
+        "parameters, u, intervals, correlation, curve and measured points with u, levels in dB, "
+        "budgets"
+    ),
     cannot_hold="settings, fit metrics",
 )

@@ -1,9 +1,10 @@
 """Digital calibration certificate (PTB's DCC, schema 3.2.1) with D-SI numbers (schema 2.1.0).
 
-Required statements that the result lacks come from the calibration file's [certificate] section; the country code is an
-option. Numbers are those of the result, with all digits. A certificate is validated against the user's schema, with the
-schemas in its folder for imports: PTB's import web addresses, and nothing is fetched. Without a local file, W3C's
-schema of XML signatures is xmlschema's.
+Required statements that the result lacks come from the calibration file's [certificate] section;
+the country code is an option. Numbers are those of the result, with all digits. A certificate is
+validated against the user's schema, with the schemas in its folder for imports: PTB's import web
+addresses, and nothing is fetched. Without a local file, W3C's schema of XML signatures is
+xmlschema's.
 """
 
 from __future__ import annotations
@@ -39,10 +40,20 @@ from vibrident.use.conformity import DEVIATION, judged
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
-_SIGNER = "approved by"  # roles of the persons; an operator is responsible, but signs only if stated
-_NEEDED = ("number", "laboratory", "customer", "date_of_calibration")  # required keys of [certificate]
+_SIGNER = (
+    "approved by"  # roles of the persons; an operator is responsible, but signs only if stated
+)
+_NEEDED = (
+    "number",
+    "laboratory",
+    "customer",
+    "date_of_calibration",
+)  # required keys of [certificate]
 #: DCC's terms for the place of calibration; any other place is "other" with a statement.
-_PLACES = {word.lower(): word for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")}
+_PLACES = {
+    word.lower(): word
+    for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
+}
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -53,7 +64,9 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     result = stated_parameters(certified(result))
     tree = Tree()
     names = {"dcc": NAMESPACE, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
-    root = tree.etree.Element(f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION)
+    root = tree.etree.Element(
+        f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION
+    )
     root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
     root.append(_administration(tree, result, options, said))
     root.append(tree.make("measurementResults", measurement(tree, result)))
@@ -85,8 +98,10 @@ def _check(result: Result, options: Options) -> None:
             expected=", ".join(missing),
             found="nothing",
             where="result.json, certificate and sensor",
-            remedy="write it into a file and give that with ⟦export.certificate⟧, or into the calibration "
-            "file and identify again",
+            remedy=(
+                "write it into a file and give that with ⟦export.certificate⟧, or into the "
+                "calibration file and identify again"
+            ),
         )
     check_dates(stated, "result.json")
     country = _country(result, options)
@@ -108,9 +123,13 @@ def _blank(value: object) -> bool:
     return value is None or not str(value).strip()
 
 
-def _administration(tree: Tree, result: Result, options: Options, unstated_sources: Iterable[Sentence]) -> Any:
-    stated, named = result.certificate, result.sensor
-    make, text = tree.make, tree.text
+def _administration(
+    tree: Tree, result: Result, options: Options, unstated_sources: Iterable[Sentence]
+) -> Any:
+    stated = result.certificate
+    named = result.sensor
+    make = tree.make
+    text = tree.text
     date = str(stated["date_of_calibration"])
     place = str(stated.get("place") or "laboratory").strip().lower()
     order = stated.get("order_number")
@@ -131,13 +150,17 @@ def _administration(tree: Tree, result: Result, options: Options, unstated_sourc
         make("performanceLocation", text=_PLACES.get(place, "other")),
         tree.optional("issueDate", stated.get("date_of_issue")),
     )
-    maker, kind = named.get("manufacturer"), named.get("type")
+    maker = named.get("manufacturer")
+    kind = named.get("type")
     item = make(
         "item",
         tree.named(kind) if kind else text("name", "vibration sensor"),
         make("manufacturer", tree.named(maker)) if maker else None,
         tree.optional("model", kind),
-        make("identifications", tree.identification("manufacturer", named["serial_number"], "serial number")),
+        make(
+            "identifications",
+            tree.identification("manufacturer", named["serial_number"], "serial number"),
+        ),
     )
     persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
     responsible = (
@@ -152,10 +175,14 @@ def _administration(tree: Tree, result: Result, options: Options, unstated_sourc
     )
     statements = _statements(tree, result, unstated_sources)
     declared = (make("statement", text("name", title), *parts) for title, *parts in statements)
-    country, place = _country(result, options), stated.get("laboratory_address")
+    country = _country(result, options)
+    place = stated.get("laboratory_address")
     return make(
         "administrativeData",
-        make("dccSoftware", make("software", text("name", "vibrident"), make("release", text=f"v{__version__}"))),
+        make(
+            "dccSoftware",
+            make("software", text("name", "vibrident"), make("release", text=f"v{__version__}")),
+        ),
         core,
         make("items", item),
         make(
@@ -171,7 +198,11 @@ def _administration(tree: Tree, result: Result, options: Options, unstated_sourc
 
 def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str | None) -> Any:
     code = tree.make("countryCode", text=country) if country else None
-    further = tree.text("further", "address not stated") if _blank(address) else tree.stated("further", address)
+    further = (
+        tree.text("further", "address not stated")
+        if _blank(address)
+        else tree.stated("further", address)
+    )
     return tree.make(tag, tree.named(name), tree.make("location", code, further))
 
 
@@ -183,13 +214,17 @@ def _statements(
     yield (
         "sign convention",
         ours(
-            "Sensitivity for e^(+j w t): the phase is that of the response minus that of the reference, so lag "
-            "is negative. A positive delay means that the response comes later, a factor e^(-j w delay). "
-            "Gains are signed."
+            "Sensitivity for e^(+j w t): the phase is that of the response minus that of the "
+            "reference, so lag is negative. A positive delay means that the response comes later, "
+            "a factor e^(-j w delay). Gains are signed."
         ),
     )
     covered = result.settings.get("uncertainty_covers")
-    said = [coverage(result).text(), f"Uncertainties cover: {covered}." if covered else "", interval_text(result)]
+    said = [
+        coverage(result).text(),
+        f"Uncertainties cover: {covered}." if covered else "",
+        interval_text(result),
+    ]
     said += [f"{sentence.lead} {sentence.text}".strip() for sentence in unstated_sources]
     yield "uncertainty", ours(*(line for line in said if line))
     if remark := small_signals(result):
@@ -212,7 +247,16 @@ def _statements(
 
 #: Statements of the laboratory without an element of their own.
 _STATED = (
-    *("traceability", "condition", "mounting", "direction", "amplitude", "conditioning", "place", "deviations"),
+    *(
+        "traceability",
+        "condition",
+        "mounting",
+        "direction",
+        "amplitude",
+        "conditioning",
+        "place",
+        "deviations",
+    ),
     *("external_results", "changes", "opinions", "remarks"),
 )
 
@@ -225,17 +269,28 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
     for row in judged(result, None if point is None else point.frequency_hz, place):
-        numbers = {"low": row.low, "high": row.high, "value": row.value, "standard uncertainty": row.u}
+        numbers = {
+            "low": row.low,
+            "high": row.high,
+            "value": row.value,
+            "standard uncertainty": row.u,
+        }
         chance = None if row.probability is None else round(row.probability, 2)
         numbers |= {"frequency in Hz": row.frequency_hz, "probability of conformance": chance}
         name = parameter_name(row.quantity).words
         if row.quantity == DEVIATION:
             name = "deviation of the sensitivity from that at the reference frequency"
         said = [f"{name}, unit {row.unit}"]
-        said += [f"{name} {numeral(n)}" for name, n in numbers.items() if n is not None and math.isfinite(n)]
+        said += [
+            f"{name} {numeral(n)}"
+            for name, n in numbers.items()
+            if n is not None and math.isfinite(n)
+        ]
         said += [f"stated in {row.source}"] if row.source else []
         declaration = tree.text("declaration", rule, ", ".join(said))
-        met = None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
+        met = (
+            None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
+        )
         yield f"conformity: {name}", declaration, met
 
 
@@ -243,8 +298,10 @@ DCC = Format(
     name="dcc",
     title="digital calibration certificate",
     write=write,
-    holds="parameters with u and 95 % interval, correlation, curve and measured points with U (k = 2), "
-    "budget, what `[certificate]` states, warnings",
+    holds=(
+        "parameters with u and 95 % interval, correlation, curve and measured points with U (k = "
+        "2), budget, what `[certificate]` states, warnings"
+    ),
     cannot_hold="training, excerpts",
     options=("country", "schema"),
     extra="dcc",
@@ -273,7 +330,10 @@ def validate(text: bytes, schema: Path) -> None:
         absent = " and ".join(missing)
         raise InputError(
             "The schema cannot be used.",
-            expected="an XSD, such as PTB's dcc.xsd, with the schemas it imports in the same folder or below",
+            expected=(
+                "an XSD, such as PTB's dcc.xsd, with the schemas it imports in the same folder or "
+                "below"
+            ),
             found=f"no {absent}" if absent else " ".join(str(error).split())[:300],
             where=str(schema),
             remedy="put that file beside it, or into a folder there, as in its address"
@@ -289,7 +349,10 @@ def validate(text: bytes, schema: Path) -> None:
             expected=f"a document valid under {schema.name}",
             found=" ".join((first.reason or str(first)).split()) + more,
             where=str(first.path),
-            remedy="correct what the calibration file states there, or give the schema of this DCC's version",
+            remedy=(
+                "correct what the calibration file states there, or give the schema of this DCC's "
+                "version"
+            ),
         )
 
 
@@ -297,16 +360,23 @@ def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
     """Namespace → file of all direct and indirect imports; and imports without a file."""
     found: dict[str, str] = {}
     missing: dict[str, None] = {}
-    seen, todo = {schema}, [schema]
+    seen = {schema}
+    todo = [schema]
     while todo:
         file = todo.pop()
         for node in etree.parse(str(file)).iter(f"{_XSD}import", f"{_XSD}include"):
-            place, name = node.get("schemaLocation", ""), node.get("namespace", "")
+            place = node.get("schemaLocation", "")
+            name = node.get("namespace", "")
             if not place or name in found:
                 continue
-            local = next((path for path in _places(place, file.parent, schema.parent) if path.is_file()), None)
+            local = next(
+                (path for path in _places(place, file.parent, schema.parent) if path.is_file()),
+                None,
+            )
             if local is None:
-                missing.update({} if name.startswith(_BROUGHT) else {f"{place} ({name or 'included'})": None})
+                missing.update(
+                    {} if name.startswith(_BROUGHT) else {f"{place} ({name or 'included'})": None}
+                )
                 continue
             if name:
                 found[name] = str(local)
@@ -324,4 +394,6 @@ def _places(place: str, *folders: Path) -> Iterator[Path]:
             yield folder / place
         yield from (folder.joinpath(*parts[k:]) for k in range(len(parts)))
     for folder in folders:
-        yield from sorted(below / parts[-1] for below in folder.iterdir() if parts and below.is_dir())
+        yield from sorted(
+            below / parts[-1] for below in folder.iterdir() if parts and below.is_dir()
+        )

@@ -1,7 +1,7 @@
 """FMI 2.0 co-simulation unit: the model filter and the network's cell at one fixed step, in plain Python (pythonfmu).
 
-A co-simulation sets the input at the beginning of a step and reads the output at its end, so both outputs are one step
-late, plus the filter's latency; the unit states both in seconds.
+A co-simulation sets the input at the beginning of a step and reads the output at its end, so both
+outputs are one step late, plus the filter's latency; the unit states both in seconds.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 @contextlib.contextmanager
 def _imports_as_before(module: str) -> Iterator[None]:
     """Restore imports: the builder imports the script by name and leaves its folder on the path."""
-    before, bytecode = list(sys.path), sys.dont_write_bytecode
+    before = list(sys.path)
+    bytecode = sys.dont_write_bytecode
     sys.dont_write_bytecode = True
     try:
         yield
@@ -66,7 +67,11 @@ def _imports_as_before(module: str) -> Iterator[None]:
 def _class_name(name: str) -> str:
     """The name with a capital; one more letter if the name is taken in Python or in the unit."""
     made = name[0].upper() + name[1:]
-    return f"{made}_" if keyword.iskeyword(made) or re.search(rf"\b{made}\b", template(SLAVE)) else made
+    return (
+        f"{made}_"
+        if keyword.iskeyword(made) or re.search(rf"\b{made}\b", template(SLAVE))
+        else made
+    )
 
 
 def slave(sensor: ExportedSensor, options: Options) -> str:
@@ -78,9 +83,15 @@ def slave(sensor: ExportedSensor, options: Options) -> str:
     cell_error = float(np.max(np.abs(cell.response(f) / poles_zeros(sensor).response(f) - 1.0)))
     apart = sensor.apart
     plain = f"; without {' and '.join(apart)}" if apart else ""
-    late, once = (model.latency + 1) / rate, 1.0 / rate
-    response_text = f"{sensor.output_unit}; late by response_latency; error over the band {error:.1e}, relative"
-    cell_text = f"{sensor.output_unit}; late by one step; first-order hold, error {cell_error:.1e}, relative{plain}"
+    late = (model.latency + 1) / rate
+    once = 1.0 / rate
+    response_text = (
+        f"{sensor.output_unit}; late by response_latency; error over the band {error:.1e}, relative"
+    )
+    cell_text = (
+        f"{sensor.output_unit}; late by one step; first-order hold, error {cell_error:.1e}, "
+        f"relative{plain}"
+    )
     about = [
         *identity(sensor),
         f"fixed step 1/{rate!r} s; response is late by {late!r} s, response_cell by {once!r} s",
@@ -93,7 +104,9 @@ def slave(sensor: ExportedSensor, options: Options) -> str:
         known = described(name) is not None and p.value is not None and math.isfinite(p.value)
         constants += [(name, p.value, p.unit)] if known else []
         if known and p.standard_uncertainty is not None and math.isfinite(p.standard_uncertainty):
-            constants.append((f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty"))
+            constants.append(
+                (f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty")
+            )
     return template(SLAVE).format(
         about="\n".join(python_docstring(line) for line in about),
         interval=once,
@@ -106,7 +119,8 @@ def slave(sensor: ExportedSensor, options: Options) -> str:
         output=cell.output.tolist(),
         direct=float(cell.feedthrough),
         constants="".join(
-            f"    {name!r}: ({float(value)!r}, {xml_text(text)!r}),\n" for name, value, text in constants
+            f"    {name!r}: ({float(value)!r}, {xml_text(text)!r}),\n"
+            for name, value, text in constants
         ),
         model=_class_name(options.name),
         description=xml_text("; ".join(about[:2])),

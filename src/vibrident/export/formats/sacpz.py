@@ -1,63 +1,39 @@
-"""SAC poles and zeros: from ground displacement in metres to the response, in rad/s, CONSTANT with its sign.
+"""SAC poles and zeros, written by ObsPy from the StationXML.
 
-SAC's input is displacement, so the two zeros of acceleration = s² · displacement are added. ObsPy's writer keeps seven
-digits; this one keeps all.
+They lead from ground displacement in metres to the response.
 """
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
-
-import numpy as np
 
 from vibrident.base.escaping import sac_comment
 from vibrident.export.form import Format, Options
-from vibrident.export.poles_zeros import PolesZeros
-from vibrident.export.seismic import caveats, codes, described, unit
+from vibrident.export.formats import stationxml
+from vibrident.export.seismic import caveats, described
 from vibrident.export.sensor import ExportedSensor, identity
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
-    """Write ``NAME.sacpz``."""
-    system, words = described(sensor)
-    whole = _cancelled(PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain))
-    network, station, location, channel = codes(sensor, options)
-    lines = [
-        f"* NETWORK     : {network}",
-        f"* STATION     : {station}",
-        f"* LOCATION    : {location}",
-        f"* CHANNEL     : {channel}",
-        "* INPUT UNIT  : M",
-        f"* OUTPUT UNIT : {sac_comment(unit(sensor.output_unit))}",
-        *(f"* {sac_comment(line)}" for line in identity(sensor)),
-        "* this format holds no uncertainties; those above are comments",
-        *(f"* {sac_comment(line)}" for line in (*words, *caveats(sensor))),
-        *_numbers("ZEROS", whole.zeros),
-        *_numbers("POLES", whole.poles),
-        f"CONSTANT {whole.gain!r}",
-    ]
+    """Write ``NAME.sacpz``: comments, then ObsPy's lines for the channel."""
+    stream = io.StringIO()
+    stationxml.build(sensor, options).write(stream, format="SACPZ")
+    _, approximations = described(sensor)
+    notes = [*identity(sensor), "this format holds no uncertainties; those above are comments"]
+    notes += [*approximations, *caveats(sensor)]
+    comments = "".join(f"* {sac_comment(note)}\n" for note in notes)
     path = folder / f"{options.name}.sacpz"
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text(comments + stream.getvalue(), encoding="utf-8")
     return [path]
-
-
-def _cancelled(system: PolesZeros) -> PolesZeros:
-    """Poles at zero cancel zeros there."""
-    places = [np.flatnonzero(roots == 0) for roots in (system.zeros, system.poles)]
-    both = min(map(len, places))
-    zeros, poles = np.delete(system.zeros, places[0][:both]), np.delete(system.poles, places[1][:both])
-    return PolesZeros(zeros, poles, system.gain)
-
-
-def _numbers(name: str, roots: np.ndarray) -> list[str]:
-    return [f"{name} {len(roots)}", *(f"{float(r.real)!r} {float(r.imag)!r}" for r in roots)]
 
 
 SACPZ = Format(
     name="sacpz",
     title="SAC poles and zeros",
     write=write,
-    holds="poles, zeros, constant",
+    holds="poles, zeros, constant, with seven digits",
     cannot_hold="uncertainty (comments only)",
     options=("channel",),
+    extra="seismic",
 )

@@ -1,7 +1,7 @@
 """FDSN StationXML: one channel with one stage of poles and zeros, its uncertainties beside them, checked by the schema.
 
-A delay becomes poles and zeros too (Padé). The Delay of a Decimation belongs to digital stages, and readers (evalresp,
-ObsPy) ignore it in the response, which would give a wrong phase.
+A delay becomes poles and zeros too (Padé). The Delay of a Decimation belongs to digital stages, and
+readers (evalresp, ObsPy) ignore it in the response, which would give a wrong phase.
 """
 
 from __future__ import annotations
@@ -52,11 +52,17 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
     start, since = _start(sensor)
     notes = [
         *identity(sensor),
-        "plusError and minusError of poles and zeros are standard uncertainties (k = 1) of their parts",
+        (
+            "plusError and minusError of poles and zeros are standard uncertainties (k = 1) of "
+            "their parts"
+        ),
         since,
         *words,
         *caveats(sensor),
-        "latitude, longitude, elevation and depth are unknown and given as 0; no orientation is stated",
+        (
+            "latitude, longitude, elevation and depth are unknown and given as 0; no orientation "
+            "is stated"
+        ),
     ]
     channel = Channel(
         code,
@@ -72,7 +78,9 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
         start_date=start,
         comments=[Comment(xml_text(text)) for text in notes],
     )
-    station = Station(place, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start)
+    station = Station(
+        place, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start
+    )
     return Inventory(networks=[Network(network, stations=[station])], source="vibrident")
 
 
@@ -80,7 +88,8 @@ def _start(sensor: ExportedSensor) -> tuple[Any, str]:
     """Start date and its origin: the stated date of the calibration, else of the evaluation."""
     from obspy import UTCDateTime
 
-    day, stated = date_of(sensor.result), sensor.result.certificate.get("date_of_calibration")
+    day = date_of(sensor.result)
+    stated = sensor.result.certificate.get("date_of_calibration")
     if day is None:
         return None, "no date of the calibration is stated: the start date is left out"
     known = str(stated or "")[:10] == day.isoformat()
@@ -94,18 +103,29 @@ def _stated(named: Mapping[str, str], key: str) -> str | None:
 
 def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
     """ObsPy's Response for the usual motion of the sensor, normalised in the middle of the band."""
-    from obspy.core.inventory.response import InstrumentSensitivity, PolesZerosResponseStage, Response
+    from obspy.core.inventory.response import (
+        InstrumentSensitivity,
+        PolesZerosResponseStage,
+        Response,
+    )
 
     system, words = described(sensor)
-    zeros, quantity, order = system.zeros, "m/s^2", 0
+    zeros = system.zeros
+    quantity = "m/s^2"
+    order = 0
     if sensor.model.core.output == "velocity":  # per velocity, as seismometers are stated
-        zeros, quantity, order = np.concatenate([np.zeros(1, complex), zeros]), "m/s", 1
-    frequency = float((sensor.band_hz[0] * sensor.band_hz[1]) ** 0.5)  # the band's middle on a logarithmic axis
+        zeros = np.concatenate([np.zeros(1, complex), zeros])
+        quantity = "m/s"
+        order = 1
+    frequency = float(
+        (sensor.band_hz[0] * sensor.band_hz[1]) ** 0.5
+    )  # the band's middle on a logarithmic axis
     motion = (2j * np.pi * frequency) ** order
     value = complex(system.response(np.array([frequency]))[0] * motion)
     gain = float(np.copysign(abs(value), sensor.values[sensor.model.gain_name]))
     own = poles_zeros(sensor)
-    u_poles, u_zeros = uncertainties(sensor, "poles"), uncertainties(sensor, "zeros")
+    u_poles = uncertainties(sensor, "poles")
+    u_zeros = uncertainties(sensor, "zeros")
     units = (unit(quantity), xml_text(unit(sensor.output_unit)))
     stage = PolesZerosResponseStage(
         1,
@@ -115,11 +135,17 @@ def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
         pz_transfer_function_type="LAPLACE (RADIANS/SECOND)",
         normalization_frequency=frequency,
         normalization_factor=system.gain / gain,
-        zeros=[_root(z, u_zeros, k - order if 0 <= k - order < len(own.zeros) else None) for k, z in enumerate(zeros)],
-        poles=[_root(p, u_poles, k if k < len(own.poles) else None) for k, p in enumerate(system.poles)],
+        zeros=[
+            _root(z, u_zeros, k - order if 0 <= k - order < len(own.zeros) else None)
+            for k, z in enumerate(zeros)
+        ],
+        poles=[
+            _root(p, u_poles, k if k < len(own.poles) else None) for k, p in enumerate(system.poles)
+        ],
     )
     return Response(
-        instrument_sensitivity=InstrumentSensitivity(gain, frequency, *units), response_stages=[stage]
+        instrument_sensitivity=InstrumentSensitivity(gain, frequency, *units),
+        response_stages=[stage],
     ), words
 
 
@@ -130,15 +156,19 @@ def _root(root: complex, u: np.ndarray | None, index: int | None) -> Any:
     if u is None or index is None:
         return ComplexWithUncertainties(complex(root))
     spread = complex(u[index])
-    return ComplexWithUncertainties(complex(root), lower_uncertainty=spread, upper_uncertainty=spread)
+    return ComplexWithUncertainties(
+        complex(root), lower_uncertainty=spread, upper_uncertainty=spread
+    )
 
 
 STATIONXML = Format(
     name="stationxml",
     title="FDSN StationXML",
     write=write,
-    holds="poles and zeros with u (`plusError`, `minusError`, k = 1), sensitivity in the middle of the band, "
-    "parameters as comments",
+    holds=(
+        "poles and zeros with u (`plusError`, `minusError`, k = 1), sensitivity in the middle of "
+        "the band, parameters as comments"
+    ),
     cannot_hold="correlation; uncertainty over frequency; place and orientation",
     options=("channel",),
     extra="seismic",

@@ -35,7 +35,9 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         for cell in sheet[1]:
             cell.font = bold
         for column, title in enumerate(header, 1):
-            sheet.column_dimensions[openpyxl.utils.get_column_letter(column)].width = max(12, len(title) + 2)
+            sheet.column_dimensions[openpyxl.utils.get_column_letter(column)].width = max(
+                12, len(title) + 2
+            )
         sheet.freeze_panes = "B2"
     book.properties.creator = "vibrident"
     path = folder / f"{options.name}.xlsx"
@@ -46,9 +48,11 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 def _fill(cell: Any, value: object) -> None:
     """Text of others is no formula; of a float openpyxl itself would write 16 digits, one too few."""
     if isinstance(value, str):
-        cell.value, cell.data_type = one_line(value), "s"
+        cell.value = one_line(value)
+        cell.data_type = "s"
     elif isinstance(value, float):
-        cell.value, cell.data_type = repr(float(value)) if math.isfinite(value) else None, "n"
+        cell.value = repr(float(value)) if math.isfinite(value) else None
+        cell.data_type = "n"
     else:
         cell.value = value
 
@@ -57,7 +61,10 @@ XLSX = Format(
     name="xlsx",
     title="Excel workbook of all numbers",
     write=write,
-    holds="parameters, u, intervals, correlation, curve and measured points with u, levels in dB, budgets",
+    holds=(
+        "parameters, u, intervals, correlation, curve and measured points with u, levels in dB, "
+        "budgets"
+    ),
     cannot_hold="settings, fit metrics",
     extra="excel",
 )

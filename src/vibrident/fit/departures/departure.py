@@ -154,7 +154,7 @@ class Departure(ABC):
         """
         return []
 
-    def beside(self, record: Record) -> Record:
+    def with_nuisances(self, record: Record) -> Record:
         """Return the record with the departure as nuisance parameters of its fit.
 
         It is the record itself where that has these already.

@@ -79,15 +79,15 @@ class Groups:
     def __iter__(self) -> Iterator[WhitenedGroup]:
         return iter(self.make() if self._held is None else self._held)
 
-    def beside(self, departures: Sequence[SignificantDeparture], scale: Scale) -> Groups:
+    def with_nuisances(self, departures: Sequence[SignificantDeparture], scale: Scale) -> Groups:
         """Return the groups with departures as nuisance columns."""
 
-        def groups_beside() -> Iterator[WhitenedGroup]:
+        def groups_with_nuisances() -> Iterator[WhitenedGroup]:
             for group in self:
                 rows = _rows(departures, group, scale)
-                yield group.beside(rows) if rows.shape[1] else group
+                yield group.with_nuisances(rows) if rows.shape[1] else group
 
-        return replace(self, make=groups_beside)
+        return replace(self, make=groups_with_nuisances)
 
 
 def examine(
@@ -121,13 +121,13 @@ def _among_records(
     That noise holds what they make of it too.
     """
     by_round = list[list[SignificantDeparture]]()
-    groups_beside = groups
+    groups_with_nuisances = groups
     for _ in range(rounds):
-        strongest = _strongest(of_records(groups_beside, scale, uncertainty))
+        strongest = _strongest(of_records(groups_with_nuisances, scale, uncertainty))
         if not strongest:
             break
         by_round.append(strongest)
-        groups_beside = groups_beside.beside(strongest, scale)
+        groups_with_nuisances = groups_with_nuisances.with_nuisances(strongest, scale)
     if rounds == 1:
         # Parameters of a model that is wrong: the noise beside a departure makes them no truer.
         return [_group_of_kind(strongest) for strongest in by_round]
@@ -330,7 +330,9 @@ def _among_points(points: PointsPart, uncertainty: FloatArray, rounds: int) -> l
             best = best_of(fit, pending)
             if best is not None:
                 place = places[pending.chosen]
-                candidates.append((replace(best, record=place.record), points.beside(place)))
+                candidates.append(
+                    (replace(best, record=place.record), points.with_nuisances(place))
+                )
         if not candidates:
             break
         strongest, points_beside = max(

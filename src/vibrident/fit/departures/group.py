@@ -387,7 +387,7 @@ class WhitenedGroup:
             errors_of=lambda subset: errors_of([positions[number] for number in subset]),
         )
 
-    def beside(self, rows: FloatArray) -> WhitenedGroup:
+    def with_nuisances(self, rows: FloatArray) -> WhitenedGroup:
         """Return the group with more nuisance columns: whitened rows, shape (R, m, 2 K)."""
         added = orthonormal(without(rows, self.basis))
         return replace(

@@ -59,7 +59,7 @@ class PointsPart:
         """Return the frequencies of the points, shape (n,)."""
         return self.linear.frequency_hz[: len(self.record)]
 
-    def beside(self, point: Point) -> PointsPart:
+    def with_nuisances(self, point: Point) -> PointsPart:
         """Return the points with the columns of a place as nuisance rows."""
         rows = np.concatenate([self.basis, self._rows(point)])
         _, sizes, rotated = np.linalg.svd(rows, full_matrices=False)

@@ -42,7 +42,7 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class RecordInformation:
-    """What each of R records says of the coordinates.
+    """Information of each of R records on the coordinates.
 
     Attributes:
         normal: J Jᵀ, shape (R, P, P).
@@ -111,8 +111,8 @@ class Sums:
         """Return the sums of columns whose amounts the records, along the first axis, share."""
         return self._map(lambda _, array: np.sum(array, axis=0))
 
-    def __add__(self, other: Self) -> Self:
-        return self._map(lambda name, array: array + getattr(other, name))
+    def __add__(self, addend: Self) -> Self:
+        return self._map(lambda name, array: array + getattr(addend, name))
 
     def of_columns(self, numbers: Sequence[int]) -> Self:
         """Return the sums of these columns alone."""

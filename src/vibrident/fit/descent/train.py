@@ -354,16 +354,16 @@ def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
     """
     chosen: list[Descended] = []
     for end in sorted(ends, key=lambda descended: descended.at.cost):
-        if not any(_apart(end, better) <= 4.0 * START_TOLERANCE for better in chosen):
+        if not any(_squared_distance(end, better) <= 4.0 * START_TOLERANCE for better in chosen):
             chosen.append(end)
     return [end.values for end in chosen]
 
 
-def _apart(end: Descended, other: Descended) -> float:
-    """Return the squared distance of two ends, in standard uncertainties at the other."""
-    place = other.coordinates.place
-    step = place(end.values) - place(other.values)
-    return float(step @ other.at.matrix @ step)
+def _squared_distance(end: Descended, origin: Descended) -> float:
+    """Return the squared distance of two ends, in standard uncertainties at ``origin``."""
+    place = origin.coordinates.place
+    step = place(end.values) - place(origin.values)
+    return float(step @ origin.at.matrix @ step)
 
 
 def _without_model(band: Band, look: Look) -> Weighting:

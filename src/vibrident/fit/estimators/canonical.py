@@ -14,7 +14,7 @@ from vibrident.fit.estimators.base import Estimate
 from vibrident.fit.estimators.findings import Findings
 from vibrident.fit.noise.spectral_noise import doubtful
 from vibrident.fit.problem import Coordinates
-from vibrident.physics.models.labels import canonical, rule, slopes, upright
+from vibrident.physics.models.labels import canonical, rule, slopes, with_positive_damping
 
 
 def canonically_labelled(estimate: Estimate) -> Estimate:
@@ -24,7 +24,7 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
     """
     previous = estimate.coordinates
     model = estimate.coordinates.model
-    values = upright(model, previous.values(estimate.z))
+    values = with_positive_damping(model, previous.values(estimate.z))
     change = rule(model, values)
     if change is None:
         return estimate
@@ -52,7 +52,9 @@ def canonically_labelled(estimate: Estimate) -> Estimate:
             begin,
             values=canonical(model, begin.values),
             path=tuple(canonical(model, values_at) for values_at in begin.path),
-            others=tuple((canonical(model, values_at), cost) for values_at, cost in begin.others),
+            other_optima=tuple(
+                (canonical(model, values_at), cost) for values_at, cost in begin.other_optima
+            ),
         )
     return replace(
         estimate,

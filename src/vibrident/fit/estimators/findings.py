@@ -1,4 +1,4 @@
-"""What an estimator found beside the parameters.
+"""Findings of an estimator beside the parameters.
 
 The ``settings`` of a result are written from it once, at the end.
 """
@@ -24,7 +24,7 @@ PHYSICS_CURVE = "of the physics without its learned residual; measured points ar
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetwork:
-    """How a network was trained.
+    """Training of a network, as a result states it.
 
     Attributes:
         discretisation: its name.
@@ -72,23 +72,23 @@ class LearnedShare:
     """A residual network beside the physics.
 
     Attributes:
-        kept: whether it predicts held-out data better than the physics alone.
+        accepted: whether it predicts held-out data better than the physics alone.
         share: rms of what it adds, over that of the response.
         tried: verdict on each structure.
-        about: its structure, weights and shares where it is kept, else the reason.
+        about: its structure, weights and shares where it is accepted, else the reason.
     """
 
-    kept: bool
+    accepted: bool
     share: float
     tried: Mapping[str, Any]
     about: Mapping[str, Any]
 
     def as_settings(self) -> dict[str, Any]:
         """Return the settings that a result states of the residual network."""
-        settings = {"kept": self.kept, "share": self.share, **self.about, "tried": self.tried}
+        settings = {"kept": self.accepted, "share": self.share, **self.about, "tried": self.tried}
         return {
             "residual_network": settings,
-            **({"response_curve": PHYSICS_CURVE} if self.kept else {}),
+            **({"response_curve": PHYSICS_CURVE} if self.accepted else {}),
         }
 
 

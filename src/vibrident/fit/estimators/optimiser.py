@@ -1,4 +1,4 @@
-"""How a network is trained: the seam between the estimator and the descent of its residual."""
+"""Optimisers of a network: the seam between the estimator and the descent of its residual."""
 
 from __future__ import annotations
 

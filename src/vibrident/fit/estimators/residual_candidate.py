@@ -16,7 +16,7 @@ from vibrident.fit.problem import Coordinates, Evidence, Local
 from vibrident.fit.problem.network_problem import require_rational
 from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.network.residual import initial_weights, with_residual
-from vibrident.physics.network.sensitivity import Normal
+from vibrident.physics.network.sensitivity import NormalEquations
 
 #: Deviation of a weight from where it begins, in coordinates, that costs as much as one standard
 #: deviation of noise: enough to keep apart what the data cannot, too little to move what they can.
@@ -56,8 +56,8 @@ class ResidualCandidate:
 
     def args(self, lanes: np.ndarray) -> tuple[Any, ...]:
         """Return the arguments of the residual over the lanes chosen, shape (M,)."""
-        first, *others = self.problem.data
-        data = (first._replace(weight=first.weight * lanes), *others)
+        first, *remaining = self.problem.data
+        data = (first._replace(weight=first.weight * lanes), *remaining)
         return (
             self.coordinates,
             self.problem.layout,
@@ -65,7 +65,7 @@ class ResidualCandidate:
             jnp.asarray(self.problem.by_lane(self.noise)),
         )
 
-    def normal(self, lanes: np.ndarray) -> Normal:
+    def normal(self, lanes: np.ndarray) -> NormalEquations:
         """Return the normal equations at z over the lanes chosen."""
         return evaluate(jnp.asarray(self.z), *self.args(lanes))
 

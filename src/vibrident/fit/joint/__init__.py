@@ -1,4 +1,4 @@
-"""One joint fit of several calibrations of one sensor."""
+"""Joint fit of several calibrations of one sensor."""
 
 from vibrident.fit.joint.identification import identify_together
 

@@ -14,6 +14,7 @@ from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError, ModelError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
+from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration
 from vibrident.fit.decay import decays_alone
 from vibrident.fit.estimators import AUTO, Estimate, Estimator
@@ -37,7 +38,7 @@ RESIDUAL = "its residual at the joint fit, noise and misfit (its own fit is not 
 @in_one_thread
 @watching()
 def identify_together(
-    calibrations: Sequence[Calibration],
+    calibrations: Sequence[GivenCalibration],
     model: GivenModel | Sequence[GivenModel | None] | None = None,
     estimator: str | Estimator = AUTO,
     *,
@@ -52,7 +53,7 @@ def identify_together(
     by its own covariance. One of free decays alone shares natural frequency and damping ratio.
 
     Args:
-        calibrations: of one sensor.
+        calibrations: of one sensor, or paths of their calibration files.
         model: name of the sensor model, or a :class:`vibrident.Model`, one for all or one for each;
             None takes the calibration's.
         estimator: as for :func:`vibrident.identify`, for each by itself.
@@ -77,6 +78,7 @@ def identify_together(
         NotConverged: no start leads to a finite fit.
     """
     begin = time.perf_counter()
+    calibrations = [as_calibration(calibration) for calibration in calibrations]
     names = _models(model, len(calibrations))
     if isinstance(estimator, Estimator) and estimator.for_one_calibration:
         raise ModelError(
@@ -129,7 +131,7 @@ def _models(model: GivenModel | Sequence[GivenModel | None] | None, count: int) 
             where="model",
             remedy="name one model, or as many as there are calibrations",
         )
-    return [named(given) for given in model]
+    return [named(model_of_one) for model_of_one in model]
 
 
 def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]) -> list[Result]:

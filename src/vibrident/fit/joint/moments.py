@@ -97,7 +97,7 @@ class MomentConditions:
     @classmethod
     def from_estimate(
         cls,
-        own: CalibrationScore,
+        score: CalibrationScore,
         z: FloatArray,
         covariance: FloatArray,
         near: CalibrationScore,
@@ -107,14 +107,14 @@ class MomentConditions:
         """Build the conditions from an estimate with its covariance as stated.
 
         Args:
-            own: its score.
+            score: its score.
             z: the estimate, shape (p,).
             covariance: of it, shape (p, p).
             near: the score with inputs interpolated at the joint delay.
             optimum: whether ``z`` is an optimum; else it is a place where the residual is looked
                 at.
         """
-        local = own.local(z)
+        local = score.local(z)
         diagonal = np.diag(local.matrix)
         scale = np.sqrt(
             np.maximum(
@@ -124,7 +124,7 @@ class MomentConditions:
         root, _ = _roots(local.matrix, scale)
         values, vectors = _bounded_eigenvalues(root @ (covariance * np.outer(scale, scale)) @ root)
         offset = local.gradient if optimum else np.zeros_like(local.gradient)
-        return cls(replace(near, noise=own.noise), offset, scale, (vectors / values) @ vectors.T)
+        return cls(replace(near, noise=score.noise), offset, scale, (vectors / values) @ vectors.T)
 
     def weight(self, z: FloatArray) -> FloatArray:
         """Return S⁻¹ at ``z``, shape (p, p)."""

@@ -1,4 +1,4 @@
-"""What a fit says of its data, what is doubted of it, and the document that states it.
+"""Verdict on a fit: adequacy, warnings, remedies, and the document that states them.
 
 ``attempts`` fits and judges, once more from elsewhere where nothing is explained; ``refits`` do so
 with other data; ``adequacy`` is the verdict, with the stated systematic ``effects``; ``remedy``

@@ -1,4 +1,4 @@
-"""From an estimate to the parts of a result: prediction, deviations, metrics, excerpts."""
+"""Parts of a result that follow from an estimate: prediction, deviations, metrics, excerpts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is stated of an estimate: covariance, budget, warnings, and the result that states them."""
+"""The result of an estimate: covariance, budget and warnings, put together."""
 
 from __future__ import annotations
 
@@ -241,14 +241,17 @@ def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
 
 
 def _known_responses(evidence: Evidence) -> list[dict[str, Any]]:
-    """Return what was taken out of each channel, and the band that was left."""
+    """Return what was taken out of each channel, and the remaining band."""
     bands = [record.band_hz for record in evidence.records if record.band_hz is not None]
-    left = [*evidence.band_hz]
+    band_hz = [*evidence.band_hz]
     if bands:
-        low, high = min(low for low, _ in bands), max(high for _, high in bands)
-        left = [low if low > LOWEST_HZ else left[0], high]
+        low = min(low for low, _ in bands)
+        high = max(high for _, high in bands)
+        band_hz = [low if low > LOWEST_HZ else band_hz[0], high]
     known = evidence.calibration.known_responses.items()
-    return [{"channel": name, "source": one.source, "band_hz": left} for name, one in known]
+    return [
+        {"channel": name, "source": response.source, "band_hz": band_hz} for name, response in known
+    ]
 
 
 def _scaled_covariance(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
@@ -328,7 +331,7 @@ def _warnings(
 def _warn_of_learned(estimate: Estimate) -> list[ResultWarning]:
     """Return the warning that a learned residual explains a part, if one is used."""
     learned = estimate.findings.learned
-    if learned is None or not learned.kept:
+    if learned is None or not learned.accepted:
         return []
     text = (
         "The model alone does not explain the data: a learned residual carries "

@@ -71,7 +71,7 @@ def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
                 replace(record, hum_hz=hz) for record, hz in zip(records, tones, strict=True)
             )
     for group in _nuisances(fitted):  # those that some records show are in all: of the channel
-        with_nuisance = group.departures[0].kind.beside
+        with_nuisance = group.departures[0].kind.with_nuisances
         records = tuple(
             record if record.reference is None else with_nuisance(record) for record in records
         )
@@ -234,14 +234,16 @@ class _Report:
     def warning(self, group: DepartureGroup) -> ResultWarning:
         """Return the warning of a group, one for all its records."""
         first = group.departures[0]
-        others = len({departure.record for departure in group.departures}) - 1
+        more_records = len({departure.record for departure in group.departures}) - 1
         # The most significant of each kind.
         kinds = {departure.kind: departure for departure in reversed(group.departures)}
         text = " ".join(
             _describe(departure) for departure in sorted(kinds.values(), key=group.departures.index)
         )
-        if others:
-            text = f"{text} So it is in {others} more record{'s' if others > 1 else ''}."
+        if more_records:
+            text = (
+                f"{text} So it is in {more_records} more record{'s' if more_records > 1 else ''}."
+            )
         if first.code == "nonlinear" and not self.fitted.evidence.model.is_linear:
             return ResultWarning(first.code, f"{text} {BESIDE_ITS_MIDDLE}")
         pronoun = "it" if len(group.departures) == 1 else "them"
@@ -278,10 +280,10 @@ class _Report:
             return f"Where it is largest, it moves the {in_words(name)} by {shift_in_u}."
         stated = self.fitted.values[name]
         without = self._values_without(shift)[name]
-        alternative, given = (stated, without) if self.admitted else (without, stated)
-        digits = _digits(alternative, given)
+        alternative, fitted = (stated, without) if self.admitted else (without, stated)
+        digits = _digits(alternative, fitted)
         unit = parameter_units(evidence.model, evidence.calibration)[name]
-        values = f"{amount(alternative, unit, digits)} in place of {amount(given, unit, digits)}"
+        values = f"{amount(alternative, unit, digits)} in place of {amount(fitted, unit, digits)}"
         change = f"the {in_words(name)} would be {values} ({shift_in_u})."
         if self.admitted:
             return f"The fit has {pronoun} as nuisance parameters; without these {change}"

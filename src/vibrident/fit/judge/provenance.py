@@ -1,4 +1,4 @@
-"""What took part in an identification: data files, libraries, and packages that add to this one."""
+"""Provenance of an identification: data files, libraries and packages that add to this one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which model explains data that the model asked for does not."""
+"""Remedy for a lack of fit: the model that explains data which the requested one does not."""
 
 from __future__ import annotations
 

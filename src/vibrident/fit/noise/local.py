@@ -50,7 +50,7 @@ class SmoothColumns:
     share: float
 
     @classmethod
-    def beside(
+    def from_motions(
         cls, motions: Sequence[ComplexArray], shape: tuple[int, int], share: float
     ) -> SmoothColumns | None:
         """Return the columns for motions, or None where so few bins carry no information.

@@ -15,6 +15,7 @@ from vibrident.data.records.record import nothing_in_band
 from vibrident.data.screening import Finding, screen
 from vibrident.data.screening.copies import without_copies
 from vibrident.data.screening.quality import without_steady_decays
+from vibrident.data.screening.rates import with_common_rates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
@@ -75,7 +76,8 @@ class Evidence:
         optical = [
             f for r in calibration.records if r.optical is not None for f in r.optical.findings
         ]
-        records, findings = screen(without_copies(calibration.records), calibration.units)
+        recorded = with_common_rates(without_copies(calibration.records))
+        records, findings = screen(recorded, calibration.units)
         findings = (*(Finding(f.code, f.message) for f in optical), *findings)
         records, decay_findings = without_steady_decays(records)
         if chain is not None:

@@ -30,8 +30,8 @@ from vibrident.physics.discretisation import Method, Weights
 from vibrident.physics.discretisation.forced import ForcedWeights, accuracy, forced_weights
 from vibrident.physics.models import SensorModel
 from vibrident.physics.models.state_space import realise
-from vibrident.physics.network.forced import forced_normal, forced_response
-from vibrident.physics.network.sensitivity import Normal, normal_equations
+from vibrident.physics.network.forced import forced_normal_equations, forced_response
+from vibrident.physics.network.sensitivity import NormalEquations, normal_equations
 from vibrident.physics.network.unroll import Lanes
 
 jax.tree_util.register_dataclass(
@@ -147,7 +147,7 @@ class TimeProblem(NetworkProblem):
             dict(values), self.layout, self.intervals_s, self.fractions, self.frame.delay_s
         )
 
-    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> Normal:
+    def normal(self, z: FloatArray, coordinates: Coordinates, noise: FloatArray) -> NormalEquations:
         """Return the normal equations at coordinates ``z``.
 
         Args:
@@ -158,7 +158,7 @@ class TimeProblem(NetworkProblem):
         by_lane = jnp.asarray(self.by_lane(noise))
         return evaluate(jnp.asarray(z), coordinates, self.layout, self.data, by_lane)
 
-    def squares(self, normal: Normal, noise: FloatArray) -> FloatArray:
+    def squares(self, normal: NormalEquations, noise: FloatArray) -> FloatArray:
         """Return the unweighted sum of squares of each record's residual, shape (records,)."""
         # Segments beyond the real ones are padding.
         squares = np.asarray(normal.squares)[: len(self.record_of_segment)]
@@ -252,7 +252,7 @@ _compiled_weights = jax.jit(_weights, static_argnames=("layout",))
 
 def physical_normal(
     z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
-) -> Normal:
+) -> NormalEquations:
     """Return the accumulated normal equations of the network whose weights the physics ties.
 
     Args:
@@ -274,7 +274,7 @@ def physical_normal(
 
 def _nonlinear_normal(
     z: Any, coordinates: Coordinates, layout: Layout, data: tuple[Any, ...], noise: Any
-) -> Normal:
+) -> NormalEquations:
     """Return the normal equations of a sensor with a nonlinear spring."""
     lanes, *timing = data
     # In the padding behind a record the reference jumps to zero, and a Newton step may overshoot:
@@ -293,7 +293,7 @@ def _nonlinear_normal(
         )
 
     linear = _forced(coordinates.physical(z), layout, *timing).linear
-    return forced_normal(simulate, z, linear, lanes, noise, layout.segments)
+    return forced_normal_equations(simulate, z, linear, lanes, noise, layout.segments)
 
 
 #: The one large compiled program of the package: all computations on records in time use it.

@@ -33,25 +33,30 @@ from vibrident.physics.discretisation.inputs import filtered
 TOLERANCE = 1e-4
 #: Standard deviations of W's edges, as parts of the ends of the band, and their middles.
 EDGE_WIDTH = 0.1
-LOW_MIDDLE, HIGH_MIDDLE = 0.6, 1.25
+LOW_MIDDLE = 0.6
+HIGH_MIDDLE = 1.25
 #: Part of the lower end below which nothing is left, as a ratio may be infinite at rest.
-AT_REST = 0.05
-#: Highest frequency that a record tells, and W's middle above it, as parts of the sampling rate.
-HIGHEST, HIGHEST_MIDDLE, HIGHEST_WIDTH = 0.44, 0.47, 0.007
+MIN_BAND_FRACTION = 0.05
+#: Highest frequency that a record tells, W's middle above it and the width of that edge, as parts
+#: of the sampling rate.
+MAX_FREQUENCY_RATIO = 0.44
+MAX_MIDDLE_RATIO = 0.47
+TOP_WIDTH_RATIO = 0.007
 #: Part of a record that the filters may take at its ends, together.
-MAX_LOST = 1.0 / 3.0
+MAX_LOST_FRACTION = 1.0 / 3.0
 #: Part of a record from whose motion the size of what lies beyond its end is taken.
-END_PART = 0.02
+END_FRACTION = 0.02
 #: Lower end of a band that begins at rest.
 LOWEST_HZ = 1e-12
 #: Periods that a record holds of the lowest frequency of a ratio that is not settled there.
 MIN_PERIODS = 2.0
 #: Part of a ratio by which it may differ from that at rest, which is then reached within a record.
-SETTLED = 1e-3
-#: Factors at least and at most by which the lower end is raised in a round.
-MIN_RAISE, MAX_RAISE = 1.25, 2.0
+MAX_RATIO_CHANGE = 1e-3
+#: Smallest and largest factor by which the lower end is raised in a round.
+MIN_RAISE_FACTOR = 1.25
+MAX_RAISE_FACTOR = 2.0
 #: Part of the reference's rms below the band that what is unknown there may leave in it.
-MAX_BELOW = 1e-2
+MAX_UNKNOWN_RMS = 1e-2
 #: Rounds in which the lower end of the band is raised for a short record.
 MAX_ROUNDS = 12
 
@@ -118,8 +123,8 @@ def deconvolved(record: Record, chain: Chain) -> Record:
         )
     band_hz = _band_of(record, chain)
     if record.excitation == "sine":
-        return _at_its_frequency(record, chain, band_hz)
-    return _in_the_band(record, chain, band_hz)
+        return _scale_sine(record, chain, band_hz)
+    return _filter_to_band(record, chain, band_hz)
 
 
 def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
@@ -128,13 +133,14 @@ def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
     assert table is not None
     inside = table.within(chain.band_hz)
     ratio = chain.ratio(inside.frequency_hz) * chain.scale
-    size, u = np.abs(ratio), inside.magnitude_uncertainty
+    size = np.abs(ratio)
+    u = inside.magnitude_uncertainty
     sensors = replace(
         inside,
         magnitude=inside.magnitude / size,
         phase_rad=None if inside.phase_rad is None else inside.phase_rad - np.angle(ratio),
         magnitude_uncertainty=None if u is None else u / size,
-        provenance=inside.provenance.then(_said(chain, chain.band_hz)),
+        provenance=inside.provenance.then(_describe(chain, chain.band_hz)),
     )
     known = calibration.known_responses.items()
     done = {f"{name}_known_response": response.taken_out() for name, response in known}
@@ -144,7 +150,10 @@ def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
 def _band_of(record: Record, chain: Chain) -> tuple[float, float]:
     """Return the band of a record's fit that is known: where none is stated it is cut to it."""
     low, high = chain.band_hz
-    top = min(high, (0.5 if record.excitation == "sine" else HIGHEST) * record.sampling_rate_hz)
+    top = min(
+        high,
+        (0.5 if record.excitation == "sine" else MAX_FREQUENCY_RATIO) * record.sampling_rate_hz,
+    )
     if record.band_hz is None:
         return low, top
     first, last = record.band_hz
@@ -161,13 +170,14 @@ def _band_of(record: Record, chain: Chain) -> tuple[float, float]:
     return first, min(last, top)
 
 
-def _said(chain: Chain, band_hz: tuple[float, float]) -> str:
+def _describe(chain: Chain, band_hz: tuple[float, float]) -> str:
+    """Return what was taken out of the channels, in words, for the provenance."""
     pairs = (("reference", chain.reference), ("response", chain.response))
     parts = [f"{name}: {known.source}" for name, known in pairs if known is not None]
     return f"known response taken out ({'; '.join(parts)}), {band_hz[0]:.5g} to {band_hz[1]:.5g} Hz"
 
 
-def _at_its_frequency(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
+def _scale_sine(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
     """Return a sine with its reference scaled and delayed by the ratio at its frequency."""
     assert record.reference is not None
     low, high = band_hz
@@ -181,19 +191,19 @@ def _at_its_frequency(record: Record, chain: Chain, band_hz: tuple[float, float]
 
     reference, valid = filtered(record.reference, record.reference_mask, late)
     scaled = _Filter(sign * abs(ratio) * reference, valid, 0, 0)
-    own = _Filter(record.response, record.mask, 0, 0)
-    return _with_channels(record, scaled, own, span_of(valid), chain, band_hz)
+    response = _Filter(record.response, record.mask, 0, 0)
+    return _with_channels(record, scaled, response, span_of(valid), chain, band_hz)
 
 
-def _in_the_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
+def _filter_to_band(record: Record, chain: Chain, band_hz: tuple[float, float]) -> Record:
     """Return a record with both channels filtered to the band, its reference by the ratio too."""
     assert record.reference is not None
     low, high = band_hz
-    reference, response, low = _filtered(record, chain, low)
+    reference, response, low = _filter_channels(record, chain, low)
     begin = max(reference.begin, response.begin)
     end = max(reference.end, response.end)
     lost = begin + end
-    if lost > MAX_LOST * record.samples or not low < 0.5 * high:
+    if lost > MAX_LOST_FRACTION * record.samples or not low < 0.5 * high:
         raise InputError(
             "The record is too short for the known response of its channels.",
             expected="a record many times as long as a period at the lower end of its band",
@@ -215,7 +225,7 @@ def _with_channels(
 ) -> Record:
     """Return a part of a record with other channels, and what was done to it."""
     lost = record.samples - (inside.stop - inside.start)
-    said = f"{_said(chain, band_hz)}; {lost} samples at the ends left out"
+    description = f"{_describe(chain, band_hz)}; {lost} samples at the ends left out"
     filtered_record = replace(
         record,
         reference=reference.samples,
@@ -226,10 +236,10 @@ def _with_channels(
         reference_full_scale=None,
         response_full_scale=None,
     )
-    return filtered_record.part(inside, said)
+    return filtered_record.part(inside, description)
 
 
-def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Filter, float]:
+def _filter_channels(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Filter, float]:
     """Return both channels filtered, and the lower end of the band that they leave.
 
     Where hardly any motion is below the band, the ratio is continued there; else it is cut off, as
@@ -240,20 +250,24 @@ def _filtered(record: Record, chain: Chain, stated: float) -> tuple[_Filter, _Fi
         chain: the known responses.
         stated: lower end of the fit's band, Hz.
     """
-    reference, known = record.reference, chain.band_hz
+    reference = record.reference
+    known_low, high = chain.band_hz
     assert reference is not None
-    samples, rate_hz = record.samples, record.sampling_rate_hz
+    samples = record.samples
+    rate_hz = record.sampling_rate_hz
     longest = MIN_PERIODS / record.duration_s
-    low = known[0] if _is_settled(chain, longest) else max(known[0], stated, longest)
+    low = known_low if _is_settled(chain, longest) else max(known_low, stated, longest)
     for _ in range(MAX_ROUNDS):
-        cut = low > 0.0 and _moves_below(reference, record.reference_mask, low * record.duration_s)
-        edges = Edges(low if cut else 0.0, min(known[1], HIGHEST * rate_hz), low)
+        cut = low > 0.0 and _has_motion_below(
+            reference, record.reference_mask, low * record.duration_s
+        )
+        edges = Edges(low if cut else 0.0, min(high, MAX_FREQUENCY_RATIO * rate_hz), low)
         freed = _Filter.of(reference, record.reference_mask, rate_hz, edges, chain)
         response = _Filter.of(record.response, record.mask, rate_hz, edges, None)
         lost = max(freed.begin, response.begin) + max(freed.end, response.end)
-        if lost <= MAX_LOST * samples or low == 0.0:
+        if lost <= MAX_LOST_FRACTION * samples or low == 0.0:
             break
-        low *= min(max(MIN_RAISE, lost / (MAX_LOST * samples)), MAX_RAISE)
+        low *= min(max(MIN_RAISE_FACTOR, lost / (MAX_LOST_FRACTION * samples)), MAX_RAISE_FACTOR)
     return freed, response, max(edges.continued, stated)
 
 
@@ -261,19 +275,19 @@ def _is_settled(chain: Chain, frequency_hz: float) -> bool:
     """Tell whether the ratio goes to rest from a frequency on as a constant with a delay does."""
     half, at = chain.ratio(frequency_hz * np.array([0.5, 1.0]))
     turn = 0.5 * np.angle((half**2 / at) ** 2)  # zero for a delay, whatever the sign
-    return bool(abs(abs(at / half) - 1.0) < SETTLED and abs(turn) < SETTLED)
+    return bool(abs(abs(at / half) - 1.0) < MAX_RATIO_CHANGE and abs(turn) < MAX_RATIO_CHANGE)
 
 
-def _moves_below(reference: FloatArray, valid: BoolArray, periods: float) -> bool:
+def _has_motion_below(reference: FloatArray, valid: BoolArray, periods: float) -> bool:
     """Tell whether motion below so many periods a record is more than a small part of all."""
     moving = np.where(valid, reference - reference[valid].mean(), 0.0) * np.hanning(reference.size)
     power = np.abs(fft.rfft(moving)) ** 2
-    return bool(np.sum(power[: int(periods) + 1]) > MAX_BELOW**2 * np.sum(power))
+    return bool(np.sum(power[: int(periods) + 1]) > MAX_UNKNOWN_RMS**2 * np.sum(power))
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Where W falls, and from where on the ratio is continued to lower frequencies, Hz.
+    """Edges of W, and the frequency below which the ratio is continued, Hz.
 
     Attributes:
         low: lower end of W's band; 0 where it goes on to rest.
@@ -289,13 +303,15 @@ class Edges:
         """Return W at frequencies: one within the band, with smooth edges outside."""
         from scipy.special import ndtr  # slow to load
 
-        middle, width = HIGH_MIDDLE * self.high, EDGE_WIDTH * self.high
-        if middle > HIGHEST_MIDDLE * rate_hz:
-            middle, width = HIGHEST_MIDDLE * rate_hz, HIGHEST_WIDTH * rate_hz
+        middle = HIGH_MIDDLE * self.high
+        width = EDGE_WIDTH * self.high
+        if middle > MAX_MIDDLE_RATIO * rate_hz:
+            middle = MAX_MIDDLE_RATIO * rate_hz
+            width = TOP_WIDTH_RATIO * rate_hz
         value = ndtr((middle - frequency_hz) / width)
         if self.low > 0.0:
             rising = ndtr((frequency_hz - LOW_MIDDLE * self.low) / (EDGE_WIDTH * self.low))
-            value = value * np.where(frequency_hz > AT_REST * self.low, rising, 0.0)
+            value = value * np.where(frequency_hz > MIN_BAND_FRACTION * self.low, rising, 0.0)
         return np.asarray(value)
 
     def ratio(self, frequency_hz: FloatArray, chain: Chain) -> ComplexArray:
@@ -343,11 +359,11 @@ class _Filter:
         ratio = 1.0 + 0j if chain is None else edges.ratio(at, chain)
         spectrum = edges.window(at, rate_hz) * ratio
         places = np.arange(count)
-        whole = values if valid.all() else np.interp(places, places[valid], values[valid])
-        part = max(int(END_PART * count), 4)
-        ends = whole[:part], whole[-part:]
-        rest = 0.5 * float(ends[0].mean() + ends[1].mean())
-        moving = whole - rest
+        filled = values if valid.all() else np.interp(places, places[valid], values[valid])
+        part = max(int(END_FRACTION * count), 4)
+        ends = filled[:part], filled[-part:]
+        offset = 0.5 * float(ends[0].mean() + ends[1].mean())
+        moving = filled - offset
         behind_filter = np.asarray(fft.irfft(fft.rfft(moving, size) * spectrum, size))[:count]
         kernel = np.asarray(fft.irfft(spectrum, size))
         behind = _tail(kernel[: size // 2])  # of a sample that is so much earlier
@@ -361,8 +377,8 @@ class _Filter:
         if not valid.all():
             least = TOLERANCE * rms / (float(np.std(moving)) or 1.0)
             late, early = (int(np.searchsorted(-tail, -least)) for tail in (behind, ahead))
-            felt = _apart(valid, early, late)
-        samples = behind_filter + rest * float(spectrum[0].real)
+            felt = _away_from_invalid(valid, early, late)
+        samples = behind_filter + offset * float(spectrum[0].real)
         return cls(samples, felt, min(begin, count), min(end, count))
 
 
@@ -371,7 +387,7 @@ def _tail(kernel: FloatArray) -> FloatArray:
     return np.sqrt(np.cumsum(kernel[::-1] ** 2)[::-1])
 
 
-def _apart(valid: BoolArray, early: int, late: int) -> BoolArray:
+def _away_from_invalid(valid: BoolArray, early: int, late: int) -> BoolArray:
     """Return where no invalid sample lies within ``early`` samples ahead or ``late`` behind."""
     edges = np.zeros(valid.size + 1)
     bad = np.flatnonzero(~valid)

@@ -41,10 +41,10 @@ def noise_fraction(terms: Terms, mask: BoolArray) -> FloatArray:
     design[:, span_of(mask)] = terms.rows
     left_vectors, singular_values, _ = np.linalg.svd(design.T, full_matrices=False)
     basis = left_vectors[:, singular_values > 1e-5 * singular_values[0]].T
-    taken = np.sum(np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0) / np.sum(
-        window**2
-    )
-    return np.maximum(1.0 - taken, 1e-3)
+    fitted_fraction = np.sum(
+        np.abs(np.asarray(fft.rfft(basis * window, axis=1))) ** 2, axis=0
+    ) / np.sum(window**2)
+    return np.maximum(1.0 - fitted_fraction, 1e-3)
 
 
 def noise_lines(

@@ -97,8 +97,8 @@ class MeasuredResponse:
         if model is not None:
             lines = (self.line_reference, self.line_response)
             h_at_tone = model(self.frequency_hz)
-            by_channel, holds = level_by_channel(lines, h, h_at_tone, ratio, self.line_weight)
-            variance = np.where(holds, by_channel, variance)
+            by_channel, is_known = level_by_channel(lines, h, h_at_tone, ratio, self.line_weight)
+            variance = np.where(is_known, by_channel, variance)
         if self.rounding is not None:
             h_at_tone = self.ratio if model is None else model(self.frequency_hz)
             variance = variance + self.rounding[:, 1] + np.abs(h_at_tone) ** 2 * self.rounding[:, 0]

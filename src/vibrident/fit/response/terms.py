@@ -36,7 +36,7 @@ class Terms(Protocol):
         """Return the sum of the terms in these amounts, shape (R,) → (n,)."""
         ...
 
-    def only(self, which: NDArray[np.int_]) -> Terms:
+    def only(self, indices: NDArray[np.int_]) -> Terms:
         """Return the terms at these indices."""
         ...
 
@@ -66,9 +66,9 @@ class TermTable:
         """Return the sum of the terms in these amounts, shape (R,) → (n,)."""
         return amounts @ self.rows
 
-    def only(self, which: NDArray[np.int_]) -> TermTable:
+    def only(self, indices: NDArray[np.int_]) -> TermTable:
         """Return the terms at these indices."""
-        return TermTable(self.rows[which], self.gram[np.ix_(which, which)])
+        return TermTable(self.rows[indices], self.gram[np.ix_(indices, indices)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class Exponentials:
         trend: FloatArray,
         order: NDArray[np.int_],
     ) -> Exponentials:
-        """Return the terms over the samples of the trend, of which ``first`` is the first.
+        """Return the terms over the samples of the trend, of indices ``first`` is the first.
 
         Args:
             exponents: p, shape (K,).
@@ -130,10 +130,10 @@ class Exponentials:
         series += all_amounts[-1] * self.trend
         return series
 
-    def only(self, which: NDArray[np.int_]) -> Exponentials:
+    def only(self, indices: NDArray[np.int_]) -> Exponentials:
         """Return the terms at these indices."""
-        gram = self.gram[np.ix_(which, which)]
-        return Exponentials(self.steps, self.begins, self.trend, self.order[which], gram)
+        gram = self.gram[np.ix_(indices, indices)]
+        return Exponentials(self.steps, self.begins, self.trend, self.order[indices], gram)
 
 
 def products(

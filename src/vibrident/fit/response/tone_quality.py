@@ -47,14 +47,14 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         frequency = float(tones.frequency_hz[index])
         likely = kind_of_motion(np.asarray(record.reference)[record.mask])
         if likely == "shock":
-            found = "motion in a small part of the record"
+            observation = "motion in a small part of the record"
         elif frequency * samples[index] / record.sampling_rate_hz < MIN_PERIODS:
             continue  # what is short may look like anything
         else:
             stray = stray_motion(record, frequency)
             if stray < MAX_STRAY_POWER:
                 continue
-            found = (
+            observation = (
                 f"the sensor answers {stray:.2g} times as much other motion "
                 f"as at {frequency:.4g} Hz"
             )
@@ -62,7 +62,7 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         raise InputError(
             "The motion of this record is no sine.",
             expected='excitation = "sine" for motion at one frequency',
-            found=found,
+            found=observation,
             where=record.name,
             remedy=f'write excitation = "{excitation}", or cut the record to the tone',
         )

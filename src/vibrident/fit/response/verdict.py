@@ -1,4 +1,4 @@
-"""When deviations are larger than their noise explains: the test that all verdicts share."""
+"""Test of deviations against their noise, which all verdicts share."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def probability(chi2: float, degrees: int) -> float:
     return chi2_tail(degrees, chi2) if degrees > 0 else 1.0
 
 
-def chance_of(points: FloatArray, degrees: int, beside: float = 0.0) -> float:
+def chance_of(points: FloatArray, degrees: int, other_chi2: float = 0.0) -> float:
     """Return the chance of points at least as far from a right model, by their sum or the furthest.
 
     The sum of many points hides one that is far off, as at a resonance that the model lacks; the
@@ -46,9 +46,10 @@ def chance_of(points: FloatArray, degrees: int, beside: float = 0.0) -> float:
     Args:
         points: χ² of two degrees of freedom each, shape (n,).
         degrees: of freedom of all, less the parameters that were fitted.
-        beside: χ² of other quantities that are judged together with the points.
+        other_chi2: χ² of other quantities that are judged together with the points.
     """
     if degrees <= 0:
         return 1.0
     furthest = len(points) * float(np.exp(-0.5 * np.max(points)))
-    return min(1.0, 2.0 * min(probability(float(np.sum(points)) + beside, degrees), furthest))
+    total = probability(float(np.sum(points)) + other_chi2, degrees)
+    return min(1.0, 2.0 * min(total, furthest))

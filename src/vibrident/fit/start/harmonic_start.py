@@ -13,11 +13,11 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.fit.problem import Evidence
 from vibrident.fit.problem.time_domain import TimeProblem
-from vibrident.physics.network.sensitivity import Normal
+from vibrident.physics.network.sensitivity import NormalEquations
 
 
 def with_harmonic_start(
-    problem: TimeProblem, normal: Normal, evidence: Evidence, z: FloatArray
+    problem: TimeProblem, normal: NormalEquations, evidence: Evidence, z: FloatArray
 ) -> FloatArray:
     """Return coordinates with the stiffness that the third harmonics indicate.
 

@@ -187,7 +187,7 @@ def _measured_rows(
         used: samples of the response that are used, shape (R, N); None: all.
     """
     share = 1.0 if used is None else float(np.mean(used))
-    columns = SmoothColumns.beside(motions, _shape(response), share)
+    columns = SmoothColumns.from_motions(motions, _shape(response), share)
     enough = np.full(len(response), columns is not None)
     if columns is None:
         mean = np.mean(power_of(response[:, 1:]), axis=1, keepdims=True)
@@ -198,7 +198,7 @@ def _measured_rows(
     response = filled * np.sqrt(share)
     for motion in motions:
         # Noise of the reference is not in the response; at a single tone it shows in nothing else.
-        response_columns = SmoothColumns.beside([filled], _shape(filled), share)
+        response_columns = SmoothColumns.from_motions([filled], _shape(filled), share)
         assert response_columns is not None
         reference_level, _ = response_columns.incoherent_level(motion)
         level = level + reference_level * _gain_squared(response, motion)

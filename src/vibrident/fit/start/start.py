@@ -65,14 +65,14 @@ class Start:
         costs: cost at each iterate of the path.
         equations: number of residuals.
         path: parameters at each iterate.
-        others: other optima, by cost, with their costs.
+        other_optima: other optima, by cost, with their costs.
     """
 
     values: dict[str, float]
     costs: tuple[float, ...]
     equations: int
     path: tuple[dict[str, float], ...]
-    others: tuple[tuple[dict[str, float], float], ...] = ()
+    other_optima: tuple[tuple[dict[str, float], float], ...] = ()
 
 
 def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.inf) -> Start:
@@ -109,7 +109,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
         rows = _likeliest_first(rows, front, chart, final)
     single_frequency = np.ptp(final.frequency_hz) == 0.0
     longer_rad = 0.0 if single_frequency else np.pi
-    first, *others = _shortest_delay_first(rows, front, chart.model, longer_rad)
+    first, *other_rows = _shortest_delay_first(rows, front, chart.model, longer_rad)
 
     def named(u: FloatArray, row: int) -> dict[str, float]:
         return dict.fromkeys(model.parameter_names, 0.0) | chart.named(
@@ -121,7 +121,7 @@ def find_start(problem: FrequencyProblem, model: SensorModel, most: float = np.i
         tuple((front.path[1][:, first] * scale).tolist()),
         problem.equations,
         tuple(named(u, first) for u in front.path[0][:, first]),
-        tuple((named(front.u[row], row), scale * float(front.cost[row])) for row in others),
+        tuple((named(front.u[row], row), scale * float(front.cost[row])) for row in other_rows),
     )
 
 

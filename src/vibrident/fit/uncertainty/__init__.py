@@ -1,4 +1,4 @@
-"""From an estimate's covariance to what a laboratory signs.
+"""Uncertainty: from an estimate's covariance to what a laboratory signs.
 
 Parameters, curve, adequacy, and what the data do not determine.
 """

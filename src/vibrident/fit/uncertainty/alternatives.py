@@ -75,8 +75,8 @@ def other_solutions(
     ]
     labels = labels_of(model)
     if relabelled and labels is not None and labels.undecided(values, uncertainty):
-        others = "; or ".join(_list_values(candidate, units) for candidate in relabelled)
-        text = f"The response does not tell {labels.question}. The same response: {others}."
+        same_response = "; or ".join(_list_values(candidate, units) for candidate in relabelled)
+        text = f"The response does not tell {labels.question}. The same response: {same_response}."
         yield ResultWarning("weakly_determined", text)
     chart = LogCoordinates(
         model,
@@ -105,11 +105,11 @@ def _optima_of_start(
 
     The rise is over the χ² of the estimate.
     """
-    if begin is None or not begin.others:
+    if begin is None or not begin.other_optima:
         return
     places = [
         chart.place(dict(values))
-        for values in (solution.values, *(values for values, _ in begin.others))
+        for values in (solution.values, *(values for values, _ in begin.other_optima))
     ]
     u = np.array([coordinates for coordinates, _ in places])
     sign = np.array([signs for _, signs in places])

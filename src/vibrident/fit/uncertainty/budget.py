@@ -148,7 +148,8 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
     reference = (
         [SystematicEffect("calibration of the reference", "gain", relative)] if relative > 0 else []
     )
-    known = [effect for one in calibration.known_responses.values() for effect in one.effects]
+    known_responses = calibration.known_responses.values()
+    known = [effect for response in known_responses for effect in response.effects]
     return [*reference, *known, *calibration.effects]
 
 

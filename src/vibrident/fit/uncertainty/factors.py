@@ -79,16 +79,16 @@ def band_factors(bins: Weighed, *, sine: bool, least: FloatArray | float = 0.0) 
     # The fit's weights fade out where noise of the reference may be the motion; these do not, so
     # that cov s = G.
     weights = counted / (bins.samples * bins.spectrum.psd)
-    freed, information, score, taken = _scores(bins, motion, weights, edges)
+    freed, information, score, nuisance_information = _scores(bins, motion, weights, edges)
     motion_power = power_of(motion)
     power = _sums(motion_power, edges)
     moment = _sums(np.arange(last) * motion_power, edges)
     flat = _sums(counted * motion_power, edges)
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
     # Of two real columns: the information less what the nuisances imitate.
-    real_information = information - taken[0]
-    imaginary_information = information - taken[1]
-    cross_information = -taken[2]
+    real_information = information - nuisance_information[0]
+    imaginary_information = information - nuisance_information[1]
+    cross_information = -nuisance_information[2]
     determinant = real_information * imaginary_information - cross_information**2
     trace = real_information + imaginary_information
     shows = (power > MIN_RELATIVE_POWER * strongest) & (
@@ -164,12 +164,12 @@ def _scores(
     real = np.real(cross)
     imaginary = np.imag(cross)
     pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
-    taken = [np.sum(first * second, axis=0) for first, second in pairs]
+    nuisance_information = [np.sum(first * second, axis=0) for first, second in pairs]
     return (
         freed,
         _sums(weight * power_of(motion), edges),
         _sums(weighted_motion * freed, edges),
-        taken,
+        nuisance_information,
     )
 
 

@@ -52,8 +52,8 @@ def weakly_determined(
     for index, spec in enumerate(model.parameters):
         # The logarithm's deviation is relative; a delay's is in radians at the highest frequency.
         relative_u = deviation[index] / sizes[index]
-        others = np.abs(np.delete(correlations[index], index))
-        strongest_correlation = float(np.max(others, initial=0.0))
+        other_correlations = np.abs(np.delete(correlations[index], index))
+        strongest_correlation = float(np.max(other_correlations, initial=0.0))
         # Fixing that other parameter would shrink it by five.
         trades_off = (
             1.0 / np.sqrt(max(1.0 - strongest_correlation**2, 1e-12)) > 5.0
@@ -68,7 +68,7 @@ def weakly_determined(
             warnings.append(ResultWarning("weakly_determined", text))
         elif relative_u > WEAK_UNCERTAINTY or trades_off:
             names = [name for name in model.parameter_names if name != spec.name]
-            weak[spec.name] = partner = names[int(np.argmax(others))] if names else ""
+            weak[spec.name] = partner = names[int(np.argmax(other_correlations))] if names else ""
             text = (
                 f"{relative_u:.2g} rad at the highest frequency"
                 if spec.kind == "time"
@@ -175,15 +175,15 @@ def _moved_parameters(
     change = np.log(moved / response)
     log_slopes = (slopes * coordinates.slopes(coordinates.place(values))[:, None] / response).T
     log_slopes = np.concatenate([np.real(log_slopes), np.imag(log_slopes)])
-    others = np.flatnonzero(
+    free = np.flatnonzero(
         (np.linalg.norm(log_slopes, axis=0) > 0.0) & (np.arange(len(deviation)) != index)
     )
     shifts, *_ = np.linalg.lstsq(
-        log_slopes[:, others], np.concatenate([np.real(change), np.imag(change)]), rcond=1e-12
+        log_slopes[:, free], np.concatenate([np.real(change), np.imag(change)]), rcond=1e-12
     )
     names = [
         in_words(model.parameter_names[k])
-        for k, shift in zip(others, shifts, strict=True)
+        for k, shift in zip(free, shifts, strict=True)
         if abs(shift) > deviation[k]
     ]
     return " and the ".join(names)

@@ -1,8 +1,8 @@
 """Many sensors in one command: calibrations by name, by processes of this machine or of a cluster, to one table.
 
-``run`` (in ``coordinator``) is the path: patterns → calibrations → keys → batches → parts → table and page. Nothing is
-computed twice and nothing is lost: an outcome belongs to the content of its files, and is completely on the disk
-before it is reported.
+``run`` (in ``coordinator``) is the path: patterns → calibrations → keys → batches → parts → table
+and page. Nothing is computed twice and nothing is lost: an outcome belongs to the content of its
+files, and is completely on the disk before it is reported.
 """
 
 from vibrident.lab.fleet.coordinator import Asked, Outcome, run

@@ -1,7 +1,7 @@
 """The work of a worker of any scheduler: hash calibrations, and identify a batch of them in a process of its own.
 
-The process receives one calibration at a time, so it is known which one ended it. That one is tried alone in a new
-process. If it ends that too, its row says so. Another process continues the batch.
+The process receives one calibration at a time, so it is known which one ended it. That one is tried
+alone in a new process. If it ends that too, its row says so. Another process continues the batch.
 """
 
 from __future__ import annotations
@@ -27,8 +27,12 @@ from vibrident.lab.fleet.row import Row
 from vibrident.lab.fleet.worker import Task
 
 _START_S = 180.0  # longest time to load the libraries, in seconds; a network drive may be slow
-_HASHING_S = 36_000.0  # longest time to hash some calibrations, in seconds: a drive may be very slow
-_IDLE_S = 120.0  # seconds without a call after which it ends: on a cluster the run may be lost unnoticed
+_HASHING_S = (
+    36_000.0  # longest time to hash some calibrations, in seconds: a drive may be very slow
+)
+_IDLE_S = (
+    120.0  # seconds without a call after which it ends: on a cluster the run may be lost unnoticed
+)
 _MOST_BYTES = 1_500_000_000  # A process with more memory than this is replaced
 _MOST_DONE = 2000  # A process is replaced after so many calibrations
 
@@ -47,7 +51,9 @@ class Identifier:
         """Key and shape of each calibration; errors as of ``identify``."""
         if not self._process.alive:
             self._start()
-        return self._process.call(worker.fingerprints, paths, self.orders, limits=Limits(_HASHING_S, self.memory_bytes))
+        return self._process.call(
+            worker.fingerprints, paths, self.orders, limits=Limits(_HASHING_S, self.memory_bytes)
+        )
 
     def identify(self, task: Task) -> Row:
         """The row of a calibration, a path and its key.
@@ -61,9 +67,13 @@ class Identifier:
             self._start()
         limits = Limits(self.orders.time_limit_s, self.memory_bytes)
         try:
-            row, held_bytes = self._process.call(worker.identified, task, self.orders, limits=limits)
+            row, held_bytes = self._process.call(
+                worker.identified, task, self.orders, limits=limits
+            )
         except WorkerError as error:
-            raise Died("crash", f"a process that failed: {str(error).strip().rpartition(chr(10))[2]}") from error
+            raise Died(
+                "crash", f"a process that failed: {str(error).strip().rpartition(chr(10))[2]}"
+            ) from error
         self._done += 1
         if self._done >= _MOST_DONE or held_bytes > _MOST_BYTES:
             self.close()
@@ -90,8 +100,10 @@ class Identifier:
                 expected=f"a Python process that loads vibrident within {_START_S:g} s",
                 found=f"{ending}: {printed.rpartition(chr(10))[2]}".removesuffix(": "),
                 where=sys.executable,
-                remedy="free memory, use fewer ⟦fleet.workers⟧, or a larger ⟦fleet.memory_limit_bytes⟧; "
-                "⟦command = doctor⟧ checks the rest",
+                remedy=(
+                    "free memory, use fewer ⟦fleet.workers⟧, or a larger "
+                    "⟦fleet.memory_limit_bytes⟧; ⟦command = doctor⟧ checks the rest"
+                ),
             ) from death
 
 
@@ -122,7 +134,9 @@ class Done:
     part: str  # name of the file with the rows
     statuses: dict[str, int]  # number of rows by status
     seconds: float  # duration of the batch
-    moved: dict[str, str]  # key asked for → key found, of calibrations whose files changed meanwhile
+    moved: dict[
+        str, str
+    ]  # key asked for → key found, of calibrations whose files changed meanwhile
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
@@ -147,7 +161,9 @@ def work_off(tasks: Sequence[Task], orders: Orders) -> Done:
         part = write_part(orders.parts_folder, found, orders.time_limit_s, process.memory_bytes)
     except OSError as error:
         raise unwritable(error, orders.folder) from error
-    moved = {key: row["key"] for (_, key), row in zip(tasks, found, strict=True) if row["key"] != key}
+    moved = {
+        key: row["key"] for (_, key), row in zip(tasks, found, strict=True) if row["key"] != key
+    }
     seconds = sum(row["seconds"] for row in found)
     return Done(part, dict(Counter(row["status"] for row in found)), seconds, moved)
 
@@ -185,13 +201,18 @@ def _row(process: Identifier, task: Task) -> Row:
 
 def lost(path: str, key: str, orders: Orders) -> Row:
     """The row of a calibration whose workers were lost repeatedly."""
-    return _killed(Died("crash", "workers that were lost with it, several times"), orders, path, key)
+    return _killed(
+        Died("crash", "workers that were lost with it, several times"), orders, path, key
+    )
 
 
 def _killed(death: Died, orders: Orders, path: str, key: str) -> Row:
     problem, remedy = _PROBLEMS[death.reason]
     memory_bytes = memory_limit(orders) or 0
-    limits = {"time": f"at most {orders.time_limit_s:g} s", "memory": f"at most {memory_bytes / 1e6:.0f} MB"}
+    limits = {
+        "time": f"at most {orders.time_limit_s:g} s",
+        "memory": f"at most {memory_bytes / 1e6:.0f} MB",
+    }
     error = InputError(
         problem,
         expected=limits.get(death.reason, "a calibration that a process survives"),

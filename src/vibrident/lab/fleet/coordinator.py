@@ -27,7 +27,9 @@ from vibrident.lab.fleet.table import Tally, identified_keys, index_of, write_ta
 from vibrident.lab.fleet.worker import Task
 
 BATCH_S = 10.0  # seconds of work in a batch: long against the time to send one, short against an acceptable loss
-_LEAST_BATCH_S = 0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
+_LEAST_BATCH_S = (
+    0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
+)
 _MOST_IN_A_BATCH = 1000  # most calibrations of a batch, however short they are
 _NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
 
@@ -49,21 +51,30 @@ class Batches:
     def measured(self, shape: str, seconds: float, calibrations: int) -> None:
         """Update the time of a shape from a finished batch."""
         each = seconds / calibrations
-        self.seconds[shape] = (1 - _NEWEST_SHARE) * self.seconds.get(shape, each) + _NEWEST_SHARE * each
+        self.seconds[shape] = (1 - _NEWEST_SHARE) * self.seconds.get(
+            shape, each
+        ) + _NEWEST_SHARE * each
 
     def ahead_s(self) -> float:
         """Seconds of waiting work; a calibration of a shape without a measured time counts as one second."""
-        return sum(len(tasks) * self.seconds.get(shape, 1.0) for shape, tasks in self.waiting.items())
+        return sum(
+            len(tasks) * self.seconds.get(shape, 1.0) for shape, tasks in self.waiting.items()
+        )
 
     def take(self, workers: int) -> tuple[str, list[Task]]:
         """The next batch, of the shape with most waiting work; at least one calibration must be waiting.
 
         Of a shape without a measured time, the batch is one calibration.
         """
-        shape = max(self.waiting, key=lambda name: len(self.waiting[name]) * self.seconds.get(name, 1.0))
-        tasks, each = self.waiting[shape], self.seconds.get(shape)
+        shape = max(
+            self.waiting, key=lambda name: len(self.waiting[name]) * self.seconds.get(name, 1.0)
+        )
+        tasks = self.waiting[shape]
+        each = self.seconds.get(shape)
         wanted_s = min(BATCH_S, max(_LEAST_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
-        size = 1 if each is None else max(1, min(_MOST_IN_A_BATCH, round(wanted_s / max(each, 1e-6))))
+        size = (
+            1 if each is None else max(1, min(_MOST_IN_A_BATCH, round(wanted_s / max(each, 1e-6))))
+        )
         batch = [tasks.popleft() for _ in range(min(size, len(tasks)))]
         if not tasks:
             del self.waiting[shape]
@@ -84,7 +95,9 @@ class Asked:
 
     patterns: Sequence[str]  # files, folders and globs
     orders: Orders  # how each calibration is identified, and the folder
-    specification: Specification = field(default_factory=Specification)  # limits of the parameters, by type
+    specification: Specification = field(
+        default_factory=Specification
+    )  # limits of the parameters, by type
     fresh: bool = False  # compute everything again instead of continuing
 
 
@@ -115,19 +128,23 @@ class Outcome:
         return (self.folder / f"{key}.json" for key in identified_keys(self.files[0]))
 
 
-def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None) -> Outcome:
+def run(
+    asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None
+) -> Outcome:
     """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
 
     ``scheduler`` is closed at the end; ``progress`` is called about twice a second.
 
     Raises:
-        InputError: a pattern names nothing, the folder cannot be written, the connection to the scheduler is lost, or
-            pyarrow is not installed.
+        InputError: a pattern names nothing, the folder cannot be written, the connection to the
+            scheduler is lost, or pyarrow is not installed.
     """
     parts.arrow()  # before the work that it would come after
     begin = time.monotonic()
     began_at = time.time()
-    orders = replace(asked.orders, folder=os.path.abspath(asked.orders.folder), run=uuid.uuid4().hex)
+    orders = replace(
+        asked.orders, folder=os.path.abspath(asked.orders.folder), run=uuid.uuid4().hex
+    )
     try:
         named = patterns.found(asked.patterns)
         _prepare(orders, fresh=asked.fresh)
@@ -138,10 +155,13 @@ def run(asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], No
             work.do()
         finally:
             scheduler.close(orders.run)
-        seconds, computed = time.monotonic() - begin, work.computed
+        seconds = time.monotonic() - begin
+        computed = work.computed
         known = work.keys != b""
-        names, keys = itertools.compress(named.paths, known.tolist()), work.keys[known]
-        table, left_out = Path(orders.folder) / "fleet.parquet", int(np.sum(~known))
+        names = itertools.compress(named.paths, known.tolist())
+        keys = work.keys[known]
+        table = Path(orders.folder) / "fleet.parquet"
+        left_out = int(np.sum(~known))
         del work
         memory.give_back()
         tally = write_table(table, names, keys, orders)
@@ -158,7 +178,9 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
         if folder.is_dir():
             parts.remove_left(folder)
             for path in folder.glob(f"*{ending}") if fresh else ():
-                if len(path.stem) == 64 and set(path.stem) <= set("0123456789abcdef"):  # ours, by its name
+                if len(path.stem) == 64 and set(path.stem) <= set(
+                    "0123456789abcdef"
+                ):  # ours, by its name
                     path.unlink(missing_ok=True)
     if orders.results:
         orders.results_folder.mkdir(exist_ok=True)
@@ -179,8 +201,13 @@ class _Work:
         scheduler: Scheduler,
         progress: Callable[[RunProgress], None],
     ) -> None:
-        self.named, self.orders, self.scheduler, self.progress = named, orders, scheduler, progress
-        self.keys = np.zeros(len(named.paths), dtype=parts.PACKED)  # empty: not hashed yet, or no calibration
+        self.named = named
+        self.orders = orders
+        self.scheduler = scheduler
+        self.progress = progress
+        self.keys = np.zeros(
+            len(named.paths), dtype=parts.PACKED
+        )  # empty: not hashed yet, or no calibration
         self.computed = 0
         self._lost: Counter[str] = Counter()
         self._moves: Counter[int] = Counter()
@@ -188,7 +215,9 @@ class _Work:
         self._batches = Batches()
         self._hashing: dict[int, list[int]] = {}
         self._work: dict[int, tuple[str, list[Task]]] = {}
-        self._next, self._seen, self._waiting_for = 0, 0, 0
+        self._next = 0
+        self._seen = 0
+        self._waiting_for = 0
         self._begin = time.monotonic()
 
     def do(self) -> None:
@@ -204,12 +233,19 @@ class _Work:
         self._tell()
 
     def _send(self) -> None:
-        workers = max(self.scheduler.workers(), 1)  # an adaptive cluster starts workers only once work is submitted
+        workers = max(
+            self.scheduler.workers(), 1
+        )  # an adaptive cluster starts workers only once work is submitted
         while len(self._hashing) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
-            if self._next < len(self.named.paths) and not ahead and len(self._hashing) <= workers // 2:
+            if (
+                self._next < len(self.named.paths)
+                and not ahead
+                and len(self._hashing) <= workers // 2
+            ):
                 size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
-                first, self._next = self._next, min(self._next + size, len(self.named.paths))
+                first = self._next
+                self._next = min(self._next + size, len(self.named.paths))
                 self._hash(list(range(first, self._next)))
             elif self._batches:
                 shape, tasks = self._batches.take(workers)
@@ -252,8 +288,10 @@ class _Work:
                     expected="the same files under the same names on all machines",
                     found="no file of that name, where the worker runs",
                     where=os.path.abspath(self.named.paths[place]),
-                    remedy="put data and output on a drive that all machines share, or start the workers on "
-                    "this machine",
+                    remedy=(
+                        "put data and output on a drive that all machines share, or start the "
+                        "workers on this machine"
+                    ),
                 )
             self.keys[place] = key = parts.packed([one.key])[0]
             if key not in self._there:
@@ -288,4 +326,6 @@ class _Work:
         left = len(self.named.paths) - self._seen + self._waiting_for
         left_s = left / rate if rate > 0 else None
         workers = self.scheduler.workers()
-        self.progress(RunProgress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers))
+        self.progress(
+            RunProgress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers)
+        )

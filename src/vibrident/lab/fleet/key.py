@@ -20,7 +20,8 @@ from vibrident.data.io.toml_text import read_toml
 from vibrident.lab.fleet.orders import Orders
 
 SCHEMA = "vibrident.fleet/1"
-#: In place of the hash of a file that is missing or not readable: the key changes once it can be read.
+#: In place of the hash of a file that is missing or not readable: the key changes once it can be
+#: read.
 _ABSENT = "absent"
 
 
@@ -28,8 +29,8 @@ _ABSENT = "absent"
 class Fingerprint:
     """A calibration before it is read."""
 
-    # SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data files, the settings and
-    # the version
+    # SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data
+    # files, the settings and the version
     key: str
     shape: str  # equal for calibrations that take about the same time
     calibration: bool = True  # False for a TOML file that is no calibration file
@@ -57,7 +58,9 @@ def sensor_text(path: str) -> dict[str, str]:
     """The sensor section of a calibration file, as far as it can be read; the file may be unusable otherwise."""
     section = _toml(Path(path)).get("sensor")
     plain = section if isinstance(section, Mapping) else {}
-    return {str(key): str(value) for key, value in plain.items() if not isinstance(value, list | dict)}
+    return {
+        str(key): str(value) for key, value in plain.items() if not isinstance(value, list | dict)
+    }
 
 
 def _key(file: Path, names: list[str], orders: Orders) -> str:
@@ -67,9 +70,13 @@ def _key(file: Path, names: list[str], orders: Orders) -> str:
         "settings": orders.settings,
         "calibration": digest,
         "data": [[name, _digest(file.parent / name)] for name in names],
-        "place": os.path.abspath(file) if digest == _ABSENT else "",  # two unreadable files must not have the same key
+        "place": os.path.abspath(file)
+        if digest == _ABSENT
+        else "",  # two unreadable files must not have the same key
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 def _digest(path: Path) -> str:
@@ -85,7 +92,13 @@ def _shape(document: CalibrationFile, folder: Path, names: list[str]) -> str:
     size = sum(os.path.getsize(folder / name) for name in names if os.path.isfile(folder / name))
     kinds = {entry.excitation for entry in document.records} or {"table"}
     endings = {Path(name).suffix.lower() for name in names}
-    parts = [document.sensor.model, *sorted(kinds), *sorted(endings), len(names), round(math.log2(size + 1))]
+    parts = [
+        document.sensor.model,
+        *sorted(kinds),
+        *sorted(endings),
+        len(names),
+        round(math.log2(size + 1)),
+    ]
     return " ".join(str(part) for part in parts)
 
 

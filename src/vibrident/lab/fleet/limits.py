@@ -20,7 +20,9 @@ K = 2.0  # coverage factor of the uncertainty in a verdict
 class Limit(FileSection):
     """One [[limits]] entry."""
 
-    type: str | None = Field(default=None, min_length=1, description="a sensor's type in quotes, not empty")
+    type: str | None = Field(
+        default=None, min_length=1, description="a sensor's type in quotes, not empty"
+    )
     parameter: str = Field(min_length=1, description="a parameter's name in quotes")
     nominal: Number
     tolerance: Positive | None = None
@@ -56,7 +58,9 @@ class Limit(FileSection):
 class Specification(FileSection):
     """A limits file, checked."""
 
-    limits: list[Limit] = Field(default=[], description="one or more [[limits]], in double brackets")
+    limits: list[Limit] = Field(
+        default=[], description="one or more [[limits]], in double brackets"
+    )
 
     def limit(self, type_: str | None, parameter: str) -> Limit | None:
         """The limit for a parameter of a type of sensor: that of the type, else that of all types."""
@@ -95,7 +99,10 @@ def _check(found: Specification, where: str) -> None:
         if (one.tolerance is None) == (one.tolerance_percent is None):
             raise InputError(
                 "A limit has one tolerance.",
-                expected="tolerance (in the parameter's unit) or tolerance_percent (of the nominal value)",
+                expected=(
+                    "tolerance (in the parameter's unit) or tolerance_percent (of the nominal "
+                    "value)"
+                ),
                 found="neither" if one.tolerance is None else "both",
                 where=here,
                 remedy="keep one of the two",

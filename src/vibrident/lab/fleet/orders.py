@@ -21,7 +21,9 @@ _SHARE = 0.8
 def plug_ins() -> tuple[str, ...]:
     """Return the installed packages, with versions, that add what takes part in an identification."""
     points = (point for kind in TAKING_PART for point in installed().get(kind.group, ()))
-    return tuple(sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist}))
+    return tuple(
+        sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist})
+    )
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class Orders:
 def memory_limit(orders: Orders) -> int | None:
     """Most bytes of a process that identifies, on this machine; None if the machine's memory is not known.
 
-    Unless it is stated, each processor's share of four fifths of the memory, but at least 4 GB, because one large
-    calibration is rarely beside another; and never more than the four fifths.
+    Unless it is stated, each processor's share of four fifths of the memory, but at least 4 GB,
+    because one large calibration is rarely beside another; and never more than the four fifths.
     """
     if orders.memory_limit_bytes is not None:
         return orders.memory_limit_bytes

@@ -51,24 +51,30 @@ _MOST_TYPES = 100  # types shown in the table of yields
 _ROWS = 4096  # rows in memory at the same time
 _JUDGED = ("limits", "outside", "undecided", "Cpk")  # columns of parameters with a limit
 _LEGEND = Sentence(
-    "Bars: calibrations. Red lines: limits, with what lies outside shaded; dashed: nominal. ◂ and ▸ count what lies "
-    "beyond the ends. Undecided: values within U (k = 2) of a limit, inside or outside. Cpk: distance of the mean from "
-    "the nearer limit over 3 sd."
+    "Bars: calibrations. Red lines: limits, with what lies outside shaded; dashed: nominal. ◂ and "
+    "▸ count what lies beyond the ends. Undecided: values within U (k = 2) of a limit, inside or "
+    "outside. Cpk: distance of the mean from the nearer limit over 3 sd."
 )
 
 
-def write_page(path: Path, table: Path, tally: Tally, specification: Specification, began_at: float) -> Path:
+def write_page(
+    path: Path, table: Path, tally: Tally, specification: Specification, began_at: float
+) -> Path:
     """Write the page, beside the folder of whole results, of a table and its tally; return its path.
 
     ``specification``: limits by type; ``began_at``: of this run, in seconds since 1970.
     """
-    made = content(table, tally, specification, began_at, results=(path.parent / "results").is_dir())
+    made = content(
+        table, tally, specification, began_at, results=(path.parent / "results").is_dir()
+    )
     with whole(path) as partial:
         partial.write_bytes(html.printed(made).encode("utf-8", "replace"))
     return path
 
 
-def content(table: Path, tally: Tally, specification: Specification, began_at: float, *, results: bool) -> Document:
+def content(
+    table: Path, tally: Tally, specification: Specification, began_at: float, *, results: bool
+) -> Document:
     """The content of the page; ``results``: whole results stand beside it, to be linked."""
     found = statistics(table, tally, specification)
     memory.give_back()
@@ -93,18 +99,26 @@ class _Names:
         self.of: dict[int, tuple[str, str, str]] = {}  # row → calibration, serial number, key
         self.kinds: Counter[tuple[str, str]] = Counter()  # status and problem
         self.examples: dict[tuple[str, str], tuple[str, list[str]]] = {}  # message, calibrations
-        wanted, start, seconds = set(rows), 0, []
+        wanted = set(rows)
+        start = 0
+        seconds = []
         with pq.ParquetFile(table) as file:
             columns = ["calibration", "key", "status", "message", "serial_number", "seconds"]
             for batch in file.iter_batches(_ROWS, columns=columns):
                 found = batch.to_pydict()
                 for i, status in enumerate(found["status"]):
                     if start + i in wanted:
-                        told = found["calibration"][i], found["serial_number"][i] or "", found["key"][i]
+                        told = (
+                            found["calibration"][i],
+                            found["serial_number"][i] or "",
+                            found["key"][i],
+                        )
                         self.of[start + i] = told
                     if status != IDENTIFIED:
                         self._count(status, found["message"][i], found["calibration"][i])
-                seconds.append(np.asarray(batch["seconds"].to_numpy(zero_copy_only=False), dtype=float))
+                seconds.append(
+                    np.asarray(batch["seconds"].to_numpy(zero_copy_only=False), dtype=float)
+                )
                 start += batch.num_rows
         self.seconds = np.concatenate(seconds) if seconds else np.zeros(0)
 
@@ -129,13 +143,17 @@ def _verdict(tally: Tally, found: Statistics) -> Sentence:
         "failed": tally.statuses[FAILED],
         "identified with a doubt": tally.doubtful,
     }
-    rest = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "none refused, failed or doubtful"
+    rest = (
+        ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        or "none refused, failed or doubtful"
+    )
     kind = "doubt" if tally.doubts else "fine"
     return Sentence(f"{rest}.", kind, f"{conforming} of {tally.rows} calibrations {rule};")
 
 
 def _cards(tally: Tally, found: Statistics) -> Cards:
-    total, conforming = tally.rows, sum(one.conforming for one in found.yields)
+    total = tally.rows
+    conforming = sum(one.conforming for one in found.yields)
     counts = {
         "Identified": tally.statuses[IDENTIFIED],
         "With a doubt": tally.doubtful,
@@ -150,8 +168,11 @@ def _cards(tally: Tally, found: Statistics) -> Cards:
 
 def _yields(found: Statistics) -> tuple[Block, ...]:
     rule = (
-        "A calibration conforms where every limited parameter is within its limits; of types without limits, where no "
-        "doubt was raised. “Beyond doubt” are those that conform whatever the value is within U (k = 2)."
+        (
+            "A calibration conforms where every limited parameter is within its limits; of types "
+            "without limits, where no doubt was raised. “Beyond doubt” are those that conform "
+            "whatever the value is within U (k = 2)."
+        )
         if found.limited
         else "No limits were given, so a calibration counts that was identified without a doubt."
     )
@@ -173,7 +194,11 @@ def _distributions(found: Statistics, specification: Specification) -> Iterator[
     for group in found.groups:
         yield _numbers(group, specification)
         for derived in (False, True):
-            drawn = [distribution(one) for one in group.distributions if is_derived(one.parameter) == derived]
+            drawn = [
+                distribution(one)
+                for one in group.distributions
+                if is_derived(one.parameter) == derived
+            ]
             gallery = Beside(tuple(drawn))
             if drawn:
                 yield Folded("Derived parameters", (gallery,)) if derived else gallery
@@ -189,7 +214,10 @@ def _numbers(group: Group, specification: Specification) -> Table:
         limit = specification.limit(group.type, one.parameter)
         if limit is not None and one.limit is None:
             name = parameter_name(one.parameter).words
-            said.append(f"The limit of the {name} is in {limit.unit}, the values are in {one.unit}: not judged.")
+            said.append(
+                f"The limit of the {name} is in {limit.unit}, the values are in {one.unit}: not "
+                "judged."
+            )
     limited = any(one.limit for one in group.distributions)
     heads = ("n", "median", "sd", "least", "greatest", "median u", *(_JUDGED if limited else ()))
     return Table(
@@ -201,7 +229,8 @@ def _numbers(group: Group, specification: Specification) -> Table:
 
 
 def _row(one: Distribution) -> tuple[str, ...]:
-    scale, limit = scaled(one.unit, max(abs(one.least), abs(one.greatest))), one.limit
+    scale = scaled(one.unit, max(abs(one.least), abs(one.greatest)))
+    limit = one.limit
     judged = (NONE,) * len(_JUDGED)
     if limit is not None:
         span = f"{limit.lower * scale.factor:.5g} … {limit.upper * scale.factor:.5g}"
@@ -221,14 +250,15 @@ def _row(one: Distribution) -> tuple[str, ...]:
 
 def _outliers(found: Statistics, named: _Names, results: bool) -> Iterator[Block]:
     yield Sentence(
-        "Values outside their limits, and values that stand apart: so far from the median, in robust standard "
-        "deviations, that a normal distribution of the group's size shows such a value in one group and parameter of "
-        "a hundred."
+        "Values outside their limits, and values that stand apart: so far from the median, in "
+        "robust standard deviations, that a normal distribution of the group's size shows such a "
+        "value in one group and parameter of a hundred."
     )
     if not found.outliers:
         yield Sentence("There are none.")
         return
-    rows, links = [], {}
+    rows = []
+    links = {}
     for i, one in enumerate(found.outliers):
         calibration, serial_number, key = named.of[one.row]
         scale = scaled(one.unit, one.value)
@@ -236,7 +266,9 @@ def _outliers(found: Statistics, named: _Names, results: bool) -> Iterator[Block
             (
                 serial_number or calibration,
                 parameter_name(one.parameter).words,
-                *pair(one.value * scale.factor, None if one.u is None else 2 * one.u * scale.factor),
+                *pair(
+                    one.value * scale.factor, None if one.u is None else 2 * one.u * scale.factor
+                ),
                 scale.printed,
                 f"{one.distance:.1f}",
                 "outside" if one.outside else "",
@@ -246,7 +278,11 @@ def _outliers(found: Statistics, named: _Names, results: bool) -> Iterator[Block
         if results:
             links[i] = f"results/{key}.json"
     more = (f"{found.more_outliers} more are not listed.",) if found.more_outliers else ()
-    heads = (*columns("sensor", "parameter"), *columns("value", "U (k = 2)", kind="number"), Column("unit"))
+    heads = (
+        *columns("sensor", "parameter"),
+        *columns("value", "U (k = 2)", kind="number"),
+        Column("unit"),
+    )
     heads += (Column("robust sd from the median", "number"), *columns("limits", "calibration"))
     yield Table(heads, tuple(rows), notes=more, links=links)
 
@@ -255,7 +291,11 @@ def _warnings(tally: Tally) -> Block:
     identified = tally.statuses[IDENTIFIED]
     if not tally.warnings:
         return Sentence(f"None, in {identified} identified calibrations.")
-    heads = (*columns("code", "says"), Column("calibrations", "number"), Column("of those identified", "share"))
+    heads = (
+        *columns("code", "says"),
+        Column("calibrations", "number"),
+        Column("of those identified", "share"),
+    )
     rows = tuple(
         (code, words.explain(code).title, str(count), _percent(count, identified))
         for code, count in tally.warnings.most_common()
@@ -269,7 +309,8 @@ def _refused(named: _Names) -> Iterator[Block]:
     heads = (Column("calibrations", "number"), *columns("why", "which"))
     listed = named.kinds.most_common(MOST_KINDS)
     for status in (REFUSED, FAILED):
-        rows, messages = [], []
+        rows = []
+        messages = []
         for kind, count in (one for one in listed if one[0][0] == status):
             message, names = named.examples[kind]
             more = f" and {count - len(names)} more" if count > len(names) else ""
@@ -285,13 +326,16 @@ def _refused(named: _Names) -> Iterator[Block]:
 
 def _throughput(seconds: np.ndarray, tally: Tally, began_at: float) -> Iterator[Block]:
     yield Sentence(
-        f"{tally.rows} calibrations took {seconds.sum():.4g} s of work, {np.mean(seconds):.3g} s each in the mean."
+        f"{tally.rows} calibrations took {seconds.sum():.4g} s of work, {np.mean(seconds):.3g} s "
+        "each in the mean."
     )
     now = tally.finished[tally.finished >= began_at] - began_at
     drawn = []
     if now.size:
         elapsed = max(float(now.max()), 1e-9)
-        yield Sentence(f"This run computed {now.size} in {elapsed:.4g} s, {now.size / elapsed:.3g} a second.")
+        yield Sentence(
+            f"This run computed {now.size} in {elapsed:.4g} s, {now.size / elapsed:.3g} a second."
+        )
         drawn.append(over_time(now, "calibrations done"))
     else:
         yield Sentence("This run computed none: all were there.")
@@ -322,25 +366,46 @@ def distribution(found: Distribution) -> Figure:
 def over_time(seconds: NDArray[np.float64], label: str) -> Figure:
     """Calibrations finished in each interval of time; shape (calibrations,), seconds since the beginning."""
     longest = float(seconds.max(initial=0.0))
-    unit, factor = ("h", 1 / 3600) if longest > 10_000 else ("min", 1 / 60) if longest > 300 else ("s", 1.0)
+    unit, factor = (
+        ("h", 1 / 3600) if longest > 10_000 else ("min", 1 / 60) if longest > 300 else ("s", 1.0)
+    )
     counts, edges = np.histogram(seconds, 30, (0.0, max(longest, 1e-3)))
-    return histogram(Histogram(edges, counts, 0, 0), f"{label}, in {unit} since the beginning", factor)
+    return histogram(
+        Histogram(edges, counts, 0, 0), f"{label}, in {unit} since the beginning", factor
+    )
 
 
-def histogram(found: Histogram, label: str, factor: float = 1.0, limit: Limit | None = None) -> Figure:
+def histogram(
+    found: Histogram, label: str, factor: float = 1.0, limit: Limit | None = None
+) -> Figure:
     """Bars over an axis.
 
-    ``found``: counts; ``label``: under the axis; ``factor``: from the values to the numbers on the axis; ``limit``: for
-    the values.
+    ``found``: counts; ``label``: under the axis; ``factor``: from the values to the numbers on the
+    axis; ``limit``: for the values.
     """
-    edges, tallest = found.edges * factor, float(max(found.counts.max(), 1))
-    low, high = float(edges[0]), float(edges[-1])
-    bars = Series((edges[1:] + edges[:-1]) / 2, found.counts.astype(float), "", _BARS, "columns", np.diff(edges) / 2)
+    edges = found.edges * factor
+    tallest = float(max(found.counts.max(), 1))
+    low = float(edges[0])
+    high = float(edges[-1])
+    bars = Series(
+        (edges[1:] + edges[:-1]) / 2,
+        found.counts.astype(float),
+        "",
+        _BARS,
+        "columns",
+        np.diff(edges) / 2,
+    )
     series = [bars] if limit is None else [*_outside(limit, factor, low, high, tallest), bars]
     if limit is not None:
-        for value, look in ((limit.nominal, _NOMINAL), (limit.lower, _LIMIT), (limit.upper, _LIMIT)):
+        for value, look in (
+            (limit.nominal, _NOMINAL),
+            (limit.lower, _LIMIT),
+            (limit.upper, _LIMIT),
+        ):
             if low <= value * factor <= high:
-                series.append(Series(np.full(2, value * factor), np.array([0.0, tallest]), "", look))
+                series.append(
+                    Series(np.full(2, value * factor), np.array([0.0, tallest]), "", look)
+                )
     room = _ROOM * (high - low)
     x = Axis(label, low - room, high + room, axes.linear_ticks(low, high, 4))
     y = Axis("", 0.0, tallest, axes.linear_ticks(0.0, tallest, 4, whole_numbers=True))
@@ -353,7 +418,14 @@ def _outside(limit: Limit, factor: float, low: float, high: float, top: float) -
     """Shade the values that do not conform."""
     stretches = ((low, min(limit.lower * factor, high)), (max(limit.upper * factor, low), high))
     return [
-        Series(np.array([(stop + start) / 2]), np.array([top]), "", _OUTSIDE, "columns", np.array([(stop - start) / 2]))
+        Series(
+            np.array([(stop + start) / 2]),
+            np.array([top]),
+            "",
+            _OUTSIDE,
+            "columns",
+            np.array([(stop - start) / 2]),
+        )
         for start, stop in stretches
         if stop > start
     ]

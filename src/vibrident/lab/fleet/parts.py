@@ -23,11 +23,14 @@ from vibrident.base.errors import InputError
 from vibrident.base.extras import library
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
 
-#: Columns of a part beside those of parameters; units are JSON, limits are stated for failed calibrations.
+#: Columns of a part beside those of parameters; units are JSON, limits are stated for failed
+#: calibrations.
 _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
 _FLAGS = ("adequate", "passing")
-_LEFT_S = 3600.0  # age after which an unfinished file is taken to be left by a process that has ended
+_LEFT_S = (
+    3600.0  # age after which an unfinished file is taken to be left by a process that has ended
+)
 PACKED = np.dtype("S32")  # type of an array of keys
 
 
@@ -51,14 +54,19 @@ def arrow() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    return library("pyarrow", "fleet", "The table of a fleet needs pyarrow, which is not installed.", "vibrident fleet")
+    return library(
+        "pyarrow",
+        "fleet",
+        "The table of a fleet needs pyarrow, which is not installed.",
+        "vibrident fleet",
+    )
 
 
 def load_arrow() -> None:
     """Load pyarrow for a command: with a pool that returns memory, and without pandas.
 
-    The first array that pyarrow makes loads pandas, in a quarter of a second and 30 MB, for nothing that is done here.
-    It tries once; its ``to_pandas`` tries again.
+    The first array that pyarrow makes loads pandas, in a quarter of a second and 30 MB, for nothing
+    that is done here. It tries once; its ``to_pandas`` tries again.
 
     Raises:
         InputError: it is not installed.
@@ -103,7 +111,9 @@ def packed(keys: Sequence[str]) -> NDArray[np.bytes_]:
 
 def digits(keys: NDArray[np.bytes_]) -> list[str]:
     """The hexadecimal digits of packed keys."""
-    return [one.ljust(32, b"\0").hex() for one in keys.tolist()]  # NumPy leaves out zeros at the end
+    return [
+        one.ljust(32, b"\0").hex() for one in keys.tolist()
+    ]  # NumPy leaves out zeros at the end
 
 
 def remove_left(folder: Path) -> None:
@@ -117,7 +127,9 @@ def remove_left(folder: Path) -> None:
 def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
     """Rows as a table of pyarrow, with the limits on time and memory that applied to them."""
     pa = arrow()
-    columns: dict[str, Any] = {field: pa.array([text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS}
+    columns: dict[str, Any] = {
+        field: pa.array([text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS
+    }
     columns["units"] = pa.array([_units(row) for row in rows], pa.string())
     limits = {"time_limit_s": time_limit_s, "memory_limit_bytes": memory_limit_bytes}
     for field in _NUMBERS:
@@ -132,7 +144,9 @@ def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int |
     return pa.table(columns)
 
 
-def write_part(folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> str:
+def write_part(
+    folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None
+) -> str:
     """Write rows into a part; return its name, a hash of the keys: the same rows never make two parts."""
     import pyarrow.parquet as pq
 
@@ -153,7 +167,9 @@ def text(value: str | None) -> str | None:
 
 
 def _units(row: Row) -> str:
-    return json.dumps({name: one[2] for name, one in row["parameters"].items()}, separators=(",", ":"))
+    return json.dumps(
+        {name: one[2] for name, one in row["parameters"].items()}, separators=(",", ":")
+    )
 
 
 def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
@@ -162,30 +178,49 @@ def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in columns if name not in known and f"{name}_u" in columns)
 
 
-def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None) -> Index:
+def index(
+    folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None
+) -> Index:
     """Index all rows on the disk. A part that cannot be read is ignored.
 
-    A row has to be computed again if its whole result is wanted and missing, if the calibration failed within tighter
-    limits than this run's, or if another attempt may have another outcome. ``results``: folder of the whole results;
-    None: not wanted.
+    A row has to be computed again if its whole result is wanted and missing, if the calibration
+    failed within tighter limits than this run's, or if another attempt may have another outcome.
+    ``results``: folder of the whole results; None: not wanted.
     """
-    there = None if results is None else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
-    names, parameters, blocks = [], [], [np.zeros(0, dtype=_PLACE)]
+    there = (
+        None
+        if results is None
+        else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
+    )
+    names = []
+    parameters = []
+    blocks = [np.zeros(0, dtype=_PLACE)]
     for path in sorted(folder.glob("*.parquet")):
         if (read := _read(path)) is None:
             continue
         columns, found = read
         block = np.zeros(len(found["key"]), dtype=_PLACE)
-        block["key"], block["part"], block["row"] = packed(found["key"]), len(names), np.arange(block.size)
-        failed, passing = np.array(found["status"]) == FAILED, np.array(found["passing"])
+        block["key"], block["part"], block["row"] = (
+            packed(found["key"]),
+            len(names),
+            np.arange(block.size),
+        )
+        failed = np.array(found["status"]) == FAILED
+        passing = np.array(found["passing"])
         seconds = np.array(found["time_limit_s"], dtype=float)
-        memory = np.array([math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float)
-        ended, wanted = ~failed & ~passing, math.inf if memory_limit_bytes is None else memory_limit_bytes
+        memory = np.array(
+            [math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float
+        )
+        ended = ~failed & ~passing
+        wanted = math.inf if memory_limit_bytes is None else memory_limit_bytes
         stands = ended | (failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory))
         if there is not None:
             pairs = zip(found["key"], found["status"], strict=True)
             stands &= [status != IDENTIFIED or f"{key}.json" in there for key, status in pairs]
-        block["ended"], block["seconds"], block["memory"], block["stands"] = ended, seconds, memory, stands
+        block["ended"] = ended
+        block["seconds"] = seconds
+        block["memory"] = memory
+        block["stands"] = stands
         blocks.append(block)
         names.append(path.name)
         parameters.append(parameters_of(columns))
@@ -195,7 +230,9 @@ def index(folder: Path, results: Path | None, time_limit_s: float, memory_limit_
     last = np.ones(every.size, dtype=bool)
     last[:-1] = every["key"][1:] != every["key"][:-1]
     every = every if last.all() else every[last]
-    key, part, row, stands = (np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "stands"))
+    key, part, row, stands = (
+        np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "stands")
+    )
     return Index(key, part, row, stands, names, parameters)
 
 
@@ -217,7 +254,7 @@ def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
 def unwritable(error: OSError, folder: str) -> InputError:
     """The error of a folder that cannot be written, by a run that can be continued."""
     remedy = (
-        "free disk space or correct the permissions (remote workers need the folder under the same name), then run the "
-        "same command again: it continues where it stopped"
+        "free disk space or correct the permissions (remote workers need the folder under the "
+        "same name), then run the same command again: it continues where it stopped"
     )
     return files.unwritable(error, folder, remedy)

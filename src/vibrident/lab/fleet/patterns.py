@@ -34,7 +34,9 @@ class Paths:
         if number not in self._opened:
             if len(self._opened) >= _MOST_OPENED:
                 self._opened.clear()
-            self._opened[number] = [os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")]
+            self._opened[number] = [
+                os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")
+            ]
         return self._opened[number][within]
 
     def __iter__(self) -> Iterator[str]:
@@ -53,21 +55,22 @@ class Found:
     """Files to be identified, in order; two columns, because there may be millions."""
 
     paths: Paths  # as they were found from the patterns
-    # 1 for a file found in a named folder, 0 for a file named itself: the former is left out if it is no calibration
-    # file
+    # 1 for a file found in a named folder, 0 for a file named itself: the former is left out if it
+    # is no calibration file
     in_folder: bytearray
 
 
 def found(patterns: Sequence[str]) -> Found:
     """The calibration files that the patterns name, each once, pattern by pattern and then by name.
 
-    A folder names every ``.toml`` file in it and below it, also behind links to folders elsewhere, and a glob the files
-    and folders that match.
+    A folder names every ``.toml`` file in it and below it, also behind links to folders elsewhere,
+    and a glob the files and folders that match.
 
     Raises:
         InputError: a pattern names nothing.
     """
-    files, seen = Found(Paths(), bytearray()), set[bytes]()
+    files = Found(Paths(), bytearray())
+    seen = set[bytes]()
     for pattern in patterns:
         found_one = False
         for path, in_folder in _named(pattern):
@@ -81,7 +84,9 @@ def found(patterns: Sequence[str]) -> Found:
             raise InputError(
                 "No calibration file is there.",
                 expected="a calibration file, a folder that holds some, or a glob that matches some",
-                found=f"a folder without a {_ENDING} file" if os.path.isdir(pattern) else "nothing of that name",
+                found=f"a folder without a {_ENDING} file"
+                if os.path.isdir(pattern)
+                else "nothing of that name",
                 where=repr(pattern),
                 remedy="check the path; quote a glob, so that the shell does not expand it",
             )
@@ -89,7 +94,9 @@ def found(patterns: Sequence[str]) -> Found:
 
 
 def _named(pattern: str) -> Iterator[tuple[str, bool]]:
-    for match in [pattern] if os.path.lexists(pattern) else sorted(glob.iglob(pattern, recursive=True)):
+    for match in (
+        [pattern] if os.path.lexists(pattern) else sorted(glob.iglob(pattern, recursive=True))
+    ):
         yield from _of(match)
 
 
@@ -97,7 +104,8 @@ def _of(path: str) -> Iterator[tuple[str, bool]]:
     if not os.path.isdir(path):
         yield path, False
         return
-    roots, places = [path], [os.path.realpath(path)]
+    roots = [path]
+    places = [os.path.realpath(path)]
     for root in roots:  # links to folders elsewhere are roots too, after the folder that has them
         for folder, below, files in os.walk(root):
             below[:] = sorted(name for name in below if not name.startswith("."))
@@ -105,7 +113,8 @@ def _of(path: str) -> Iterator[tuple[str, bool]]:
                 if name.lower().endswith(_ENDING) and not name.startswith("."):
                     yield os.path.join(folder, name), True
             for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
-                place, here = os.path.realpath(link), os.path.realpath(folder)
+                place = os.path.realpath(link)
+                here = os.path.realpath(folder)
                 if not _within(here, place) and not any(_within(place, other) for other in places):
                     roots.append(link)
                     places.append(place)

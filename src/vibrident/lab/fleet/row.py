@@ -11,18 +11,22 @@ from vibrident.base.errors import InputError, VibridentError
 from vibrident.result import Result
 from vibrident.result.document import plain
 
-IDENTIFIED, REFUSED, FAILED = "identified", "refused", "failed"
+IDENTIFIED = "identified"
+REFUSED = "refused"
+FAILED = "failed"
 
-#: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate, chi2_reduced, warnings,
-#: seconds as in the table, ``parameters`` being name → [value, u, unit]; ``finished``: when, in seconds since 1970;
-#: ``passing``: True if the next run is to try again, because another attempt may have another outcome.
+#: Fields: key, status, message, serial_number, type, model, estimator, parameters, adequate,
+#: chi2_reduced, warnings, seconds as in the table, ``parameters`` being name → [value, u, unit];
+#: ``finished``: when, in seconds since 1970; ``passing``: True if the next run is to try again,
+#: because another attempt may have another outcome.
 Row = dict[str, Any]
 
 
 def identified(key: str, result: Result, seconds: float) -> Row:
     """The row of a result."""
     parameters = {
-        name: [plain(one.value), plain(one.standard_uncertainty), one.unit] for name, one in result.parameters.items()
+        name: [plain(one.value), plain(one.standard_uncertainty), one.unit]
+        for name, one in result.parameters.items()
     }
     return {
         **_row(key, IDENTIFIED, "", dict(result.sensor), seconds),
@@ -35,7 +39,9 @@ def identified(key: str, result: Result, seconds: float) -> Row:
     }
 
 
-def refused(key: str, error: VibridentError, sensor: dict[str, str], model: str | None, seconds: float) -> Row:
+def refused(
+    key: str, error: VibridentError, sensor: dict[str, str], model: str | None, seconds: float
+) -> Row:
     """The row of data that cannot be used, with the whole message. A fit that did not converge has failed."""
     status = REFUSED if isinstance(error, InputError) else FAILED
     row = _row(key, status, str(error), sensor, seconds)
@@ -44,7 +50,9 @@ def refused(key: str, error: VibridentError, sensor: dict[str, str], model: str 
     return row
 
 
-def failed(key: str, error: InputError, sensor: dict[str, str], model: str | None, seconds: float) -> Row:
+def failed(
+    key: str, error: InputError, sensor: dict[str, str], model: str | None, seconds: float
+) -> Row:
     """The row of a calibration that was not completed."""
     return {**refused(key, error, sensor, model, seconds), "status": FAILED}
 

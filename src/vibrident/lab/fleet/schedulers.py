@@ -66,8 +66,9 @@ class Scheduler(abc.ABC):
 class Local(Scheduler):
     """A number of processes on this machine.
 
-    A thread waits for each. So it is known which batch a process has, and the end of one does not affect the others. A
-    pool of processes (loky's, ``concurrent.futures``) is broken as a whole when one of them ends.
+    A thread waits for each. So it is known which batch a process has, and the end of one does not
+    affect the others. A pool of processes (loky's, ``concurrent.futures``) is broken as a whole
+    when one of them ends.
     """
 
     def __init__(self, workers: int) -> None:
@@ -105,22 +106,31 @@ class Dask(Scheduler):
     """
 
     #: Seconds to wait for the scheduler, and seconds for which a count of workers is reused.
-    _PATIENCE_S, _COUNT_S = 20.0, 1.0
+    _PATIENCE_S = 20.0
+    _COUNT_S = 1.0
 
     def __init__(self, where: str) -> None:
         super().__init__()
         missing = "A scheduler needs Dask, which is not installed."
         distributed = library("distributed", "cluster", missing, f"⟦fleet.scheduler = {where!r}⟧")
-        self._where, self._futures = where, {}
-        self._count, self._counted = 0, -self._COUNT_S
+        self._where = where
+        self._futures = {}
+        self._count = 0
+        self._counted = -self._COUNT_S
         in_file = where.endswith(".json")
         if in_file and not Path(where).is_file():
             raise self._unreachable("no file of that name")
-        if not in_file and "/" not in where.partition("://")[2] and not where.rpartition(":")[2].isdigit():
+        if (
+            not in_file
+            and "/" not in where.partition("://")[2]
+            and not where.rpartition(":")[2].isdigit()
+        ):
             raise self._unreachable("no port")  # Dask would wait for it at the end
         place = {"scheduler_file": where} if in_file else {"address": where}
         try:
-            self._client = distributed.Client(**place, timeout=self._PATIENCE_S, set_as_default=False)
+            self._client = distributed.Client(
+                **place, timeout=self._PATIENCE_S, set_as_default=False
+            )
         except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
             raise self._unreachable(f"{type(error).__name__}: {error}") from error
 
@@ -128,7 +138,8 @@ class Dask(Scheduler):
         """Threads of all present workers."""
         if time.monotonic() - self._counted >= self._COUNT_S:
             with contextlib.suppress(OSError, TimeoutError):
-                self._count, self._counted = sum(self._client.nthreads().values()), time.monotonic()
+                self._count = sum(self._client.nthreads().values())
+                self._counted = time.monotonic()
         return self._count
 
     def _begin(self, call: int, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
@@ -160,7 +171,10 @@ class Dask(Scheduler):
                 expected="a scheduler that answers",
                 found=f"a connection that is {self._client.status}",
                 where=self._where,
-                remedy="start it and its workers again; then run the same command again: it continues where it stopped",
+                remedy=(
+                    "start it and its workers again; then run the same command again: it "
+                    "continues where it stopped"
+                ),
             )
         if reply is not None:
             self._futures.pop(reply.call, None)

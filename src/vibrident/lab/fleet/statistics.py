@@ -109,7 +109,8 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     """Read a fleet's table and count."""
     columns = _Columns(table)
     identified = columns.is_text("status", IDENTIFIED)
-    types, models = columns.codes("type"), columns.codes("model")
+    types = columns.codes("type")
+    models = columns.codes("model")
     kinds, group = _grouped((types.numbers, models.numbers, tally.units_of), identified)
     sets = tally.units
     units = [sets[number] for number in kinds[2].tolist()]
@@ -118,7 +119,8 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     outliers: list[Outlier] = []
     verdict = _Verdict(identified, group)
     for parameter in columns.parameters:
-        values, u = columns.numbers(parameter), columns.numbers(f"{parameter}_u")
+        values = columns.numbers(parameter)
+        u = columns.numbers(f"{parameter}_u")
         limits = [
             _limit(specification, types.name(number), parameter, unit)
             for number, unit in zip(kinds[0].tolist(), units, strict=True)
@@ -128,12 +130,17 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
             rows = np.flatnonzero((group == number) & np.isfinite(values))
             if rows.size:
                 unit = units[number].get(parameter, "")
-                distributions.append(_distribution(parameter, unit, values[rows], u[rows], limits[number]))
+                distributions.append(
+                    _distribution(parameter, unit, values[rows], u[rows], limits[number])
+                )
                 outliers += _outliers(parameter, unit, rows, values, u, limits[number])
     outliers.sort(key=lambda one: (not one.outside, -one.distance, one.row))
     groups = [
         Group(
-            types.name(int(kinds[0, number])), models.name(int(kinds[1, number])) or "", int(sizes[number]), tuple(one)
+            types.name(int(kinds[0, number])),
+            models.name(int(kinds[1, number])) or "",
+            int(sizes[number]),
+            tuple(one),
         )
         for number, one in enumerate(found)
     ]
@@ -166,8 +173,10 @@ class _Verdict:
     """Which rows conform to all their limits."""
 
     def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
-        self._identified, self._group = identified, group
-        self._conforming, self._certain = identified.copy(), identified.copy()
+        self._identified = identified
+        self._group = group
+        self._conforming = identified.copy()
+        self._certain = identified.copy()
         self.limited = np.zeros(identified.size, dtype=bool)
 
     def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[Limit | None]) -> None:
@@ -183,7 +192,9 @@ class _Verdict:
     def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Rows that conform, and rows that conform for all values within U; without limits, the sound rows."""
         plain = self._identified & whole
-        return np.where(self.limited, self._conforming, plain), np.where(self.limited, self._certain, plain)
+        return np.where(self.limited, self._conforming, plain), np.where(
+            self.limited, self._certain, plain
+        )
 
 
 def outlier_limit(count: int) -> float:
@@ -191,15 +202,24 @@ def outlier_limit(count: int) -> float:
     return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + _SMALL / count)
 
 
-def _limit(specification: Specification, type_: str | None, parameter: str, units: dict[str, str]) -> Limit | None:
+def _limit(
+    specification: Specification, type_: str | None, parameter: str, units: dict[str, str]
+) -> Limit | None:
     limit = specification.limit(type_, parameter)
-    return limit if limit is None or limit.unit is None or limit.unit == units.get(parameter) else None
+    return (
+        limit if limit is None or limit.unit is None or limit.unit == units.get(parameter) else None
+    )
 
 
-def _distribution(parameter: str, unit: str, values: FloatArray, u: FloatArray, limit: Limit | None) -> Distribution:
+def _distribution(
+    parameter: str, unit: str, values: FloatArray, u: FloatArray, limit: Limit | None
+) -> Distribution:
     stated = u[np.isfinite(u)]
-    mean, sd = float(np.mean(values)), float(np.std(values, ddof=1)) if values.size > 1 else 0.0
-    capability, conforming, certain = None, 0, 0
+    mean = float(np.mean(values))
+    sd = float(np.std(values, ddof=1)) if values.size > 1 else 0.0
+    capability = None
+    conforming = 0
+    certain = 0
     if limit is not None:
         conforming = int(limit.inside(values).sum())
         certain = int(limit.certain(values, u).sum())
@@ -226,14 +246,16 @@ def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
     low, first, third, high = (float(one) for one in np.quantile(values, [0.0, 0.25, 0.75, 1.0]))
     spread = third - first
     if spread > 0:
-        low, high = max(low, first - 4 * spread), min(high, third + 4 * spread)
+        low = max(low, first - 4 * spread)
+        high = min(high, third + 4 * spread)
     if limit is not None and spread > 0:  # a limit far from the values is not drawn
         margin = _MARGIN * (limit.upper - limit.lower)
         low = min(low, max(limit.lower - margin, first - 12 * spread))
         high = max(high, min(limit.upper + margin, third + 12 * spread))
     if not high > low:
         margin = 0.01 * abs(low) or 1.0
-        low, high = low - margin, high + margin
+        low = low - margin
+        high = high + margin
     width = 2 * spread / values.size ** (1 / 3)
     bins = math.ceil((high - low) / width) if width > 0 else _FEWEST_BINS
     counts, edges = np.histogram(values, min(max(bins, _FEWEST_BINS), _MOST_BINS), (low, high))
@@ -241,10 +263,16 @@ def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
 
 
 def _outliers(
-    parameter: str, unit: str, rows: NDArray[np.intp], every: FloatArray, u: FloatArray, limit: Limit | None
+    parameter: str,
+    unit: str,
+    rows: NDArray[np.intp],
+    every: FloatArray,
+    u: FloatArray,
+    limit: Limit | None,
 ) -> list[Outlier]:
     """Of one group's rows of the table, whose columns are ``every`` value and u."""
-    values, none = every[rows], np.zeros(rows.size, dtype=bool)
+    values = every[rows]
+    none = np.zeros(rows.size, dtype=bool)
     median = float(np.median(values))
     spread = _TO_SD * float(np.median(np.abs(values - median)))
     distance = np.abs(values - median) / spread if spread > 0 else np.zeros(rows.size)
@@ -266,10 +294,16 @@ def _outliers(
 
 
 def _yields(
-    types: _Codes, identified: NDArray[np.bool_], conforming: NDArray[np.bool_], certain: NDArray[np.bool_]
+    types: _Codes,
+    identified: NDArray[np.bool_],
+    conforming: NDArray[np.bool_],
+    certain: NDArray[np.bool_],
 ) -> list[Yield]:
     numbers, of_type = np.unique(types.numbers, return_inverse=True)
-    counts = [np.bincount(of_type, weights=one, minlength=numbers.size) for one in (identified, conforming, certain)]
+    counts = [
+        np.bincount(of_type, weights=one, minlength=numbers.size)
+        for one in (identified, conforming, certain)
+    ]
     total = np.bincount(of_type, minlength=numbers.size)
     found = [
         Yield(types.name(int(number)), int(total[i]), *(int(one[i]) for one in counts))
@@ -303,18 +337,25 @@ class _Columns:
         return self._file.read([name])[name].combine_chunks()
 
     def numbers(self, name: str) -> FloatArray:
-        return np.array(self._column(name).to_numpy(zero_copy_only=False), dtype=float)  # null as NaN
+        return np.array(
+            self._column(name).to_numpy(zero_copy_only=False), dtype=float
+        )  # null as NaN
 
     def sound(self) -> NDArray[np.bool_]:
         """Rows whose model is adequate, without a warning."""
-        adequate, warnings = self._column("adequate").fill_null(False), self._column("warnings")
+        adequate = self._column("adequate").fill_null(False)
+        warnings = self._column("warnings")
         count = warnings.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
         return adequate.to_numpy(zero_copy_only=False) & (count == 0)
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
         found = self.codes(name)
-        return np.array([*(known == text for known in found.texts), False])[found.numbers]  # −1 takes the last
+        return np.array([*(known == text for known in found.texts), False])[
+            found.numbers
+        ]  # −1 takes the last
 
     def codes(self, name: str) -> _Codes:
         found = self._column(name)
-        return _Codes(found.indices.fill_null(-1).to_numpy(zero_copy_only=False), found.dictionary.to_pylist())
+        return _Codes(
+            found.indices.fill_null(-1).to_numpy(zero_copy_only=False), found.dictionary.to_pylist()
+        )

@@ -26,8 +26,12 @@ def summary(outcome: Outcome) -> Group:
 def overview(outcome: Outcome) -> tuple[Table, Sentence]:
     """Return rows by status and warning, and the rate."""
     whole = max(outcome.tally.rows, 1)
-    rows = tuple((what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally))
-    table = Table((Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet")
+    rows = tuple(
+        (what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally)
+    )
+    table = Table(
+        (Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet"
+    )
     return table, Sentence(_rate(outcome))
 
 

@@ -33,7 +33,9 @@ class Tally:
     statuses: Counter[str] = field(default_factory=Counter)  # rows by status
     warnings: Counter[str] = field(default_factory=Counter)  # identified rows by code of warning
     doubtful: int = 0  # identified rows that carry a warning, or whose model is not adequate
-    sets: dict[str, int] = field(default_factory=dict)  # each set of units that occurs, as JSON, and its number
+    sets: dict[str, int] = field(
+        default_factory=dict
+    )  # each set of units that occurs, as JSON, and its number
     # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     # when, in seconds since 1970, for each row; shape (rows,)
@@ -41,14 +43,20 @@ class Tally:
 
     def add(self, block: Any) -> None:
         """Count a block of the table."""
-        found = {name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")}
+        found = {
+            name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")
+        }
         self.statuses.update(found["status"])
         rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
-        self.doubtful += sum(one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows)
+        self.doubtful += sum(
+            one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows
+        )
         self.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
         numbers = [self.sets.setdefault(units, len(self.sets)) for units in found["units"]]
         self.units_of = np.append(self.units_of, np.array(numbers, dtype=np.int32))
-        self.finished = np.append(self.finished, np.asarray(block["finished"].to_numpy(), dtype=float))
+        self.finished = np.append(
+            self.finished, np.asarray(block["finished"].to_numpy(), dtype=float)
+        )
 
     @property
     def units(self) -> list[dict[str, str]]:
@@ -81,11 +89,13 @@ def index_of(orders: Orders) -> parts.Index:
     return parts.index(orders.parts_folder, results, orders.time_limit_s, memory_limit(orders))
 
 
-def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders) -> Tally:
+def write_table(
+    path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orders: Orders
+) -> Tally:
     """Write the table, whole or not at all.
 
-    ``path``: of the file; ``names``: of the rows, in order; ``keys``: of the rows, packed (see ``parts``), shape
-    (rows,); ``orders``: of the run.
+    ``path``: of the file; ``names``: of the rows, in order; ``keys``: of the rows, packed (see
+    ``parts``), shape (rows,); ``orders``: of the run.
 
     Raises:
         InputError: the row of a calibration has gone from the parts.
@@ -101,7 +111,10 @@ def write_table(path: Path, names: Iterable[str], keys: NDArray[np.bytes_], orde
             expected="parts that stay where they are",
             found=f"{missing} rows that were written, and are not there",
             where=str(orders.parts_folder),
-            remedy="do not use ⟦fleet.fresh⟧ while another run works in this folder; then give the same command again",
+            remedy=(
+                "do not use ⟦fleet.fresh⟧ while another run works in this folder; then give the "
+                "same command again"
+            ),
         )
     schema = _schema(_parameters(index, places))
     tally = Tally()
@@ -130,7 +143,9 @@ def identified_keys(path: Path) -> list[str]:
 
 def _parameters(index: parts.Index, places: NDArray[np.intp]) -> list[str]:
     """All that the rows have, the estimated ones first, in the order of the documentation."""
-    found = {name for part in np.unique(index.part[places]).tolist() for name in index.parameters[part]}
+    found = {
+        name for part in np.unique(index.part[places]).tolist() for name in index.parameters[part]
+    }
     known = [name for name in parameter_names() if name in found]
     return [*known, *sorted(found.difference(known))]
 
@@ -140,7 +155,9 @@ def _block(folder: Path, index: parts.Index, places: NDArray[np.intp], schema: A
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    pieces, where, part = [], [], index.part[places]
+    pieces = []
+    where = []
+    part = index.part[places]
     for number in np.unique(part).tolist():
         where.append(np.flatnonzero(part == number))
         with pq.ParquetFile(folder / index.parts[number]) as file:  # read_table would load far more

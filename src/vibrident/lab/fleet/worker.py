@@ -1,6 +1,7 @@
 """What happens in a process that identifies: calibrations in, their rows out.
 
-What it writes is written under another name first, so that nothing half-written stays under its own.
+What it writes is written under another name first, so that nothing half-written stays under its
+own.
 """
 
 from __future__ import annotations
@@ -88,6 +89,8 @@ def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> row
 def _held_bytes() -> int:
     """Memory of this process now, where the system says it."""
     try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf(
+            "SC_PAGE_SIZE"
+        )
     except (OSError, ValueError, AttributeError):
         return 0

@@ -2,7 +2,8 @@
 
     vibrident.lab.history.add("sqlite:///laboratory.db", results)
 
-The store is a SQL database (SQLite or PostgreSQL) that only grows. SQLAlchemy is loaded when a store is opened.
+The store is a SQL database (SQLite or PostgreSQL) that only grows. SQLAlchemy is loaded when a
+store is opened.
 """
 
 from __future__ import annotations
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
     from vibrident.result import Result
 
 for _library in ("sqlalchemy", "alembic"):
-    require(_library, "history", "A history of sensors needs a library that is not installed.", "⟦command = history⟧")
+    require(
+        _library,
+        "history",
+        "A history of sensors needs a library that is not installed.",
+        "⟦command = history⟧",
+    )
 
 __all__ = ["add"]
 
@@ -31,12 +37,12 @@ def add(
 ) -> int:
     """Add results to a store; existing ones stay unchanged.
 
-    A new store is created on first use. Each result is added whole or not at all. The results are read one
-    after another, so that a generator keeps only a few in memory.
+    A new store is created on first use. Each result is added whole or not at all. The results are
+    read one after another, so that a generator keeps only a few in memory.
 
     Args:
-        store_url: SQLAlchemy URL or path of a SQLite file; None for the environment's VIBRIDENT_STORE, else a SQLite
-            file in the user's data folder.
+        store_url: SQLAlchemy URL or path of a SQLite file; None for the environment's
+            VIBRIDENT_STORE, else a SQLite file in the user's data folder.
         results: of one sensor or many.
         serial_number: for results without one.
         date: of the calibration, for results without one.
@@ -51,4 +57,6 @@ def add(
     from vibrident.lab.history.store import Store
 
     with Store(store_url) as store:
-        return sum(one.new for one in add_all(store, results, serial_number=serial_number, date=date))
+        return sum(
+            one.new for one in add_all(store, results, serial_number=serial_number, date=date)
+        )

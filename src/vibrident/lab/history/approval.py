@@ -14,7 +14,9 @@ from vibrident.lab.history.store import Store
 from vibrident.result import TRACKED
 
 
-def approve(store: Store, calibration_id: int, *, by: str | None = None, note: str = "") -> list[int]:
+def approve(
+    store: Store, calibration_id: int, *, by: str | None = None, note: str = ""
+) -> list[int]:
     """Approve a calibration; return the numbers of others of the same data, now superseded.
 
     ``by``: who approves; None for whom the certificate states, else the account.
@@ -44,7 +46,11 @@ def approve_within(
             where=store.shown,
             remedy="approve the calibration that it began with",
         )
-    newest = sa.select(event.c.kind).where(event.c.calibration_id == calibration_id).order_by(event.c.id.desc())
+    newest = (
+        sa.select(event.c.kind)
+        .where(event.c.calibration_id == calibration_id)
+        .order_by(event.c.id.desc())
+    )
     if connection.execute(newest.limit(1)).scalar_one_or_none() == "recalled":
         raise InputError(
             "This calibration was recalled.",
@@ -66,5 +72,7 @@ def approve_within(
     for other in same:
         why = f"calibration {calibration_id} of the same data was approved"
         record(connection, common | {"calibration_id": other, "kind": "superseded", "note": why})
-    record(connection, common | {"calibration_id": calibration_id, "kind": "approved", "note": note})
+    record(
+        connection, common | {"calibration_id": calibration_id, "kind": "approved", "note": note}
+    )
     return same

@@ -1,10 +1,11 @@
 """Control charts of a sensor that is held to be stable: EWMA and CUSUM, with the false alarms they give.
 
-Both watch the recursive residuals of a constant value (Brown, Durbin & Evans 1975): each calibration against what
-those before it say, divided by the standard deviation of that difference. With the covariance that the calibrations
-state, they are independent and standard normal as long as the sensor does not change. Shared errors do not alter this.
-The limits are computed: over ``LIFE`` comparisons a chart of a stable sensor gives a false alarm with the probability
-``FALSE_ALARM``. The average run length to a false alarm (ARL) follows from the same integral equation (Page 1954; Brook
+Both watch the recursive residuals of a constant value (Brown, Durbin & Evans 1975): each
+calibration against what those before it say, divided by the standard deviation of that difference.
+With the covariance that the calibrations state, they are independent and standard normal as long as
+the sensor does not change. Shared errors do not alter this. The limits are computed: over ``LIFE``
+comparisons a chart of a stable sensor gives a false alarm with the probability ``FALSE_ALARM``. The
+average run length to a false alarm (ARL) follows from the same integral equation (Page 1954; Brook
 & Evans 1972).
 """
 
@@ -24,7 +25,9 @@ from vibrident.data.records import FloatArray
 
 FALSE_ALARM = 0.01
 LIFE = 20  # comparisons over which that holds: a sensor's life, calibrated every year or two
-EWMA_WEIGHT = 0.25  # weight of the newest residual in the EWMA: for a change of about one standard deviation
+EWMA_WEIGHT = (
+    0.25  # weight of the newest residual in the EWMA: for a change of about one standard deviation
+)
 CUSUM_ALLOWANCE = 0.5  # half of the change, in standard deviations, that the CUSUM is designed for
 _NODES = 80
 
@@ -34,7 +37,9 @@ class Chart:
     """A control chart, in standard deviations."""
 
     name: str  # ``EWMA`` or ``CUSUM``
-    upper: tuple[float, ...]  # statistic on the upper side at each residual; of the EWMA the statistic itself
+    upper: tuple[
+        float, ...
+    ]  # statistic on the upper side at each residual; of the EWMA the statistic itself
     lower: tuple[float, ...]  # on the lower side, zero or negative; the EWMA itself
     limit: tuple[float, ...]  # upper limit at each residual; the lower one is its negative
     alarm: tuple[int, ...]  # index of each residual with an alarm
@@ -44,9 +49,12 @@ class Chart:
 def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray:
     """Difference of each value after the first from those before it, in standard deviations of it; shape (n − 1,).
 
-    ``value``: shape (n,), in the order of time; ``covariance``: of the values about a constant, shape (n, n).
+    ``value``: shape (n,), in the order of time; ``covariance``: of the values about a constant,
+    shape (n, n).
     """
-    change = np.column_stack([-np.ones(value.size - 1), np.eye(value.size - 1)])  # from the first: the constant cancels
+    change = np.column_stack(
+        [-np.ones(value.size - 1), np.eye(value.size - 1)]
+    )  # from the first: the constant cancels
     spread = change @ covariance @ change.T
     root = np.linalg.cholesky(spread + 1e-13 * np.trace(covariance) * np.eye(value.size - 1))
     return solve_triangular(root, change @ value, lower=True)
@@ -59,27 +67,47 @@ def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Ch
 
 def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
     factor = ewma_factor()
-    level, count, levels, limits = 0.0, 0, [], []
+    level = 0.0
+    count = 0
+    levels = []
+    limits = []
     for residual, new in zip(residuals, restart, strict=True):
         level, count = (0.0, 0) if new else (level, count)
-        level, count = EWMA_WEIGHT * residual + (1 - EWMA_WEIGHT) * level, count + 1
+        level = EWMA_WEIGHT * residual + (1 - EWMA_WEIGHT) * level
+        count = count + 1
         levels.append(float(level))
         limits.append(factor * float(_ewma_deviation(count)))
-    alarm = tuple(i for i, (at, limit) in enumerate(zip(levels, limits, strict=True)) if abs(at) > limit)
-    return Chart("EWMA", tuple(levels), tuple(levels), tuple(limits), alarm, ewma_run_length(factor))
+    alarm = tuple(
+        i for i, (at, limit) in enumerate(zip(levels, limits, strict=True)) if abs(at) > limit
+    )
+    return Chart(
+        "EWMA", tuple(levels), tuple(levels), tuple(limits), alarm, ewma_run_length(factor)
+    )
 
 
 def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
-    limit, high, low = cusum_limit(), 0.0, 0.0
-    upper, lower = [], []
+    limit = cusum_limit()
+    high = 0.0
+    low = 0.0
+    upper = []
+    lower = []
     for residual, new in zip(residuals, restart, strict=True):
         high, low = (0.0, 0.0) if new else (high, low)
         high = max(0.0, high + residual - CUSUM_ALLOWANCE)
         low = min(0.0, low + residual + CUSUM_ALLOWANCE)
         upper.append(float(high))
         lower.append(float(low))
-    alarm = tuple(i for i, (a, b) in enumerate(zip(upper, lower, strict=True)) if max(a, -b) > limit)
-    return Chart("CUSUM", tuple(upper), tuple(lower), (limit,) * len(upper), alarm, cusum_run_length(limit) / 2)
+    alarm = tuple(
+        i for i, (a, b) in enumerate(zip(upper, lower, strict=True)) if max(a, -b) > limit
+    )
+    return Chart(
+        "CUSUM",
+        tuple(upper),
+        tuple(lower),
+        (limit,) * len(upper),
+        alarm,
+        cusum_run_length(limit) / 2,
+    )
 
 
 def _ewma_deviation(count: int) -> float:
@@ -115,14 +143,16 @@ def _density(difference: FloatArray) -> FloatArray:
 
 def _ewma_survival(factor: float) -> float:
     """Probability that the EWMA of a stable sensor stays within its limits."""
-    at, density = np.array([0.0]), np.array([1.0])
+    at = np.array([0.0])
+    density = np.array([1.0])
     weight = np.array([1.0])
     for count in range(1, LIFE + 1):
         limit = factor * _ewma_deviation(count)
         now, now_weight = _rule(-limit, limit)
         step = (now[:, None] - (1 - EWMA_WEIGHT) * at) / EWMA_WEIGHT
         density = _density(step) / EWMA_WEIGHT @ (weight * density)
-        at, weight = now, now_weight
+        at = now
+        weight = now_weight
     return float(weight @ density)
 
 
@@ -130,7 +160,9 @@ def _cusum_transition(limit: float) -> FloatArray:
     """Probability of a step of one side of the CUSUM, from and to each node and zero, the last."""
     at, weight = _rule(0.0, limit)
     points = np.append(at, 0.0)
-    return np.column_stack([_density(at + CUSUM_ALLOWANCE - points[:, None]) * weight, ndtr(CUSUM_ALLOWANCE - points)])
+    return np.column_stack(
+        [_density(at + CUSUM_ALLOWANCE - points[:, None]) * weight, ndtr(CUSUM_ALLOWANCE - points)]
+    )
 
 
 def _cusum_survival(limit: float) -> float:
@@ -160,4 +192,6 @@ def ewma_run_length(factor: float) -> float:
     at, weight = _rule(-limit, limit)
     points = np.append(at, 0.0)
     step = (at - (1 - EWMA_WEIGHT) * points[:, None]) / EWMA_WEIGHT
-    return _steps_to_alarm(np.column_stack([_density(step) / EWMA_WEIGHT * weight, np.zeros(_NODES + 1)]))
+    return _steps_to_alarm(
+        np.column_stack([_density(step) / EWMA_WEIGHT * weight, np.zeros(_NODES + 1)])
+    )

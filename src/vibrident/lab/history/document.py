@@ -23,7 +23,8 @@ from vibrident.result.document import plain
 from vibrident.use.comparison import COVERAGE_FACTOR as K
 
 SCHEMA = "vibrident.history/1"
-#: Number of dates, from the last calibration to the latest prediction, at which a figure shows the prediction.
+#: Number of dates, from the last calibration to the latest prediction, at which a figure shows the
+#: prediction.
 _CURVE = 25
 
 
@@ -31,12 +32,18 @@ _CURVE = 25
 class Question:
     """A question to a history."""
 
-    quantity: str = REFERENCE_SENSITIVITY  # name of a parameter, or the sensitivity at the reference frequency
+    quantity: str = (
+        REFERENCE_SENSITIVITY  # name of a parameter, or the sensitivity at the reference frequency
+    )
     # nominal frequency, for the sensitivity there instead of that at the reference frequency
     frequency_hz: float | None = None
-    until: datetime.date | None = None  # date to predict for; None for the end of the interval in force
+    until: datetime.date | None = (
+        None  # date to predict for; None for the end of the interval in force
+    )
     tolerance: Tolerance | None = None  # of all sensors; None for no due date
-    interval_years: float | None = None  # in force; None for the time between the last two calibrations
+    interval_years: float | None = (
+        None  # in force; None for the time between the last two calibrations
+    )
     today: datetime.date | None = None  # the date that counts as today
     # where sensors differ, the tolerance of each; None for no due date of that sensor
     tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
@@ -44,17 +51,25 @@ class Question:
 
 def _of(sensor: StoredSensor, question: Question) -> Question:
     """The question for one sensor, with its own tolerance."""
-    return question if question.tolerances is None else replace(question, tolerance=question.tolerances(sensor))
+    return (
+        question
+        if question.tolerances is None
+        else replace(question, tolerance=question.tolerances(sensor))
+    )
 
 
-def of_sensor(store: Store, sensor: StoredSensor, question: Question = Question()) -> dict[str, Any]:
+def of_sensor(
+    store: Store, sensor: StoredSensor, question: Question = Question()
+) -> dict[str, Any]:
     """The whole document of one sensor.
 
     Raises:
         InputError: no calibration of the sensor has the quantity.
     """
     question = _of(sensor, question)
-    entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(sensor.id, [])
+    entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(
+        sensor.id, []
+    )
     if all(entry.value is None for entry in entries):
         raise _no_such_quantity(store, sensor, question)
     found = life(entries, query.events(store, sensor.id).get(sensor.id, []))
@@ -89,7 +104,11 @@ def random_walks(store: Store, result: Result) -> dict[str, float]:
         return found
     for name in result.parameters:
         entries = query.entries(store, sensor.id, name).get(sensor.id, [])
-        drift = life(entries, query.events(store, sensor.id).get(sensor.id, [])).drift if entries else None
+        drift = (
+            life(entries, query.events(store, sensor.id).get(sensor.id, [])).drift
+            if entries
+            else None
+        )
         if drift is not None:
             found[name] = drift.wandering() / abs(result.parameters[name].value)
     return found
@@ -104,7 +123,10 @@ def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) ->
         expected=", ".join(one if at is None else f"{one:g}" for one in known),
         found=question.quantity if at is None else f"{at:g} Hz",
         where=sensor.name,
-        remedy=f"give one of these as {'⟦history.quantity⟧' if at is None else '⟦history.frequency_hz⟧'}",
+        remedy=(
+            "give one of these as "
+            f"{'⟦history.quantity⟧' if at is None else '⟦history.frequency_hz⟧'}"
+        ),
     )
 
 
@@ -113,9 +135,13 @@ def all_due(
 ) -> list[dict[str, Any]]:
     """The due date of every sensor that has the quantity, or of those of a type, or of one; the earliest first."""
     events = query.events(store, sensor_id)
-    sensors = {overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)}
+    sensors = {
+        overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)
+    }
     rows = []
-    for key, entries in query.entries(store, sensor_id, question.quantity, question.frequency_hz).items():
+    for key, entries in query.entries(
+        store, sensor_id, question.quantity, question.frequency_hz
+    ).items():
         if key not in sensors or all(entry.value is None for entry in entries):
             continue
         found = life(entries, events.get(key, []))
@@ -138,24 +164,41 @@ def _first_due(row: dict[str, Any]) -> str:
 
 def _without_risk(found: Life, question: Question) -> dict[str, Any]:
     """The due date without a tolerance: that of the interval in force; none if no calibration counts."""
-    unknown = dict.fromkeys(("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase"))
+    unknown = dict.fromkeys(
+        ("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase")
+    )
     if not found.entries:
-        return unknown | {"why": "no calibration counts", "interval_years": None, "by_interval": None}
+        return unknown | {
+            "why": "no calibration counts",
+            "interval_years": None,
+            "by_interval": None,
+        }
     interval = question.interval_years or interval_in_force(found)
     by_interval = later(found.entries[-1].date, interval)
-    return unknown | {"why": "no tolerance for its type", "interval_years": interval, "by_interval": by_interval}
+    return unknown | {
+        "why": "no tolerance for its type",
+        "interval_years": interval,
+        "by_interval": by_interval,
+    }
 
 
 def _quantity(found: Life, name: str) -> dict[str, Any]:
     entries = found.entries or [entry for entry, _ in found.left_out if entry.value is not None]
     present = entries[-1]
-    return {"name": name, "unit": present.unit, "frequency_hz": present.frequency_hz, "coverage_factor": K}
+    return {
+        "name": name,
+        "unit": present.unit,
+        "frequency_hz": present.frequency_hz,
+        "coverage_factor": K,
+    }
 
 
 def _calibrations(found: Life) -> list[dict[str, Any]]:
     counted = {entry.id: i for i, entry in enumerate(found.entries)}
     reasons = {entry.id: reason for entry, reason in found.left_out}
-    entries = sorted([*found.entries, *(entry for entry, _ in found.left_out)], key=lambda e: (e.date, e.id))
+    entries = sorted(
+        [*found.entries, *(entry for entry, _ in found.left_out)], key=lambda e: (e.date, e.id)
+    )
     rows = []
     for entry in entries:
         place = counted.get(entry.id)
@@ -203,16 +246,20 @@ def _drift(found: Life, question: Question) -> dict[str, Any]:
             where="⟦history.until⟧",
             remedy="give a later date",
         )
-    rate, size = drift.rate(), abs(float(found.value[-1])) or 1.0
+    rate = drift.rate()
+    size = abs(float(found.value[-1])) or 1.0
     # of a calibration of the same quality as the last one, with the same reference
     shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
     reading = drift.reading(_year(found, until), shared, float(last.u or 0.0))
     return {
         "why": "",
-        "rate_per_year": _mixture(rate) | {"relative": rate.value / size, "relative_u": rate.u / size},
+        "rate_per_year": _mixture(rate)
+        | {"relative": rate.value / size, "relative_u": rate.u / size},
         "random_walk_per_root_year": drift.wandering(),
         "probability": drift.probability,
-        "prediction": {"date": until} | _mixture(_at(found, until)) | {"reading": _mixture(reading)},
+        "prediction": {"date": until}
+        | _mixture(_at(found, until))
+        | {"reading": _mixture(reading)},
         "curve": _curve(found, until),
     }
 
@@ -230,7 +277,9 @@ def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
     """Prediction from the last calibration on."""
     first = found.entries[-1].date.toordinal()
     days = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
-    return [{"date": date} | _mixture(_at(found, date)) for date in map(datetime.date.fromordinal, days)]
+    return [
+        {"date": date} | _mixture(_at(found, date)) for date in map(datetime.date.fromordinal, days)
+    ]
 
 
 def _mixture(mixture: Mixture) -> dict[str, Any]:
@@ -271,12 +320,16 @@ def _control(found: Life) -> dict[str, Any] | None:
 
 def _residuals(found: Life, covariance: FloatArray) -> tuple[list[float], list[bool], list[int]]:
     """Return recursive residuals, where a series restarts, and the places of the calibrations."""
-    residuals, restart, places = [], [], []
+    residuals = []
+    restart = []
+    places = []
     for number in np.unique(found.group):
         places_of = np.flatnonzero(found.group == number)
         if places_of.size > 1:
             part = np.ix_(places_of, places_of)
-            residuals += control.recursive_residuals(found.value[places_of], covariance[part]).tolist()
+            residuals += control.recursive_residuals(
+                found.value[places_of], covariance[part]
+            ).tolist()
             restart += [True] + [False] * (places_of.size - 2)
             places += places_of[1:].tolist()
     return residuals, restart, places
@@ -285,14 +338,23 @@ def _residuals(found: Life, covariance: FloatArray) -> tuple[list[float], list[b
 def _due(found: Life, question: Question) -> dict[str, Any] | None:
     if question.tolerance is None or not found.entries:
         return None
-    told = due(found, question.tolerance, question.interval_years, question.today or datetime.date.today())
+    told = due(
+        found, question.tolerance, question.interval_years, question.today or datetime.date.today()
+    )
     low, high = question.tolerance.limits(found)
-    return vars(told) | {"risk": RISK, "limits": [low, high], "tolerance": question.tolerance.relative}
+    return vars(told) | {
+        "risk": RISK,
+        "limits": [low, high],
+        "tolerance": question.tolerance.relative,
+    }
 
 
 def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
     """The sensors of a store."""
     return [
-        plain(one.sensor.as_dict() | {"calibrations": one.calibrations, "first": one.first, "last": one.last})
+        plain(
+            one.sensor.as_dict()
+            | {"calibrations": one.calibrations, "first": one.first, "last": one.last}
+        )
         for one in overviews
     ]

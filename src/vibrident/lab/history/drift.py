@@ -1,16 +1,18 @@
 """How a sensor changes from one calibration to the next: not, by a line, a random walk, or both; and where it will be.
 
-A value that was measured n times is y_i = a + b t_i + W(t_i) + e_i. The errors e have the covariance V that the
-calibrations state: noise of each, and what they share (a rank-one part a source). b t is a steady drift, W a random
-walk. a is free; b is normal with variance β², W has the variance q a year. V is known; β² and q are not, and few
-calibrations determine them poorly. So they are not estimated and then held fixed, but averaged over, by the
-likelihood of the contrasts (REML, Patterson & Thompson 1971), under four hypotheses: line (q = 0), random walk (b = 0),
-both, and still (neither). Each set of variances gives a generalised least-squares estimate, and their mixture is the
-prediction. It has long tails if few calibrations exist.
+A value that was measured n times is y_i = a + b t_i + W(t_i) + e_i. The errors e have the
+covariance V that the calibrations state: noise of each, and what they share (a rank-one part a
+source). b t is a steady drift, W a random walk. a is free; b is normal with variance β², W has the
+variance q a year. V is known; β² and q are not, and few calibrations determine them poorly. So they
+are not estimated and then held fixed, but averaged over, by the likelihood of the contrasts (REML,
+Patterson & Thompson 1971), under four hypotheses: line (q = 0), random walk (b = 0), both, and
+still (neither). Each set of variances gives a generalised least-squares estimate, and their mixture
+is the prediction. It has long tails if few calibrations exist.
 
-Beforehand, the variance v of the drift over the whole history, in units of the noise of one calibration, has a density
-∝ 1/(1 + v): flat below the noise, and beyond it that of Jeffreys for a scale (Box & Tiao 1973, sec. 5.2). So where a
-random walk is large against the noise, its mixture is Student's t with n − 1 degrees of freedom for n calibrations.
+Beforehand, the variance v of the drift over the whole history, in units of the noise of one
+calibration, has a density ∝ 1/(1 + v): flat below the noise, and beyond it that of Jeffreys for a
+scale (Box & Tiao 1973, sec. 5.2). So where a random walk is large against the noise, its mixture is
+Student's t with n − 1 degrees of freedom for n calibrations.
 
 A repaired sensor, or one that jumped, has a new a, b and W; β² and q stay the same.
 """
@@ -45,7 +47,8 @@ class Mixture:
         """The value that is exceeded with 1 − ``probability``."""
         weighty = self.weight > 1e-12
         reach = 40.0 * self.deviation[weighty]
-        low, high = float(np.min(self.mean[weighty] - reach)), float(np.max(self.mean[weighty] + reach))
+        low = float(np.min(self.mean[weighty] - reach))
+        high = float(np.max(self.mean[weighty] + reach))
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self.below(middle) < probability else (low, middle)
@@ -68,13 +71,16 @@ class Mixture:
         return (high - low) / 4
 
 
-NODES = 13  # number of variances in the grid, evenly spaced in their logarithm, in units of the noise
+NODES = (
+    13  # number of variances in the grid, evenly spaced in their logarithm, in units of the noise
+)
 _LOG_RANGE = (-6.0, 14.0)
 _LEAST_WEIGHT = 1e-9  # weight below which a node adds nothing to a probability that is printed
 HYPOTHESES = ("line", "random walk", "line and random walk", "still")
-#: Their probability beforehand, times 11: with these, 95 % intervals hold about 95 % in each kind of life that can be
-#: told from the others. Without ``still``, those of a stable sensor are too wide; a line that is as probable as a walk
-#: is believed too soon of three or four points of a walk.
+#: Their probability beforehand, times 11: with these, 95 % intervals hold about 95 % in each kind
+#: of life that can be told from the others. Without ``still``, those of a stable sensor are too
+#: wide; a line that is as probable as a walk is believed too soon of three or four points of a
+#: walk.
 BEFOREHAND = (1.0, 4.0, 4.0, 2.0)
 
 
@@ -95,7 +101,9 @@ class Drift:
     time: FloatArray  # of each calibration, shape (n,), ascending
     value: FloatArray  # shape (n,)
     covariance: FloatArray  # of the errors, shape (n, n)
-    group: NDArray[np.int_]  # number of the series that each belongs to, shape (n,); the last is the present one
+    group: NDArray[
+        np.int_
+    ]  # number of the series that each belongs to, shape (n,); the last is the present one
 
     @property
     def determined(self) -> bool:
@@ -151,7 +159,8 @@ class Drift:
         same = self.group[:, None] == self.group
         sigma = self._process(self.time, self.time, same) + self.covariance
         sigma = sigma + 1e-12 * self.noise * np.eye(self.time.size)
-        # By contrasts, in which the free constant and the shared errors cancel: Σ itself may be almost singular.
+        # By contrasts, in which the free constant and the shared errors cancel: Σ itself may be
+        # almost singular.
         contrasts = np.linalg.svd(design)[0][:, design.shape[1] :]
         own = np.asarray(contrasts.T @ sigma @ contrasts, dtype=float)
         projector = np.asarray(contrasts @ np.linalg.inv(own) @ contrasts.T, dtype=float)
@@ -184,8 +193,8 @@ class Drift:
     def reading(self, time: float, shared: FloatArray, u: float) -> Mixture:
         """Prediction for a calibration at a time.
 
-        ``time``: in years; ``shared``: covariance of its error with those of the calibrations before, shape (n,);
-        ``u``: its standard uncertainty.
+        ``time``: in years; ``shared``: covariance of its error with those of the calibrations
+        before, shape (n,); ``u``: its standard uncertainty.
         """
         return self._mixture(time, shared, u**2)
 
@@ -205,11 +214,16 @@ class Drift:
         """Nodes with a weight that is not negligible."""
         return np.flatnonzero(self.weight > _LEAST_WEIGHT)
 
-    def _predicted(self, time: FloatArray, shared: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
+    def _predicted(
+        self, time: FloatArray, shared: FloatArray, variance: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation at each node and time, each of shape (such nodes, len(time))."""
-        solved, weighty = self._solved, self._weighty
+        solved = self._solved
+        weighty = self._weighty
         line, walk = (kind[weighty, None] for kind in self._variances[:2])
-        gain, back, projector = solved.gain[weighty], solved.back[weighty], solved.projector[weighty]
+        gain = solved.gain[weighty]
+        back = solved.back[weighty]
+        projector = solved.projector[weighty]
         present = self.group == self.group[-1]
         k = self._process(self.time, time, present[:, None])[weighty] + shared[:, None]
         elapsed = time - self.time[0]
@@ -218,7 +232,12 @@ class Drift:
         explained = projector @ k
         carried = (gain @ level)[:, None, :]
         mean = self.value @ explained + carried @ self.value
-        spread = own - np.sum(k * explained, axis=1) + (back @ level @ level)[:, None] - 2 * (carried @ k)[:, 0]
+        spread = (
+            own
+            - np.sum(k * explained, axis=1)
+            + (back @ level @ level)[:, None]
+            - 2 * (carried @ k)[:, 0]
+        )
         return mean, np.sqrt(np.maximum(spread, _LEAST_WEIGHT * self.noise))
 
     def rate(self) -> Mixture:

@@ -13,7 +13,8 @@ from vibrident.lab.history.life import DAYS_A_YEAR, Life
 RISK = 0.05  # probability of being outside the tolerance at which a calibration is due
 FARTHEST_YEARS = 20.0  # latest date considered, in years after the last calibration
 _LOOKS = 24  # number of coarse dates at which the risk is computed, before the date is found between two of them
-#: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is extended, else reduced.
+#: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is
+#: extended, else reduced.
 STAIRCASE_PART = 0.8
 STAIRCASE_LONGER = 1.25
 STAIRCASE_SHORTER = 0.7
@@ -36,21 +37,27 @@ class Tolerance:
 class Due:
     """When a sensor is due."""
 
-    # by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in ``why``
+    # by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in
+    # ``why``
     date: datetime.date | None
     why: str  # reason if there is no date, such as a sensor that was recalled; else empty
     risk_today: float | None  # probability of being outside the tolerance today
     risk_at_end: float | None  # at the end of the interval in force
     interval_years: float  # the interval in force
     by_interval: datetime.date  # date by that
-    staircase_years: float | None  # interval by ILAC-G24's staircase; None with fewer than two dates in the series
+    staircase_years: (
+        float | None
+    )  # interval by ILAC-G24's staircase; None with fewer than two dates in the series
     by_staircase: datetime.date | None  # date by that
 
 
-def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date) -> Due:
+def due(
+    life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date
+) -> Due:
     """When the next calibration is due, for a life with at least one.
 
-    ``interval_years``: in force; None for the time between the last two calibrations, a year if there is only one.
+    ``interval_years``: in force; None for the time between the last two calibrations, a year if
+    there is only one.
     """
     last = life.entries[-1].date
     force = interval_years or interval_in_force(life)
@@ -61,7 +68,11 @@ def due(life: Life, tolerance: Tolerance, interval_years: float | None, today: d
         return Due(None, why, None, None, force, by_interval, stairs, by_stairs)
     now, end = (risk(life, tolerance, date) for date in (max(today, last), by_interval))
     found = _first_date(life, tolerance)
-    why = "" if found is not None else f"the risk stays below {100 * RISK:g} % for {FARTHEST_YEARS:g} years"
+    why = (
+        ""
+        if found is not None
+        else f"the risk stays below {100 * RISK:g} % for {FARTHEST_YEARS:g} years"
+    )
     return Due(found, why, now, end, force, by_interval, stairs, by_stairs)
 
 
@@ -75,7 +86,8 @@ def risk(life: Life, tolerance: Tolerance, date: datetime.date) -> float:
 def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
     """First date at which the risk reaches its limit: the day of the calibration if it is reached already."""
     assert life.drift is not None
-    looks, limits = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)]), tolerance.limits(life)
+    looks = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)])
+    limits = tolerance.limits(life)
     while True:
         reached = life.drift.outside(life.years[-1] + looks, *limits) >= RISK
         if not reached.any():

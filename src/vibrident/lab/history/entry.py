@@ -28,7 +28,9 @@ from vibrident.show.points import nominal_points, reference_point
 from vibrident.use.comparison import shared_sources
 
 _AT_ONCE = 20  # results in one transaction: few, so that other writers wait for milliseconds only
-_FILE_DIGITS = 20  # digits kept of the SHA-256 of a data file: enough to recognise results of the same data
+_FILE_DIGITS = (
+    20  # digits kept of the SHA-256 of a data file: enough to recognise results of the same data
+)
 _SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
 
 DatabaseRow = dict[str, Any]
@@ -44,30 +46,41 @@ class ResultRows:
     points: list[DatabaseRow]
 
 
-def rows_of(result: Result, serial_number: str | None = None, date: datetime.date | None = None) -> ResultRows:
+def rows_of(
+    result: Result, serial_number: str | None = None, date: datetime.date | None = None
+) -> ResultRows:
     """The rows of a result.
 
-    ``result``: the result; ``serial_number``: if the result states no serial number; ``date``: of the calibration, if
-    the result states no date.
+    ``result``: the result; ``serial_number``: if the result states no serial number; ``date``: of
+    the calibration, if the result states no date.
 
     Raises:
         InputError: the serial number or the date is in neither the result nor the arguments.
     """
     sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
     sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
-    stated, when = result.certificate.get("date_of_calibration"), date_of(result)
+    stated = result.certificate.get("date_of_calibration")
+    when = date_of(result)
     if stated is not None and when is not None and date not in (None, when):
         raise InputError(
             "The date is not that of the result.",
             expected=f"{when}, as its certificate states",
             found=str(date),
             where="⟦history.date⟧",
-            remedy="leave it out, or correct date_of_calibration in the calibration file and identify again",
+            remedy=(
+                "leave it out, or correct date_of_calibration in the calibration file and "
+                "identify again"
+            ),
         )
     when = when if date is None else date
     if when is None:
         key = '[certificate] date_of_calibration = "2025-03-31"'
-        raise _missing("date of its calibration", key, "⟦history.date⟧", "none" if stated is None else repr(stated))
+        raise _missing(
+            "date of its calibration",
+            key,
+            "⟦history.date⟧",
+            "none" if stated is None else repr(stated),
+        )
     calibration = {
         "sha256": identity(result),
         "date": when,
@@ -103,7 +116,9 @@ def _serial_number(stated: str, given: str | None) -> str:
             remedy="leave the option away, or give the result of that sensor",
         )
     if not (stated or given):
-        raise _missing("serial number", '[sensor] serial_number = "4711"', "⟦history.serial_number⟧")
+        raise _missing(
+            "serial number", '[sensor] serial_number = "4711"', "⟦history.serial_number⟧"
+        )
     return stated or given
 
 
@@ -126,23 +141,34 @@ def _parameters(result: Result) -> list[DatabaseRow]:
     """The magnitude of the sensitivity at the reference frequency, if it is known, and the parameters."""
 
     def row(
-        name: str, value: float, u: float | None, unit: str, shared: Mapping[str, float], **more: Any
+        name: str,
+        value: float,
+        u: float | None,
+        unit: str,
+        shared: Mapping[str, float],
+        **more: Any,
     ) -> DatabaseRow:
         numbers = {"value": plain(value), "standard_uncertainty": plain(u)}
-        return {"name": name, **numbers, "unit": unit, "frequency_hz": None, "shared": json.dumps(shared), **more}
+        return {
+            "name": name,
+            **numbers,
+            "unit": unit,
+            "frequency_hz": None,
+            "shared": json.dumps(shared),
+            **more,
+        }
 
     rows = []
     at = None if result.is_tracked else reference_point(result)[0]
     if at is not None and math.isfinite(at.magnitude):
         shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
-        unit, more = unit_of_sensitivity(result), {"identifiable": True, "derived": True}
+        unit = unit_of_sensitivity(result)
+        more = {"identifiable": True, "derived": True}
         known = at.magnitude, at.magnitude_uncertainty, unit, shared
         rows.append(row(schema.REFERENCE_SENSITIVITY, *known, **more, frequency_hz=at.frequency_hz))
     for name, one in result.parameters.items():
-        shared, more = (
-            shared_sources(result, parameter=name),
-            {"identifiable": one.identifiable, "derived": one.derived},
-        )
+        shared = shared_sources(result, parameter=name)
+        more = {"identifiable": one.identifiable, "derived": one.derived}
         rows.append(row(name, one.value, one.standard_uncertainty, one.unit, shared, **more))
     return rows
 
@@ -174,12 +200,16 @@ class Added(NamedTuple):
 
 
 def add_all(
-    store: Store, results: Iterable[Result], *, serial_number: str | None = None, date: datetime.date | None = None
+    store: Store,
+    results: Iterable[Result],
+    *,
+    serial_number: str | None = None,
+    date: datetime.date | None = None,
 ) -> Iterator[Added]:
     """Add results, and yield what came of each.
 
-    A result that the store holds already stays as it is. Where a ``date`` is given that is not the one in the store,
-    the event ``redated`` corrects it.
+    A result that the store holds already stays as it is. Where a ``date`` is given that is not the
+    one in the store, the event ``redated`` corrects it.
 
     Raises:
         InputError: as :func:`rows_of`; the results before this one are then in the store.
@@ -192,11 +222,15 @@ def add_all(
         yield from added
 
 
-def _insert(store: Store, connection: sa.Connection, rows: ResultRows, date: datetime.date | None) -> Added:
+def _insert(
+    store: Store, connection: sa.Connection, rows: ResultRows, date: datetime.date | None
+) -> Added:
     sensor_id = _sensor_id(store, connection, rows.sensor)
     same = _stored(connection, sensor_id, rows.calibration)
     if same is not None:
-        return Added(False, same, None if date is None else _redate(connection, sensor_id, same, date))
+        return Added(
+            False, same, None if date is None else _redate(connection, sensor_id, same, date)
+        )
     _check_number(store, connection, rows)
     key = connection.execute(
         store.insert(schema.calibration)
@@ -216,7 +250,9 @@ def _insert(store: Store, connection: sa.Connection, rows: ResultRows, date: dat
 def _stored(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int | None:
     """Return the number of the calibration that holds the same result; None if there is none."""
     columns = calibration.c
-    same = connection.execute(sa.select(columns.id).where(columns.sha256 == row["sha256"])).scalar_one_or_none()
+    same = connection.execute(
+        sa.select(columns.id).where(columns.sha256 == row["sha256"])
+    ).scalar_one_or_none()
     if same is not None:
         return same
     # earlier versions hashed the text: those of the same data are compared by what they say
@@ -238,7 +274,8 @@ def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> 
     Evaluations of the same data state one number, and so do the axes of one sensor; one of them
     is certified.
     """
-    known, columns = rows.calibration, calibration.c
+    known = rows.calibration
+    columns = calibration.c
     if not known["certificate_number"]:
         return
     asked = (
@@ -256,13 +293,18 @@ def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> 
         raise InputError(
             "Another calibration has this certificate number.",
             expected="a number of its own for each certificate",
-            found=f"{known['certificate_number']}, as calibration {row[columns.id]} of sensor {row['serial_number']}",
+            found=(
+                f"{known['certificate_number']}, as calibration {row[columns.id]} of sensor "
+                f"{row['serial_number']}"
+            ),
             where=store.shown,
             remedy="correct [certificate] number in the calibration file and identify again",
         )
 
 
-def _redate(connection: sa.Connection, sensor_id: int, number: int, date: datetime.date) -> datetime.date | None:
+def _redate(
+    connection: sa.Connection, sensor_id: int, number: int, date: datetime.date
+) -> datetime.date | None:
     """Correct the date of a calibration by an event; return the former one, None if it is the same."""
     asked = sa.select(query.corrected_date()).where(calibration.c.id == number)
     former = connection.execute(asked).scalar_one()
@@ -271,7 +313,13 @@ def _redate(connection: sa.Connection, sensor_id: int, number: int, date: dateti
     note = f"the date was {former}"
     record(
         connection,
-        {"sensor_id": sensor_id, "calibration_id": number, "kind": schema.REDATED, "date": date, "note": note},
+        {
+            "sensor_id": sensor_id,
+            "calibration_id": number,
+            "kind": schema.REDATED,
+            "date": date,
+            "note": note,
+        },
     )
     return former
 
@@ -283,7 +331,12 @@ def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, s
     found = connection.execute(wanted).scalar_one_or_none()
     if found is not None:
         return found
-    new = store.insert(schema.sensor).values(identity).on_conflict_do_nothing().returning(schema.sensor.c.id)
+    new = (
+        store.insert(schema.sensor)
+        .values(identity)
+        .on_conflict_do_nothing()
+        .returning(schema.sensor.c.id)
+    )
     found = connection.execute(new).scalar_one_or_none()
     return connection.execute(wanted).scalar_one() if found is None else found
 
@@ -291,8 +344,15 @@ def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, s
 def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
     """Add an event with the time and user of its entry; the date is today's unless given."""
     now = datetime.datetime.now(datetime.UTC)
-    known = {"date": now.date(), "recorded": now.isoformat(timespec="seconds"), "by": user(), "note": ""}
-    connection.execute(sa.insert(schema.event), [known | {k: v for k, v in event.items() if v is not None}])
+    known = {
+        "date": now.date(),
+        "recorded": now.isoformat(timespec="seconds"),
+        "by": user(),
+        "note": "",
+    }
+    connection.execute(
+        sa.insert(schema.event), [known | {k: v for k, v in event.items() if v is not None}]
+    )
 
 
 def user() -> str:
@@ -315,7 +375,8 @@ def add_event(
 ) -> None:
     """Record what happened to a sensor, or to one of its calibrations.
 
-    ``kind``: ``repaired``, ``recalled``; of a calibration also ``superseded``, and ``redated``: its date is ``date``.
+    ``kind``: ``repaired``, ``recalled``; of a calibration also ``superseded``, and ``redated``: its
+    date is ``date``.
 
     Raises:
         InputError: the calibration is not one of this sensor, or the kind needs one, or a date.
@@ -343,5 +404,10 @@ def add_event(
             )
             if connection.execute(asked).scalar_one_or_none() is None:
                 raise query.no_calibration(store, calibration_id)
-        told = {"sensor_id": sensor.id, "calibration_id": calibration_id, "kind": kind, "date": date}
+        told = {
+            "sensor_id": sensor.id,
+            "calibration_id": calibration_id,
+            "kind": kind,
+            "date": date,
+        }
         record(connection, told | {"by": by, "note": note})

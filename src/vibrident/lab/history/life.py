@@ -27,8 +27,12 @@ from vibrident.use.comparison import (
 
 DAYS_A_YEAR = 365.25
 STEP_AT_REPAIR = 0.05  # probability below which a step at a repair begins a new series
-STEP_UNTOLD = 1e-3  # probability, over all calibrations of a sensor without a jump, that a jump is reported
-_MOST_SHARED = 1.0 - 1e-9  # largest shared part of a value's variance: rounding must not make the remainder negative
+STEP_UNTOLD = (
+    1e-3  # probability, over all calibrations of a sensor without a jump, that a jump is reported
+)
+_MOST_SHARED = (
+    1.0 - 1e-9
+)  # largest shared part of a value's variance: rounding must not make the remainder negative
 
 
 class Entry(NamedTuple):
@@ -183,13 +187,19 @@ class Life:
         """The reason why no drift is known; empty if it is."""
         if self.drift is not None:
             return ""
-        return "one calibration alone shows no drift" if len(self.entries) < 2 else "no series has two dates"
+        return (
+            "one calibration alone shows no drift"
+            if len(self.entries) < 2
+            else "no series has two dates"
+        )
 
     @property
     def recalled(self) -> str:
         """Since when the sensor is withdrawn, in words; empty if it was calibrated or repaired since."""
         told = [
-            event for event in self.events if event.kind in ("recalled", "repaired") and event.calibration_id is None
+            event
+            for event in self.events
+            if event.kind in ("recalled", "repaired") and event.calibration_id is None
         ]
         withdrawn = told and told[-1].kind == "recalled" and told[-1].date >= self.entries[-1].date
         return f"recalled on {told[-1].date}" if withdrawn else ""
@@ -201,12 +211,19 @@ class Life:
 
 def life(entries: Sequence[Entry], events: Sequence[Event]) -> Life:
     """A life from all entries and events of a sensor, in any order."""
-    kept, left_out = [], []
+    kept = []
+    left_out = []
     ordered = sorted(entries, key=lambda entry: (entry.date, entry.id))
     files = [(entry, frozenset(json.loads(entry.data_files))) for entry in ordered]
-    present = next((entry for entry in reversed(ordered) if _standing_in_the_way(entry) == ""), None)
+    present = next(
+        (entry for entry in reversed(ordered) if _standing_in_the_way(entry) == ""), None
+    )
     for entry in ordered:
-        reason = _standing_in_the_way(entry) or _another_quantity(entry, present) or _another_of_its_data(entry, files)
+        reason = (
+            _standing_in_the_way(entry)
+            or _another_quantity(entry, present)
+            or _another_of_its_data(entry, files)
+        )
         if reason:
             left_out.append((entry, reason))
         else:
@@ -247,7 +264,8 @@ def _another_of_its_data(entry: Entry, files: Sequence[tuple[Entry, frozenset[st
 
 def _with_room(entry: Entry) -> Entry:
     """Limit the shared part to the whole uncertainty."""
-    square, whole = sum(u**2 for u in entry.shared.values()), _MOST_SHARED * float(entry.u or 0.0) ** 2
+    square = sum(u**2 for u in entry.shared.values())
+    whole = _MOST_SHARED * float(entry.u or 0.0) ** 2
     if square <= whole:
         return entry
     factor = math.sqrt(whole / square)
@@ -256,15 +274,25 @@ def _with_room(entry: Entry) -> Entry:
 
 def covariance(one: Entry, other: Entry) -> float:
     """Covariance of the errors of two calibrations."""
-    return float(one.u or 0.0) ** 2 if one.id == other.id else shared_covariance(one.shared, other.shared)
+    return (
+        float(one.u or 0.0) ** 2
+        if one.id == other.id
+        else shared_covariance(one.shared, other.shared)
+    )
 
 
 def agreement(one: Entry, other: Entry) -> Agreement:
     """E_n of two calibrations, with and without the shared part of their errors (U, k = 2)."""
-    u_one, u_other = float(one.u or 0.0), float(other.u or 0.0)
+    u_one = float(one.u or 0.0)
+    u_other = float(other.u or 0.0)
     both = covariance(one, other)
     identified = shared_covariance(stated_sources(one.shared), other.shared)
-    arguments = (float(one.value or 0.0), COVERAGE_FACTOR * u_one, float(other.value or 0.0), COVERAGE_FACTOR * u_other)
+    arguments = (
+        float(one.value or 0.0),
+        COVERAGE_FACTOR * u_one,
+        float(other.value or 0.0),
+        COVERAGE_FACTOR * u_other,
+    )
     return Agreement(
         normalized_error(*arguments),
         normalized_error(*arguments, both),

@@ -11,12 +11,16 @@ from urllib.parse import quote, unquote
 from vibrident.base.errors import InputError
 
 VARIABLE = "VIBRIDENT_STORE"
-FORMS = "sqlite:///FILE, a path that ends in .db, .sqlite or .sqlite3, or postgresql://USER@HOST/DATABASE"
+FORMS = (
+    "sqlite:///FILE, a path that ends in .db, .sqlite or .sqlite3, or "
+    "postgresql://USER@HOST/DATABASE"
+)
 _FILE_ENDINGS = (".db", ".sqlite", ".sqlite3")
 #: Names of PostgreSQL's dialect; the driver below is used for all of them.
 _POSTGRESQL = ("postgresql", "postgres", "postgresql+psycopg")
 _DRIVER = "postgresql+psycopg"
-#: User and password: all up to the last @, because a password that was not escaped may hold any character.
+#: User and password: all up to the last @, because a password that was not escaped may hold any
+#: character.
 _ACCOUNT = re.compile(r"(?<=://)(.*)@")
 _SECRET_KEYS = re.compile(r"(?i)((?:^|[?&\s])(?:password|passfile|sslpassword)=)[^&\s]*")
 
@@ -41,10 +45,14 @@ def chosen(given: str | None) -> str:
     if scheme in ("sqlite", "sqlite+pysqlite"):
         if rest in ("", "/", "/:memory:") or not rest.startswith("/"):
             raise _unusable(
-                "This URL names no file, and a store in memory would be lost at the end.", printable(text), where
+                "This URL names no file, and a store in memory would be lost at the end.",
+                printable(text),
+                where,
             )
         return text
-    raise _unusable("The store is of a kind that this package does not know.", f"{scheme}://…", where)
+    raise _unusable(
+        "The store is of a kind that this package does not know.", f"{scheme}://…", where
+    )
 
 
 def sqlite_url(file: Path) -> str:
@@ -61,7 +69,9 @@ def sqlite_file(url: str) -> Path | None:
 def data_folder() -> Path:
     """Folder for the user's data by the convention of the operating system."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "vibrident"
+        return (
+            Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "vibrident"
+        )
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Application Support" / "vibrident"
     return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "vibrident"
@@ -89,4 +99,6 @@ def _without_password(match: re.Match[str]) -> str:
 
 
 def _unusable(problem: str, found: str, where: str) -> InputError:
-    return InputError(problem, expected=FORMS, found=found, where=where, remedy="docs/history.md shows each form")
+    return InputError(
+        problem, expected=FORMS, found=found, where=where, remedy="docs/history.md shows each form"
+    )

@@ -43,7 +43,9 @@ def sections(life: Mapping[str, Any]) -> list[Section]:
     """The parts of the page, for other pages too."""
     name = tables.quantity_name(life)
     return [
-        section("values", f"History of the {name}", chart_of_values(life), tables.calibrations(life)),
+        section(
+            "values", f"History of the {name}", chart_of_values(life), tables.calibrations(life)
+        ),
         section("drift", "Drift", tables.drift(life), *tables.series(life)),
         section("due", "Next calibration", tables.due(life)),
         section("control", "Control charts", control_charts(life), tables.control(life)),
@@ -54,7 +56,8 @@ def sections(life: Mapping[str, Any]) -> list[Section]:
 def printed(life: Mapping[str, Any]) -> tuple[Block | None, ...]:
     """The same for a terminal, with a chart of letters in place of pictures."""
     title = f"{sensor_name(life['sensor'])}: {tables.quantity_name(life)}"
-    calibrations, events = replace(tables.calibrations(life), title=title), tables.events(life)
+    calibrations = replace(tables.calibrations(life), title=title)
+    events = tables.events(life)
     return (
         calibrations,
         tables.chart(life),
@@ -67,8 +70,9 @@ def printed(life: Mapping[str, Any]) -> tuple[Block | None, ...]:
 
 
 CAPTION = (
-    "Each calibration with U (k = 2), thick the part that it does not share with others; and in the band, with 95 % "
-    "probability, the sensor itself from the last calibration on. Green: tolerance; grey upright: repaired."
+    "Each calibration with U (k = 2), thick the part that it does not share with others; and in "
+    "the band, with 95 % probability, the sensor itself from the last calibration on. Green: "
+    "tolerance; grey upright: repaired."
 )
 _LIMIT = Look(GREY, "dashed", 1.2)
 _TOLERANCE = Look(GREEN, "dashed", 1.2)
@@ -86,7 +90,9 @@ def chart_of_values(document: Mapping[str, Any]) -> Figure | None:
     """Each calibration with U, its series, the predicted band, tolerance and events."""
     if not any(row["counts"] for row in document["calibrations"]):
         return None
-    return Figure("values", f"History: {quantity_name(document)}", (Stack((_values(document),)),), "", CAPTION)
+    return Figure(
+        "values", f"History: {quantity_name(document)}", (Stack((_values(document),)),), "", CAPTION
+    )
 
 
 def control_charts(document: Mapping[str, Any]) -> Figure | None:
@@ -105,20 +111,40 @@ def _values(document: Mapping[str, Any]) -> Panel:
     counted = [row for row in document["calibrations"] if row["counts"]]
     own = 2 * factor * _column(counted, "u_own")
     series.append(
-        Series(_days(counted), factor * _column(counted, "value"), "", Look(VERMILION, width=4.0), "points", own)
+        Series(
+            _days(counted),
+            factor * _column(counted, "value"),
+            "",
+            Look(VERMILION, width=4.0),
+            "points",
+            own,
+        )
     )
     for number in sorted({row["series"] for row in counted}):
         rows = [row for row in counted if row["series"] == number]
         y = factor * _column(rows, "value")
-        name = f"series {number}, U (k = 2)" if len(document["series"]) > 1 else "calibrations, U (k = 2)"
-        texts = tuple(f"calibration {row['id']}, {row['date']}: {v:.6g}" for row, v in zip(rows, y, strict=True))
+        name = (
+            f"series {number}, U (k = 2)"
+            if len(document["series"]) > 1
+            else "calibrations, U (k = 2)"
+        )
+        texts = tuple(
+            f"calibration {row['id']}, {row['date']}: {v:.6g}"
+            for row, v in zip(rows, y, strict=True)
+        )
         series.append(Series(_days(rows), y, "", Look(GREY, "dotted", 1.0)))
         look = Look(VERMILION, marker="o")
-        series.append(Series(_days(rows), y, name, look, "points", factor * _column(rows, "U"), texts=texts))
+        series.append(
+            Series(_days(rows), y, name, look, "points", factor * _column(rows, "U"), texts=texts)
+        )
     for limit in (document["due"] or {}).get("limits", ()):
         series.append(Series(np.array([x.low, x.high]), np.full(2, limit * factor), "", _TOLERANCE))
-    ends = [one.y + sign * (0.0 if one.half is None else one.half) for one in series for sign in (-1, 1)]
-    y_axis = axes.linear(f"{quantity_name(document)}\nin {pretty(scale_of(document).unit)}", np.concatenate(ends))
+    ends = [
+        one.y + sign * (0.0 if one.half is None else one.half) for one in series for sign in (-1, 1)
+    ]
+    y_axis = axes.linear(
+        f"{quantity_name(document)}\nin {pretty(scale_of(document).unit)}", np.concatenate(ends)
+    )
     repaired = [event for event in document["events"] if event["kind"] == "repaired"]
     marks = tuple((float(day), "repaired") for day in _days(repaired))
     return Panel(x, y_axis, tuple(series), 2.4, marks=marks)
@@ -128,22 +154,37 @@ def _expected(document: Mapping[str, Any], factor: float) -> list[Series]:
     curve = document["drift"].get("curve")
     if not curve:
         return []
-    low, high = (factor * np.array([point["interval_95"][side] for point in curve]) for side in (0, 1))
+    low, high = (
+        factor * np.array([point["interval_95"][side] for point in curve]) for side in (0, 1)
+    )
     days = _days(curve)
-    band = Series(days, (low + high) / 2, "", Look(BLUE, width=0.0), half=(high - low) / 2, band="sensor, 95 %")
-    return [band, Series(days, factor * _column(curve, "value"), "to be expected", Look(BLUE, width=1.2))]
+    band = Series(
+        days,
+        (low + high) / 2,
+        "",
+        Look(BLUE, width=0.0),
+        half=(high - low) / 2,
+        band="sensor, 95 %",
+    )
+    return [
+        band,
+        Series(days, factor * _column(curve, "value"), "to be expected", Look(BLUE, width=1.2)),
+    ]
 
 
 def _control(chart: Mapping[str, Any], document: Mapping[str, Any]) -> Panel:
     days = np.array([_day(date) for date in document["control"]["dates"]])
     alarm = list(chart["alarm"])
-    series, limit = [], np.array(chart["limit"], dtype=float)
+    series = []
+    limit = np.array(chart["limit"], dtype=float)
     for side in dict.fromkeys((tuple(chart["upper"]), tuple(chart["lower"]))):
         y = np.array(side, dtype=float)
         series.append(Series(days, y, "", Look(BLUE, width=1.0, marker="o")))
         series.append(Series(days[alarm], y[alarm], "", Look(VERMILION, marker="D"), "points"))
     series += [Series(days, sign * limit, "", _LIMIT) for sign in (1, -1)]
-    y_axis = axes.linear("in standard\ndeviations", np.concatenate([np.zeros(1), *(one.y for one in series)]), most=4)
+    y_axis = axes.linear(
+        "in standard\ndeviations", np.concatenate([np.zeros(1), *(one.y for one in series)]), most=4
+    )
     return Panel(_dates(document), y_axis, tuple(series), 1.2, chart["name"], rules=(0.0,))
 
 

@@ -50,7 +50,9 @@ class StoredSensor:
     @property
     def name(self) -> str:
         """Manufacturer, type, serial number and axis in one line."""
-        name = sensor_name({key: getattr(self, key) for key in ("manufacturer", "type", "serial_number")})
+        name = sensor_name(
+            {key: getattr(self, key) for key in ("manufacturer", "type", "serial_number")}
+        )
         return f"{name}, axis {self.axis}" if self.axis else name
 
     def as_dict(self) -> dict[str, str]:
@@ -71,10 +73,17 @@ class Overview:
 
 def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
     """All sensors, by type and serial number."""
-    columns, date = sensor.c, corrected_date()
-    date_min, date_max = sa.func.min(date), sa.func.max(date)
+    columns = sensor.c
+    date = corrected_date()
+    date_min = sa.func.min(date)
+    date_max = sa.func.max(date)
     asked = (
-        sa.select(*columns, sa.func.count().label("times"), date_min.label("first"), date_max.label("last"))
+        sa.select(
+            *columns,
+            sa.func.count().label("times"),
+            date_min.label("first"),
+            date_max.label("last"),
+        )
         .join(calibration, calibration.c.sensor_id == columns.id)
         .group_by(*columns)
         .order_by(columns.type, columns.serial_number, columns.manufacturer, columns.axis)
@@ -82,7 +91,10 @@ def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
     if type_name is not None:
         asked = asked.where(columns.type == type_name)
     with store.reading() as connection:
-        return [Overview(_sensor(row), row.times, row.first, row.last) for row in connection.execute(asked)]
+        return [
+            Overview(_sensor(row), row.times, row.first, row.last)
+            for row in connection.execute(asked)
+        ]
 
 
 def find(
@@ -98,14 +110,20 @@ def find(
         InputError: no sensor has this serial number, or more than one has it.
     """
     asked = sa.select(sensor).where(sensor.c.serial_number == serial_number.strip())
-    named = ((sensor.c.type, type_name), (sensor.c.axis, axis), (sensor.c.manufacturer, manufacturer))
+    named = (
+        (sensor.c.type, type_name),
+        (sensor.c.axis, axis),
+        (sensor.c.manufacturer, manufacturer),
+    )
     for column, wanted in named:
         asked = asked if wanted is None else asked.where(column == wanted)
     with store.reading() as connection:
         found = [_sensor(row) for row in connection.execute(asked)]
         if len(found) == 1:
             return found[0]
-        known = [] if found else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
+        known = (
+            [] if found else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
+        )
     if found:
         raise InputError(
             f"{len(found)} sensors have this serial number.",
@@ -125,7 +143,11 @@ def find(
 
 def known(store: Store, told: Mapping[str, object]) -> StoredSensor | None:
     """The sensor that a result names; None if the store holds no calibration of it."""
-    named = [column == str(told.get(column.name) or "").strip() for column in sensor.c if column.name != "id"]
+    named = [
+        column == str(told.get(column.name) or "").strip()
+        for column in sensor.c
+        if column.name != "id"
+    ]
     with store.reading() as connection:
         row = connection.execute(sa.select(sensor).where(*named)).one_or_none()
     return None if row is None else _sensor(row)
@@ -136,12 +158,15 @@ def _sensor(row: Any) -> StoredSensor:
 
 
 def entries(
-    store: Store, sensor_id: int | None = None, quantity: str = REFERENCE_SENSITIVITY, frequency_hz: float | None = None
+    store: Store,
+    sensor_id: int | None = None,
+    quantity: str = REFERENCE_SENSITIVITY,
+    frequency_hz: float | None = None,
 ) -> dict[int, list[Entry]]:
     """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
 
-    ``quantity``: name of the parameter whose value and uncertainty they hold; ``frequency_hz``: nominal frequency, for
-    the magnitude of the sensitivity there instead.
+    ``quantity``: name of the parameter whose value and uncertainty they hold; ``frequency_hz``:
+    nominal frequency, for the magnitude of the sensitivity there instead.
     """
     asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
     asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
@@ -157,7 +182,9 @@ def entries(
             if base != value and base and value is not None:  # relative contributions are equal
                 sources = {name: abs(size * value / base) for name, size in sources.items()}
             standing = standings.get(key, "")
-            entry = Entry(key, date, value, u, unit or "", frequency, sources, files, standing, facts)
+            entry = Entry(
+                key, date, value, u, unit or "", frequency, sources, files, standing, facts
+            )
             found.setdefault(sensor_key, []).append(entry)
     return found
 
@@ -176,23 +203,32 @@ def _correction() -> Any:
 
 def _drawn_number() -> Any:
     """Return the number that a draft of a calibration was given; null without one."""
-    asked = sa.select(certificate_number.c.number).join(draft, draft.c.id == certificate_number.c.draft_id)
-    newest = asked.where(draft.c.calibration_id == calibration.c.id).order_by(draft.c.id.desc()).limit(1)
+    asked = sa.select(certificate_number.c.number).join(
+        draft, draft.c.id == certificate_number.c.draft_id
+    )
+    newest = (
+        asked.where(draft.c.calibration_id == calibration.c.id).order_by(draft.c.id.desc()).limit(1)
+    )
     return newest.correlate(calibration).scalar_subquery()
 
 
 def _facts(names: Sequence[str]) -> list[Any]:
     """Return columns of a calibration; a corrected date is a stated one, a drawn number its own."""
-    c, corrected = calibration.c, {"date": corrected_date().label("date")}
+    c = calibration.c
+    corrected = {"date": corrected_date().label("date")}
     number = sa.func.coalesce(_drawn_number(), c.certificate_number)
     corrected["certificate_number"] = number.label("certificate_number")
-    corrected["date_stated"] = sa.or_(c.date_stated, _correction().is_not(None)).label("date_stated")
+    corrected["date_stated"] = sa.or_(c.date_stated, _correction().is_not(None)).label(
+        "date_stated"
+    )
     return [corrected.get(name, c[name]) for name in names]
 
 
 def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
     """Each calibration with value and uncertainty, its sources, and the value to which these refer."""
-    c, p, at = calibration.c, parameter.c, point.c
+    c = calibration.c
+    p = parameter.c
+    at = point.c
     joined = calibration.outerjoin(parameter, sa.and_(p.calibration_id == c.id, p.name == quantity))
     values = [p.value, p.standard_uncertainty, p.unit, p.frequency_hz]
     if frequency_hz is not None:
@@ -200,11 +236,28 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
         values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
     more = _facts(_TOLD) if told else []
-    kept = [c.sensor_id, c.id, *_facts(["date", "data_files"]), *values, p.shared, p.value.label("base"), *more]
+    kept = [
+        c.sensor_id,
+        c.id,
+        *_facts(["date", "data_files"]),
+        *values,
+        p.shared,
+        p.value.label("base"),
+        *more,
+    ]
     return sa.select(*kept).select_from(joined)
 
 
-_TOLD = ("sha256", "date_stated", "model", "estimator", "adequate", "laboratory", "certificate_number", "warnings")
+_TOLD = (
+    "sha256",
+    "date_stated",
+    "model",
+    "estimator",
+    "adequate",
+    "laboratory",
+    "certificate_number",
+    "warnings",
+)
 
 
 @lru_cache(maxsize=10_000)
@@ -219,27 +272,35 @@ def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:
     )
     asked = asked if sensor_id is None else asked.where(event.c.sensor_id == sensor_id)
     with store.reading() as connection:
-        return {row.calibration_id: row.kind for row in connection.execute(asked.order_by(event.c.id))}
+        return {
+            row.calibration_id: row.kind for row in connection.execute(asked.order_by(event.c.id))
+        }
 
 
 def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]:
     """The events of a sensor, or of all; by sensor."""
     asked = sa.select(event).order_by(event.c.date, event.c.id)
     if sensor_id is None:
-        asked = asked.where(event.c.kind != "added")  # as many as calibrations, and nothing follows from them
+        asked = asked.where(
+            event.c.kind != "added"
+        )  # as many as calibrations, and nothing follows from them
     else:
         asked = asked.where(event.c.sensor_id == sensor_id)
     found: dict[int, list[Event]] = {}
     with store.reading() as connection:
         for row in connection.execute(asked):
-            told = Event(row.id, row.kind, row.date, row.calibration_id, row.by, row.note, row.recorded)
+            told = Event(
+                row.id, row.kind, row.date, row.calibration_id, row.by, row.note, row.recorded
+            )
             found.setdefault(row.sensor_id, []).append(told)
     return found
 
 
 def known_values(store: Store, sensor_id: int, column: Any) -> list[Any]:
     """What the calibrations of a sensor have in a column of ``parameter`` or ``point``, in order."""
-    asked = sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
+    asked = (
+        sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
+    )
     with store.reading() as connection:
         return sorted(connection.execute(asked).scalars())
 
@@ -276,8 +337,11 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
 
 def rows(store: Store) -> Iterator[dict[str, Any]]:
     """One row per calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
-    c, s = calibration.c, sensor.c
-    kept = _facts([column.name for column in c if column.name not in ("document", "data_files", "sensor_id")])
+    c = calibration.c
+    s = sensor.c
+    kept = _facts(
+        [column.name for column in c if column.name not in ("document", "data_files", "sensor_id")]
+    )
     named = [s.manufacturer, s.type, s.serial_number, s.axis]
     standings = _standings(store, None)
     with store.reading() as connection:
@@ -293,7 +357,10 @@ def rows(store: Store) -> Iterator[dict[str, Any]]:
             .order_by(s.serial_number, corrected_date(), c.id)
         )
         for row in connection.execute(asked).mappings():
-            warnings = {"warnings": json.loads(row["warnings"]), "standing": standings.get(row["id"], "added")}
+            warnings = {
+                "warnings": json.loads(row["warnings"]),
+                "standing": standings.get(row["id"], "added"),
+            }
             yield dict(row) | warnings | values.get(row["id"], {})
 
 
@@ -313,7 +380,10 @@ def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
     missing = "A table in Parquet needs pyarrow, which is not installed; in CSV it does not."
     arrow = library("pyarrow", "parquet", missing, str(file))
     parquet = library("pyarrow.parquet", "parquet", missing, str(file))
-    columns = {name: arrow.array([row.get(name) for row in rows], type=_type(arrow, rows, name)) for name in names}
+    columns = {
+        name: arrow.array([row.get(name) for row in rows], type=_type(arrow, rows, name))
+        for name in names
+    }
     parquet.write_table(arrow.table(columns), file)
 
 

@@ -72,7 +72,10 @@ point = sa.Table(
     sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
     sa.Column("nominal_hz", sa.Float, primary_key=True),
     *_filled(sa.Float, "frequency_hz", "magnitude"),
-    *(sa.Column(name, sa.Float) for name in ("magnitude_uncertainty", "phase_deg", "phase_deg_uncertainty")),
+    *(
+        sa.Column(name, sa.Float)
+        for name in ("magnitude_uncertainty", "phase_deg", "phase_deg_uncertainty")
+    ),
 )
 
 event = sa.Table(

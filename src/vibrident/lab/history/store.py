@@ -23,13 +23,21 @@ _SCHEMA_LOCK = 8_247_163_905  # number of PostgreSQL's advisory lock for changes
 #: What a database says; the problem, and what to do about it.
 _CAUSES = (
     (("append-only",), "Rows of the history cannot be changed.", "add an event"),
-    (("locked", "lock timeout", "deadlock"), "The store is held by another program.", "try again later"),
+    (
+        ("locked", "lock timeout", "deadlock"),
+        "The store is held by another program.",
+        "try again later",
+    ),
     (
         ("readonly", "read-only", "permission denied"),
         "The store can only be read.",
         "take an account that may write there, for a file in its folder too",
     ),
-    (("",), "The store cannot be used.", "check that the database runs, the address, and the account"),
+    (
+        ("",),
+        "The store cannot be used.",
+        "check that the database runs, the address, and the account",
+    ),
 )
 
 
@@ -57,23 +65,32 @@ class Store:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._engine.dispose()
 
     def _connected_lazily(self) -> sa.Engine:
         try:
-            if self._file:  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
+            if (
+                self._file
+            ):  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
                 url = sa.URL.create("sqlite", database=str(self._file))
                 return sa.create_engine(url, connect_args={"timeout": PATIENCE_S})
             options = {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}
             return sa.create_engine(self.url, connect_args=options)
         except ModuleNotFoundError as error:
             raise self._failed(
-                "The driver of the store's database is not installed.", error, "⟦install = vibrident[postgres]⟧"
+                "The driver of the store's database is not installed.",
+                error,
+                "⟦install = vibrident[postgres]⟧",
             ) from None
         except (exc.ArgumentError, ValueError) as error:
-            raise self._failed("The store's URL cannot be read.", error, "escape special characters as %40") from None
+            raise self._failed(
+                "The store's URL cannot be read.", error, "escape special characters as %40"
+            ) from None
 
     @property
     def shown(self) -> str:
@@ -135,9 +152,14 @@ class Store:
                 except OSError as error:
                     remedy = "check the path and your rights to it"
                     raise self._failed("The store cannot be used.", error, remedy) from None
-            with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
+            with (
+                self._engine.connect().execution_options(writes=True) as connection,
+                connection.begin(),
+            ):
                 if not self._file:  # SQLite's transaction for writing is such a lock
-                    connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
+                    connection.execute(
+                        sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK}
+                    )
                 before = _revision(connection)
                 if before is not None and before > schema.REVISION:
                     raise self._other(before)
@@ -191,10 +213,14 @@ class Store:
         try:
             yield
         except exc.DataError as error:
-            raise self._failed("A text cannot be kept in this database.", error.orig, "shorten or correct it") from None
+            raise self._failed(
+                "A text cannot be kept in this database.", error.orig, "shorten or correct it"
+            ) from None
         except exc.DBAPIError as error:
             said = str(error.orig).lower()
-            problem, remedy = next(told for words, *told in _CAUSES if any(word in said for word in words))
+            problem, remedy = next(
+                told for words, *told in _CAUSES if any(word in said for word in words)
+            )
             raise self._failed(problem, error.orig, remedy) from None
 
     def _failed(self, problem: str, error: object, remedy: str) -> InputError:
@@ -222,28 +248,30 @@ def _prepare_sqlite(connection: Any, _: Any) -> None:
 
 def _begin_sqlite(connection: sa.Connection) -> None:
     """Take the lock for writing at the beginning: two writers that read first would block each other."""
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get("writes") else "BEGIN")
+    connection.exec_driver_sql(
+        "BEGIN IMMEDIATE" if connection.get_execution_options().get("writes") else "BEGIN"
+    )
 
 
 def _revision(connection: sa.Connection) -> str | None:
     if not sa.inspect(connection).has_table(schema.VERSION_TABLE):
         return None
-    return connection.execute(sa.text(f"SELECT version_num FROM {schema.VERSION_TABLE}")).scalar_one_or_none()
+    return connection.execute(
+        sa.text(f"SELECT version_num FROM {schema.VERSION_TABLE}")
+    ).scalar_one_or_none()
 
 
 def _migrate(connection: sa.Connection, revision: str) -> None:
     """Run the migrations up to a revision, within the connection's transaction."""
-    from alembic.config import Config
-    from alembic.runtime.environment import EnvironmentContext
+    from alembic.migration import MigrationContext
+    from alembic.operations import Operations
     from alembic.script import ScriptDirectory
 
-    settings = Config()
-    settings.set_main_option("script_location", "vibrident.lab.history:migrations")
-    scripts = ScriptDirectory.from_config(settings)
-
-    def steps(now: Any, _: Any) -> Any:
-        return scripts._upgrade_revs(revision, now)
-
-    with EnvironmentContext(settings, scripts, fn=steps, destination_rev=revision) as environment:
-        environment.configure(connection=connection, version_table=schema.VERSION_TABLE, transactional_ddl=False)
-        environment.run_migrations()
+    scripts = ScriptDirectory(str(Path(__file__).with_name("migrations")))
+    options = {"version_table": schema.VERSION_TABLE}
+    context = MigrationContext.configure(connection, opts=options)
+    older_first = reversed(list(scripts.iterate_revisions(revision, _revision(connection))))
+    with Operations.context(context):
+        for script in older_first:
+            script.module.upgrade()
+    context.stamp(scripts, revision)

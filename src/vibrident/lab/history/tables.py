@@ -28,7 +28,11 @@ def quantity_name(document: Document) -> str:
 def scale_of(document: Document) -> Scale:
     """The scale from the quantity's unit to one with a suitable prefix."""
     unit = document["quantity"]["unit"]
-    sizes = [abs(row["value"]) for row in document["calibrations"] if row["unit"] == unit and row["value"]]
+    sizes = [
+        abs(row["value"])
+        for row in document["calibrations"]
+        if row["unit"] == unit and row["value"]
+    ]
     return scaled(unit, sizes[-1] if sizes else 0.0)
 
 
@@ -62,9 +66,10 @@ def calibrations(document: Document) -> Table:
     )
     notes = [
         Words(
-            "U has k = 2. E_n is to the calibration before, with U of the difference: what both share (the same "
-            "reference, the same stated source) is no part of it. Ordinary E_n takes them as independent, and is too "
-            "small where they are not. |E_n| > 1 is a change that the uncertainties do not explain."
+            "U has k = 2. E_n is to the calibration before, with U of the difference: what both "
+            "share (the same reference, the same stated source) is no part of it. Ordinary E_n "
+            "takes them as independent, and is too small where they are not. |E_n| > 1 is a "
+            "change that the uncertainties do not explain."
         ),
     ]
     agreements = [row["en"] for row in document["calibrations"] if row["en"]]
@@ -75,23 +80,30 @@ def calibrations(document: Document) -> Table:
 def chart(document: Document, width: int = 54) -> Facts | None:
     """The values as text, by date: the unshared part of U as a bar, and the prediction; None for a single value."""
     rows = [
-        (row["date"], row["value"], K * (row["u_own"] or row["u"])) for row in document["calibrations"] if row["counts"]
+        (row["date"], row["value"], K * (row["u_own"] or row["u"]))
+        for row in document["calibrations"]
+        if row["counts"]
     ]
     if len(rows) < 2:
         return None
     if not document["drift"]["why"]:
         ahead = document["drift"]["prediction"]
         rows.append((f"{ahead['date']} expected", ahead["reading"]["value"], ahead["reading"]["U"]))
-    low, high = min(value - half for _, value, half in rows), max(value + half for _, value, half in rows)
+    low = min(value - half for _, value, half in rows)
+    high = max(value + half for _, value, half in rows)
 
     def place(value: float) -> int:
         return round((width - 1) * (value - low) / (high - low)) if high > low else 0
 
     lines = []
     for date, value, half in rows:
-        left, middle, right = place(value - half), place(value), place(value + half)
+        left = place(value - half)
+        middle = place(value)
+        right = place(value + half)
         bar = ["─" if left <= i <= right else " " for i in range(width)]
-        bar[left], bar[right], bar[middle] = "├", "┤", "●"
+        bar[left] = "├"
+        bar[right] = "┤"
+        bar[middle] = "●"
         lines.append((date, "".join(bar).rstrip()))
     return Facts(tuple(lines), "Each with the part of U that it does not share")
 
@@ -99,23 +111,35 @@ def chart(document: Document, width: int = 54) -> Facts | None:
 def series(document: Document) -> list[Sentence]:
     """A sentence for each series after the first."""
     rows = document["series"][1:]
-    return [Sentence(f"Series {row['series']} begins on {row['from']}: {row['why']}.") for row in rows]
+    return [
+        Sentence(f"Series {row['series']} begins on {row['from']}: {row['why']}.") for row in rows
+    ]
 
 
 def drift(document: Document) -> Facts:
     """The drift, and the prediction."""
-    found, scale = document["drift"], scale_of(document)
+    found = document["drift"]
+    scale = scale_of(document)
     if found["why"]:
         return Facts((("drift", f"not known: {found['why']}"),), "Drift")
-    rate, prediction = found["rate_per_year"], found["prediction"]
+    rate = found["rate_per_year"]
+    prediction = found["prediction"]
     percent = "; ({} ± {}) %/a".format(*pair(100 * rate["relative"], 200 * rate["relative_u"]))
-    likely = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found["probability"].items())
+    likely = ", ".join(
+        f"{name} {100 * share:.0f} %" for name, share in found["probability"].items()
+    )
     rows = (
         ("steady drift, if there is one", f"{_with_u(rate, scale, '/a')}{percent}"),
-        ("random walk, if it is one", f"{plain(found['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a"),
+        (
+            "random walk, if it is one",
+            f"{plain(found['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a",
+        ),
         ("probability", likely),
         (f"sensor on {prediction['date']}", _with_u(prediction, scale)),
-        (f"calibration on {prediction['date']}", f"{_with_u(prediction['reading'], scale)}, by the same reference"),
+        (
+            f"calibration on {prediction['date']}",
+            f"{_with_u(prediction['reading'], scale)}, by the same reference",
+        ),
     )
     return Facts(rows, "Drift")
 
@@ -131,7 +155,9 @@ def control(document: Document) -> Facts | None:
     found = document["control"]
     if found is None:
         return None
-    over = f"{100 * found['false_alarm_probability']:g} % over {found['false_alarm_over']} comparisons"
+    over = (
+        f"{100 * found['false_alarm_probability']:g} % over {found['false_alarm_over']} comparisons"
+    )
     rows = []
     for chart in found["charts"]:
         length = f"mean {chart['average_run_length']:.0f} to a false alarm"
@@ -149,7 +175,8 @@ def _alarms(dates: Sequence[str]) -> str:
 
 def due(document: Document) -> Facts | None:
     """The due date; None where none was asked for."""
-    found, scale = document["due"], scale_of(document)
+    found = document["due"]
+    scale = scale_of(document)
     if found is None:
         return None
     low, high = (plain(limit * scale.factor, 6) for limit in found["limits"])
@@ -159,7 +186,9 @@ def due(document: Document) -> Facts | None:
         ("due by the interval in force", f"{found['by_interval']} ({found['interval_years']:g} a)"),
     ]
     if found["by_staircase"]:
-        rows.append(("due by the staircase", f"{found['by_staircase']} ({found['staircase_years']:.3g} a)"))
+        rows.append(
+            ("due by the staircase", f"{found['by_staircase']} ({found['staircase_years']:.3g} a)")
+        )
     if found["risk_today"] is not None:
         rows.append(("risk today", _percent(found["risk_today"])))
         rows.append((f"risk on {found['by_interval']}", _percent(found["risk_at_end"])))
@@ -169,13 +198,25 @@ def due(document: Document) -> Facts | None:
 def _percent(value: float | None) -> str:
     if value is None:
         return NONE
-    return f"{100 * value:.2g} %" if 1e-4 <= value < 0.995 else "100 %" if value >= 0.995 else "below 0.01 %"
+    return (
+        f"{100 * value:.2g} %"
+        if 1e-4 <= value < 0.995
+        else "100 %"
+        if value >= 0.995
+        else "below 0.01 %"
+    )
 
 
 def events(document: Document) -> Table | None:
     """The events, except added calibrations."""
     rows = tuple(
-        (event["date"], event["kind"], str(event["calibration_id"] or ""), event["by"], event["note"])
+        (
+            event["date"],
+            event["kind"],
+            str(event["calibration_id"] or ""),
+            event["by"],
+            event["note"],
+        )
         for event in document["events"]
         if event["kind"] != "added"
     )
@@ -200,7 +241,12 @@ def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The sensors of a store."""
-    return _sensors(rows, ("type", "manufacturer"), columns("first", "last"), ((r["first"], r["last"]) for r in rows))
+    return _sensors(
+        rows,
+        ("type", "manufacturer"),
+        columns("first", "last"),
+        ((r["first"], r["last"]) for r in rows),
+    )
 
 
 def _sensors(
@@ -219,4 +265,6 @@ def _sensors(
         )
         for row, more in zip(rows, cells, strict=True)
     )
-    return Table((*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body))
+    return Table(
+        (*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body)
+    )

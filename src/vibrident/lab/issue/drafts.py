@@ -38,7 +38,10 @@ from vibrident.show.numbers import sensor_name
 #: Keys of [certificate] that issuing fills in; what a draft states of the first two is not used.
 DRAWN = ("number", "date_of_issue")
 _FILLED_IN = (*DRAWN, "approved_by")
-DRAFTED, RETURNED, REVIEWED, ISSUED = "draft", "returned", "reviewed", "issued"
+DRAFTED = "draft"
+RETURNED = "returned"
+REVIEWED = "reviewed"
+ISSUED = "issued"
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,9 @@ def completed(result: Result, number: str, date: datetime.date, approver: str) -
     return replace(result, certificate={**stated, **drawn, "approved_by": approved_by})
 
 
-def review_draft(store: Store, draft_id: int, *, accepted: bool, by: str | None = None, note: str = "") -> None:
+def review_draft(
+    store: Store, draft_id: int, *, accepted: bool, by: str | None = None, note: str = ""
+) -> None:
     """Record a review; the newest one counts.
 
     Args:
@@ -223,7 +228,10 @@ def _issued_already(store: Store, known: Draft) -> InputError:
 
 def _read(connection: sa.Connection, which: Any) -> list[Draft]:
     newest = (
-        sa.select(sa.func.max(review.c.id)).where(review.c.draft_id == draft.c.id).correlate(draft).scalar_subquery()
+        sa.select(sa.func.max(review.c.id))
+        .where(review.c.draft_id == draft.c.id)
+        .correlate(draft)
+        .scalar_subquery()
     )
     joined = (
         draft.join(calibration, calibration.c.id == draft.c.calibration_id)

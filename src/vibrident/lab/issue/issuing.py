@@ -34,7 +34,9 @@ from vibrident.result import Result
 _NUMBER_LOCK = 8_247_163_906
 
 
-def issue_draft(store: Store, draft_id: int, key: SigningKey, *, by: str | None = None) -> tuple[Draft, Documents]:
+def issue_draft(
+    store: Store, draft_id: int, key: SigningKey, *, by: str | None = None
+) -> tuple[Draft, Documents]:
     """Issue a reviewed draft; one that is issued already is returned as it is.
 
     Args:
@@ -82,7 +84,9 @@ def issued_documents(store: Store, draft_id: int) -> tuple[Draft, Documents] | N
     parts = columns.pdf, columns.dcc, columns.result, columns.result_signature
     with store.reading() as connection:
         known = read_draft(connection, store, draft_id)
-        row = connection.execute(sa.select(*parts).where(columns.draft_id == draft_id)).one_or_none()
+        row = connection.execute(
+            sa.select(*parts).where(columns.draft_id == draft_id)
+        ).one_or_none()
     return None if row is None else (known, Documents(*row))
 
 
@@ -117,7 +121,9 @@ def _next_sequence(connection: sa.Connection, year: int) -> int:
     columns = certificate_number.c
     newest = sa.select(sa.func.max(columns.sequence)).where(columns.year == year)
     sequence = (connection.execute(newest).scalar_one() or 0) + 1
-    stated = sa.select(calibration.c.certificate_number).where(calibration.c.certificate_number.startswith(f"{year}-"))
+    stated = sa.select(calibration.c.certificate_number).where(
+        calibration.c.certificate_number.startswith(f"{year}-")
+    )
     taken = set(connection.execute(stated).scalars())
     while f"{year}-{sequence:04d}" in taken:
         sequence += 1
@@ -138,7 +144,9 @@ def _require_review(store: Store, known: Draft) -> None:
     )
 
 
-def _check_replaces(connection: sa.Connection, store: Store, known: Draft, replaces: str | None) -> None:
+def _check_replaces(
+    connection: sa.Connection, store: Store, known: Draft, replaces: str | None
+) -> None:
     """Refuse a second certificate of the same data, and an amendment of another sensor's.
 
     Raises:

@@ -96,15 +96,19 @@ def holder(certificate: Any) -> str:
     """Return whom an X.509 certificate names: common name and organisation."""
     oid = library("cryptography.x509.oid").NameOID
     kinds = (oid.COMMON_NAME, oid.ORGANIZATION_NAME)
-    names = [each.value for kind in kinds for each in certificate.subject.get_attributes_for_oid(kind)]
+    names = [
+        each.value for kind in kinds for each in certificate.subject.get_attributes_for_oid(kind)
+    ]
     return ", ".join(dict.fromkeys(map(str, names))) or certificate.subject.rfc4514_string()
 
 
 def _unusable(problem: str, file: Path, found: object) -> InputError:
     return InputError(
         problem,
-        expected=f"PKCS#12 with an RSA key of {_MIN_RSA_BITS} bits or more, or one of {_CURVES[0]}, "
-        "its certificate, and the right pass phrase",
+        expected=(
+            f"PKCS#12 with an RSA key of {_MIN_RSA_BITS} bits or more, or one of {_CURVES[0]}, its "
+            "certificate, and the right pass phrase"
+        ),
         found=one_line(found)[:200],
         where=str(file),
         remedy="correct ⟦issue.key⟧ or the pass phrase",

@@ -23,7 +23,8 @@ def signed_pdf(pdf: bytes, key: SigningKey, *, reason: str, place: str) -> bytes
 
     The signature is an increment without an appearance: a PDF/A stays one, and its pages stay.
     """
-    signers, fields = library("pyhanko.sign.signers"), library("pyhanko.sign.fields")
+    signers = library("pyhanko.sign.signers")
+    fields = library("pyhanko.sign.fields")
     writer = library("pyhanko.pdf_utils.incremental_writer").IncrementalPdfFileWriter
     about = signers.PdfSignatureMetadata(
         field_name=FIELD,

@@ -7,7 +7,17 @@ from collections.abc import Sequence
 from vibrident.lab.issue.drafts import Draft
 from vibrident.show.views import Column, Table
 
-_HEADS = ("draft", "sensor", "handed in", "by", "state", "reviewed by", "note", "certificate", "date")
+_HEADS = (
+    "draft",
+    "sensor",
+    "handed in",
+    "by",
+    "state",
+    "reviewed by",
+    "note",
+    "certificate",
+    "date",
+)
 
 
 def listed(drafts: Sequence[Draft]) -> Table:

@@ -72,7 +72,9 @@ def verify(file: Path, trusted: Path | None = None) -> Signed:
     else:
         found = _verified_detached(content, file)
     _require_valid_then(found, file)
-    fingerprint = found.certificate.fingerprint(library("cryptography.hazmat.primitives.hashes").SHA256())
+    fingerprint = found.certificate.fingerprint(
+        library("cryptography.hazmat.primitives.hashes").SHA256()
+    )
     name = holder(found.certificate)
     known = None if anchors is None else _is_trusted(found.certificate, found.chain, anchors)
     if known is False:
@@ -94,7 +96,11 @@ def _verified_pdf(content: bytes, file: Path) -> _Found:
         raise _unsigned(file)
     with _readable(file), _quiet():
         checked = [
-            without_loop(lambda each=each: validation.validate_pdf_signature(each, _no_trust(each.signer_cert)))
+            without_loop(
+                lambda each=each: validation.validate_pdf_signature(
+                    each, _no_trust(each.signer_cert)
+                )
+            )
             for each in signatures
         ]
     for each in checked:
@@ -109,7 +115,8 @@ def _verified_pdf(content: bytes, file: Path) -> _Found:
 
 def _verified_xml(content: bytes, file: Path) -> _Found:
     etree = library("lxml.etree")
-    signxml, xades = library("signxml"), library("signxml.xades")
+    signxml = library("signxml")
+    xades = library("signxml.xades")
     with _readable(file):
         root = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
     signatures = root.findall(f"{_DS}Signature")
@@ -133,11 +140,15 @@ def _verified_xml(content: bytes, file: Path) -> _Found:
     try:
         made = verifier.verify(content, x509_cert=chain[0], expect_config=expected)
     except Exception as error:  # of the digest, the key, the schema, and what the parser refuses
-        raise _invalid(file, f"a file that was changed after signing ({one_line(error)[:_MAX_SAID]})") from error
+        raise _invalid(
+            file, f"a file that was changed after signing ({one_line(error)[:_MAX_SAID]})"
+        ) from error
     made = made if isinstance(made, list) else [made]
     signatures[0].getparent().remove(signatures[0])
     parts = [each.signed_xml for each in made if each.signed_xml is not None]
-    if etree.tostring(root, method="c14n") not in [etree.tostring(part, method="c14n") for part in parts]:
+    if etree.tostring(root, method="c14n") not in [
+        etree.tostring(part, method="c14n") for part in parts
+    ]:
         raise _invalid(file, "a signature that does not cover the whole document")
     times = [part.findtext(f".//{_XADES}SigningTime") for part in parts if part.tag != root.tag]
     stated = next((text for text in times if text), None)
@@ -150,7 +161,8 @@ def _verified_detached(content: bytes, file: Path) -> _Found:
     beside = file.with_name(file.name + SIGNATURE)
     if not beside.is_file():
         raise _unsigned(file)
-    cms, validation = library("asn1crypto.cms"), library("pyhanko.sign.validation")
+    cms = library("asn1crypto.cms")
+    validation = library("pyhanko.sign.validation")
     with _readable(beside):
         signed = cms.ContentInfo.load(_read(beside))["content"]
         embedded = [_x509(each.chosen.dump()) for each in signed["certificates"]]
@@ -171,13 +183,17 @@ def _verified_detached(content: bytes, file: Path) -> _Found:
 
 def _require_valid_then(found: _Found, file: Path) -> None:
     """Refuse a signature by a certificate that was not valid at the stated time."""
-    begin, end = found.certificate.not_valid_before_utc, found.certificate.not_valid_after_utc
+    begin = found.certificate.not_valid_before_utc
+    end = found.certificate.not_valid_after_utc
     when = found.time
     if when is not None and not begin <= when.astimezone(datetime.UTC) <= end:
         raise _invalid(
             file,
             f"{when:%Y-%m-%d}",
-            expected=f"a signature made while its certificate was valid, {begin:%Y-%m-%d} to {end:%Y-%m-%d}",
+            expected=(
+                f"a signature made while its certificate was valid, {begin:%Y-%m-%d} to "
+                f"{end:%Y-%m-%d}"
+            ),
         )
 
 
@@ -187,7 +203,9 @@ def _is_trusted(certificate: Any, chain: Sequence[Any], anchors: Sequence[Any]) 
     seen: list[Any] = []
     while certificate not in anchors:
         seen.append(certificate)
-        issuer = next((each for each in issuers if each not in seen and _issued(each, certificate)), None)
+        issuer = next(
+            (each for each in issuers if each not in seen and _issued(each, certificate)), None
+        )
         if issuer is None:
             return False
         certificate = issuer
@@ -210,7 +228,11 @@ def _certificates(file: Path) -> list[Any]:
     content = _read(file)
     try:
         pem = b"-----BEGIN" in content
-        return x509.load_pem_x509_certificates(content) if pem else [x509.load_der_x509_certificate(content)]
+        return (
+            x509.load_pem_x509_certificates(content)
+            if pem
+            else [x509.load_der_x509_certificate(content)]
+        )
     except ValueError as error:
         raise InputError(
             "The certificates to trust cannot be read.",

@@ -2,10 +2,10 @@
 
     1/H = (ωn² − ω² + 2 j δ ωn ω)/K        (times s for a velocity pickup)
 
-``plain`` weighs all points of 1/H alike, as the paper does: points of small sensitivity then rule. ``weighted``
-divides by the uncertainty of 1/H, u(1/H) = u(H)/|H|². A delay makes the problem nonlinear; the same residual is
-then minimised from the linear start. The covariance is propagated from the responses' uncertainty through the
-estimator, whatever the weights.
+``plain`` weighs all points of 1/H alike, as the paper does: points of small sensitivity then rule.
+``weighted`` divides by the uncertainty of 1/H, u(1/H) = u(H)/|H|². A delay makes the problem
+nonlinear; the same residual is then minimised from the linear start. The covariance is propagated
+from the responses' uncertainty through the estimator, whatever the weights.
 """
 
 from __future__ import annotations
@@ -63,7 +63,10 @@ class LeastSquares(Estimator):
         model = evidence.model
         begin = find_start(first, model)
         coordinates = Coordinates.at(model, begin.values, first.band_hz)
-        problem, freedom, tones, z = first, np.inf, None, coordinates.first
+        problem = first
+        freedom = np.inf
+        tones = None
+        z = coordinates.first
         network = None if evidence.tones is None else network_problem(evidence, begin.values)
         # The tones are cleaned at the start values, and once more at the fit.
         for number in range(1 if evidence.tones is None else 2):
@@ -74,7 +77,11 @@ class LeastSquares(Estimator):
                 problem = weighted_problem(tones, coordinates, z, evidence)
                 freedom = float(np.sum(tones.degrees_of_freedom))
             weight = _weight(problem, self.weighting)
-            args: tuple[Any, ...] = (coordinates, evidence.quantity, (problem.data[0], problem.response, weight))
+            args: tuple[Any, ...] = (
+                coordinates,
+                evidence.quantity,
+                (problem.data[0], problem.response, weight),
+            )
             trace = levenberg_marquardt(_objective, z, args, tolerance=1e-12, progress=progress)
             z = trace.last
         _, jacobian = inverse_residual(z, *args)
@@ -82,9 +89,19 @@ class LeastSquares(Estimator):
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
         gain = inverse_normal(jacobian.T @ jacobian) @ jacobian.T
         covariance = (gain * deviation**2) @ gain.T
-        chosen, equations = {"weighting": self.weighting}, problem.equations
+        chosen = {"weighting": self.weighting}
+        equations = problem.equations
         return Estimate(
-            self.name, coordinates, z, covariance, freedom, trace, chosen, tones, begin=begin, equations=equations
+            self.name,
+            coordinates,
+            z,
+            covariance,
+            freedom,
+            trace,
+            chosen,
+            tones,
+            begin=begin,
+            equations=equations,
         )
 
 
@@ -103,14 +120,21 @@ def _objective(z: FloatArray, args: Any) -> Local:
 
 
 def inverse_residual(
-    z: FloatArray, coordinates: Coordinates, quantity: Quantity, data: tuple[FloatArray, ComplexArray, FloatArray]
+    z: FloatArray,
+    coordinates: Coordinates,
+    quantity: Quantity,
+    data: tuple[FloatArray, ComplexArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
-    """The paper's least-squares residual w (1/H_model − 1/H), shape (2 n,), and its slopes; data: (f, H, w).
+    """Return the paper's least-squares residual w (1/H_model − 1/H), shape (2 n,), and its slopes; data: (f, H, w).
 
-    Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which is what makes the method simple (PAPER, LSM).
+    Without a delay it is linear in 1/K, 2 δ ωn/K and ωn²/K, which makes the method simple.
     """
     frequency, response, weight = data
-    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency, quantity)
+    model, slopes = response_and_slopes(
+        coordinates.model, coordinates.values(z), frequency, quantity
+    )
     residual = weight * (1.0 / model - 1.0 / response)
     jacobian = -(weight / model**2)[:, None] * slopes.T * coordinates.slopes(z)
-    return np.concatenate([residual.real, residual.imag]), np.concatenate([jacobian.real, jacobian.imag])
+    return np.concatenate([residual.real, residual.imag]), np.concatenate(
+        [jacobian.real, jacobian.imag]
+    )

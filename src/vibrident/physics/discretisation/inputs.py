@@ -1,14 +1,15 @@
 """The network's inputs in each step: Legendre coefficients of the input signal over the step.
 
-They do not depend on the sensor's parameters and are computed once, before training. For a record taken through an
-anti-alias filter the signal between samples is the band-limited one; its coefficients over the step from t_k to
-t_{k+1} are weighted sums of the samples around it:
+They do not depend on the sensor's parameters and are computed once, before training. For a record
+taken through an anti-alias filter the signal between samples is the band-limited one; its
+coefficients over the step from t_k to t_{k+1} are weighted sums of the samples around it:
 
     c_j(k) = (2j + 1) ∫₀¹ a(t_k + x Ts) P_j(2x − 1) dx = Σ_n h_j[n] a_{k+n},
 
-with h_j from the Kaiser-windowed sinc (Oppenheim & Schafer 2010, sec. 7.5). The Legendre series of a signal below
-0.4 fs converges for every sensor, however stiff: the j-th coefficient of a tone falls like the spherical Bessel
-function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies it.
+with h_j from the Kaiser-windowed sinc (Oppenheim & Schafer 2010, sec. 7.5). The Legendre series of
+a signal below 0.4 fs converges for every sensor, however stiff: the j-th coefficient of a tone
+falls like the spherical Bessel function j_j(ω Ts/2), and the sensor's own j_j(λ Ts/2) multiplies
+it.
 """
 
 from __future__ import annotations
@@ -27,12 +28,20 @@ from numpy.typing import NDArray
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray
 
-USABLE_BAND = 0.4  # highest frequency, as a fraction of the sampling rate, for which band-limited inputs are accurate
-HALF_WIDTH = 40  # samples used on either side of a step
-KAISER_BETA = 20.0  # Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling rate
-SERIES_TOLERANCE = 1e-10  # truncation error allowed for the Legendre series, relative to the response
+#: Highest frequency, as a fraction of the sampling rate, for which band-limited inputs are
+#: accurate.
+USABLE_BAND = 0.4
+#: Samples used on either side of a step.
+HALF_WIDTH = 40
+#: Kaiser β for the half width above: interpolation error below 1e-6 up to 0.43 of the sampling
+#: rate.
+KAISER_BETA = 20.0
+#: Truncation error allowed for the Legendre series, relative to the response.
+SERIES_TOLERANCE = 1e-10
+#: Most Legendre coefficients a step.
 MAX_TERMS = 12
-KERNEL_ENDS = 1e-9  # part of its largest value below which a filter's kernel ends: less than the interpolation errs by
+#: Part of its largest value at which a filter's kernel ends: less than the interpolation's error.
+KERNEL_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -40,28 +49,42 @@ class StepInputs:
     """Legendre coefficients of the input over each step, aligned with the response samples.
 
     Step k's output, read at ``fraction`` of the step, belongs to response sample k.
+
+    Attributes:
+        coefficients: shape (steps, terms).
+        usable: False where a sample that the coefficients need is missing or invalid, (steps,).
+        fraction: where in the step the output is read, in [0, 1).
     """
 
-    coefficients: FloatArray  # shape (steps, terms)
-    usable: BoolArray  # shape (steps,), False where a sample that the coefficients need is missing or invalid
-    fraction: float  # where in the step the output is read, in [0, 1)
+    coefficients: FloatArray
+    usable: BoolArray
+    fraction: float
 
 
 @dataclass(frozen=True)
 class StepFilters:
-    """The filters of these coefficients: input j of step k is Σ_i filters[j, i] samples[k + first + i]."""
+    """Filters from samples to inputs.
 
-    filters: FloatArray  # shape (terms, taps)
-    first: int  # sample of the first tap, counted from the step's
-    usable: BoolArray  # shape (steps,); see :class:`StepInputs`
-    fraction: float  # see :class:`StepInputs`
+    Input j of step k is Σ_i filters[j, i] samples[k + first + i].
+
+    Attributes:
+        filters: shape (terms, taps).
+        first: sample of the first tap, counted from the step's.
+        usable: shape (steps,); see :class:`StepInputs`.
+        fraction: see :class:`StepInputs`.
+    """
+
+    filters: FloatArray
+    first: int
+    usable: BoolArray
+    fraction: float
 
 
 def terms_needed(rate_times_step: float) -> int:
-    """Number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
+    """Return the number of Legendre terms for a sensor whose fastest rate is |λ|, given |λ| Ts.
 
-    The truncation error is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest ω in the usable band, with the
-    second factor at most one.
+    The truncation error is bounded by j_q(ω Ts/2) j_q(|λ| Ts/2) (2q + 1) for the largest ω in the
+    usable band, with the second factor at most one.
     """
     highest = math.pi * USABLE_BAND  # ω Ts / 2
     for q in range(2, MAX_TERMS):
@@ -73,7 +96,7 @@ def terms_needed(rate_times_step: float) -> int:
 
 
 def _spherical_bessel(order: int, x: float, sign: float) -> float:
-    """j_q(x) for sign −1, and i_q(x), but one at most, for sign 1, by their series (DLMF 10.53)."""
+    """Return j_q(x) for sign −1, or i_q(x), one at most, for sign 1, by series (DLMF 10.53)."""
     term = math.prod(x / k for k in range(3, 2 * order + 2, 2))
     total = term
     for k in itertools.count(1):
@@ -86,7 +109,10 @@ def _spherical_bessel(order: int, x: float, sign: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
-    """h_j[n] for n = 1 − half_width … half_width and a step that starts ``shift`` in [0, 1) samples late."""
+    """Return h_j[n] for n = 1 − half_width … half_width, shape (terms, 2 half_width).
+
+    ``shift``: samples by which the step starts late, in [0, 1).
+    """
     offsets = np.arange(1 - half_width, half_width + 1) - shift
     nodes, node_weights = legendre.leggauss(terms + 24)
     x = 0.5 * (nodes + 1.0)
@@ -100,106 +126,137 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=8)
 def _spectra(terms: int, half_width: int, shift: float, size: int) -> NDArray[np.complex128]:
-    """Spectra of the reversed filters: their product with a signal's is a correlation; shape (terms, size/2 + 1)."""
+    """Return the spectra of the reversed filters, shape (terms, size/2 + 1).
+
+    Their product with a signal's spectrum is that of the correlation.
+    """
     return np.asarray(fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1))
 
 
 def half_width_for(samples: int) -> int:
-    """Half width of the interpolation for a record of that many samples: short records get a shorter one."""
+    """Return the half width of the interpolation, which is shorter for a short record."""
     return int(min(HALF_WIDTH, max(4, samples // 5)))
 
 
-def band_limited_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
-    """Legendre coefficients of the band-limited signal through ``samples``, ``delay_samples`` ago.
+def band_limited_inputs(
+    samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float
+) -> StepInputs:
+    """Return the Legendre coefficients of the band-limited signal through samples.
 
-    ``samples``: shape (samples,), equally spaced; ``valid``: shape (samples,); steps whose interpolation would need an
-    invalid sample are not usable; ``terms``: number of coefficients a step; ``delay_samples``: delay of the response
-    channel after the input, in samples; any sign.
+    Args:
+        samples: equally spaced, shape (samples,).
+        valid: steps whose interpolation would need an invalid sample are not usable, (samples,).
+        terms: number of coefficients a step.
+        delay_samples: delay of the response channel after the input, in samples; any sign.
     """
-    n, whole = samples.shape[0], math.ceil(delay_samples)  # step k starts at sample k − whole + shift
-    half, shift = half_width_for(n), whole - delay_samples
+    n = samples.shape[0]
+    lag = math.ceil(delay_samples)
+    half = half_width_for(n)
+    shift = lag - delay_samples  # step k starts at sample k − lag + shift
     size = fast_length(n + 2 * half)
     spectrum = np.asarray(fft.rfft(np.where(valid, samples, 0.0), size))
     convolved = np.asarray(fft.irfft(spectrum * _spectra(terms, half, shift, size), size, axis=-1))
-    # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k sits at k + half.
-    return _aligned(convolved[:, half : half + n].T, whole, band_limited_filters(valid, terms, delay_samples))
+    # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k
+    # sits at k + half.
+    return _aligned(
+        convolved[:, half : half + n].T,
+        lag,
+        band_limited_filters(valid, terms, delay_samples),
+    )
 
 
 def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
-    """The filters of :func:`band_limited_inputs`; invalid samples count as zero."""
-    half, whole = half_width_for(valid.shape[0]), math.ceil(delay_samples)
-    usable = _usable(_whole(valid, 1 - half, half), whole)
-    return StepFilters(_filters(terms, half, whole - delay_samples), 1 - half - whole, usable, 0.0)
+    """Return the filters of :func:`band_limited_inputs`; invalid samples count as zero."""
+    half = half_width_for(valid.shape[0])
+    lag = math.ceil(delay_samples)
+    usable = _moved_later(_all_valid(valid, 1 - half, half), lag)
+    return StepFilters(_filters(terms, half, lag - delay_samples), 1 - half - lag, usable, 0.0)
 
 
 def filtered(
     samples: FloatArray, valid: BoolArray, response: Callable[[FloatArray], NDArray[np.complex128]]
 ) -> tuple[FloatArray, BoolArray]:
-    """The band-limited signal through ``samples`` behind a filter, and where all samples that this needs are valid.
+    """Return the band-limited signal behind a filter, and where all the samples it needs are valid.
 
-    ``response``: of the filter by frequencies over the sampling rate, up to one, of a signal of this length at most.
+    Args:
+        samples: equally spaced, shape (samples,).
+        valid: shape (samples,).
+        response: of the filter by frequencies over the sampling rate, up to one; of a signal of
+            this length at most.
     """
     n = samples.shape[0]
-    half, size = half_width_for(n), fast_length(2 * n)
-    late = np.arange(-half, half + 0.5, 0.5)  # half samples: the filter acts on the interpolated signal
+    half = half_width_for(n)
+    size = fast_length(2 * n)
+    # Half samples: the filter acts on the interpolated signal.
+    late = np.arange(-half, half + 0.5, 0.5)
     interpolation = np.zeros(2 * size)
     interpolation[np.arange(-2 * half, 2 * half + 1)] = 0.5 * np.sinc(late) * _window(late, half)
     spectrum = np.asarray(fft.rfft(interpolation)) * response(np.arange(size + 1) / size)
     kernel = 2.0 * np.asarray(fft.irfft(spectrum, 2 * size))[::2]
-    lags = np.flatnonzero(np.abs(kernel) > KERNEL_ENDS * np.max(np.abs(kernel)))
+    lags = np.flatnonzero(np.abs(kernel) > KERNEL_TOLERANCE * np.max(np.abs(kernel)))
     lags = np.where(lags > size // 2, lags - size, lags)
-    found = np.asarray(fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(kernel), size))[:n]
-    return found, _whole(valid, -int(np.max(lags)), -int(np.min(lags)))
+    signal = np.asarray(
+        fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(kernel), size)
+    )[:n]
+    return signal, _all_valid(valid, -int(np.max(lags)), -int(np.min(lags)))
 
 
 def _window(distance: FloatArray, half_width: int) -> FloatArray:
-    """Kaiser's window of the interpolation, at these distances in samples."""
+    """Return Kaiser's window of the interpolation at distances in samples."""
     inside = np.clip(1.0 - (distance / half_width) ** 2, 0.0, None)
     beta = KAISER_BETA * half_width / HALF_WIDTH
     return np.i0(beta * np.sqrt(inside)) / np.i0(beta) * (np.abs(distance) <= half_width)
 
 
-def _whole(valid: BoolArray, begin: int, end: int) -> BoolArray:
-    """Where all samples from ``begin`` to ``end`` beside each are there and valid."""
+def _all_valid(valid: BoolArray, begin: int, end: int) -> BoolArray:
+    """Return for each sample k whether those from k + ``begin`` to k + ``end`` are all valid.
+
+    Samples that do not exist are not.
+    """
     bad = np.concatenate([[0], np.cumsum(~valid)])
     n = valid.shape[0]
     k = np.arange(n)
-    first, last = k + begin, k + end + 1
+    first = k + begin
+    last = k + end + 1
     inside = (first >= 0) & (last <= n)
     usable = np.zeros(n, dtype=bool)
     usable[inside] = bad[last[inside]] == bad[first[inside]]
     return usable
 
 
-def sampled_inputs(samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float) -> StepInputs:
-    """Inputs that are held (terms = 1) or joined by straight lines (terms = 2) between samples."""
+def sampled_inputs(
+    samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float
+) -> StepInputs:
+    """Return inputs that are held between samples (terms = 1) or joined by straight lines (2)."""
     if terms == 1:
         coefficients = samples[:, None]
     else:
         following = np.append(samples[1:], samples[-1])
         coefficients = np.stack([0.5 * (samples + following), 0.5 * (following - samples)], axis=1)
-    return _aligned(coefficients, math.ceil(delay_samples), sampled_filters(valid, terms, delay_samples))
+    return _aligned(
+        coefficients, math.ceil(delay_samples), sampled_filters(valid, terms, delay_samples)
+    )
 
 
 def sampled_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepFilters:
-    """The filters of :func:`sampled_inputs`."""
-    whole = math.ceil(delay_samples)
+    """Return the filters of :func:`sampled_inputs`."""
+    lag = math.ceil(delay_samples)
     filters = np.ones((1, 1)) if terms == 1 else np.array([[0.5, 0.5], [-0.5, 0.5]])
     usable = valid if terms == 1 else valid & np.append(valid[1:], False)
-    return StepFilters(filters, -whole, _usable(usable, whole), whole - delay_samples)
+    return StepFilters(filters, -lag, _moved_later(usable, lag), lag - delay_samples)
 
 
-def _usable(usable: BoolArray, whole: int) -> BoolArray:
-    """``usable``, moved ``whole`` steps later."""
+def _moved_later(usable: BoolArray, lag: int) -> BoolArray:
+    """Return ``usable``, moved ``lag`` samples later."""
     moved = np.zeros_like(usable)
     n = usable.shape[0]
-    if abs(whole) < n:
-        moved[max(whole, 0) : n + min(whole, 0)] = usable[max(-whole, 0) : n - max(whole, 0)]
+    if abs(lag) < n:
+        moved[max(lag, 0) : n + min(lag, 0)] = usable[max(-lag, 0) : n - max(lag, 0)]
     return moved
 
 
-def _aligned(coefficients: FloatArray, whole: int, made: StepFilters) -> StepInputs:
-    """The coefficients of steps moved ``whole`` samples later, so that step k meets response sample k."""
+def _aligned(coefficients: FloatArray, lag: int, filters: StepFilters) -> StepInputs:
+    """Return the inputs moved ``lag`` samples later, so that step k meets response sample k."""
     last = len(coefficients) - 1
-    source = np.clip(np.arange(last + 1) - whole, 0, last)
-    return StepInputs(np.ascontiguousarray(coefficients[source]), made.usable, made.fraction)
+    source = np.clip(np.arange(last + 1) - lag, 0, last)
+    return StepInputs(np.ascontiguousarray(coefficients[source]), filters.usable, filters.fraction)

@@ -5,13 +5,15 @@ The paper's layer (eq. 6) takes state x_k and inputs c_k to the new state and th
     x_{k+1} = W3 x_k + W1 c_k
     y_k     = W2 x_{k+1} + W4 c_k.
 
-Any exact or approximate step with x_{k+1} = Φ x_k + Γ c_k and y_k = C x_k + D c_k has this form with
-W3 = Φ, W1 = Γ, W2 = C Φ⁻¹, W4 = D − C Φ⁻¹ Γ (Table 1 for Euler). :class:`Weights` stores Φ, Γ and the output read
-from the old state, C and D, which never needs Φ⁻¹ (near singular for a stiff sensor); ``table`` gives W1…W4.
+Any exact or approximate step with x_{k+1} = Φ x_k + Γ c_k and y_k = C x_k + D c_k has this form
+with W3 = Φ, W1 = Γ, W2 = C Φ⁻¹, W4 = D − C Φ⁻¹ Γ (Table 1 for Euler). :class:`Weights` stores Φ, Γ
+and the output read from the old state, C and D, which never needs Φ⁻¹ (near singular for a stiff
+sensor); ``table`` gives W1…W4.
 
-A delay τ = (n − f) Ts moves the output inside the step: y(t_k + f Ts) needs only the step's own inputs. Its
-fraction f therefore lives in the output weights, and its whole samples n in the alignment of the records. (For the
-band-limited method the inputs are interpolated at the delay expected, and f holds the rest, near zero.)
+A delay τ = (n − f) Ts moves the output inside the step: y(t_k + f Ts) needs only the step's own
+inputs. Its fraction f therefore lives in the output weights, and its whole samples n in the
+alignment of the records. (For the band-limited method the inputs are interpolated at the delay
+expected, and f holds the rest, near zero.)
 
 Zero-, first-order hold and the band-limited step share one matrix exponential (Van Loan 1978): with
 g(x)ᵀ = (P_0, …, P_{q−1})(2x − 1) = g(0)ᵀ e^{F x},
@@ -43,7 +45,9 @@ from vibrident.physics.discretisation.inputs import (
 from vibrident.physics.models.base import array_library
 from vibrident.physics.models.state_space import StateSpace
 
-TERMS = 18
+#: Terms of the exponential's Taylor series.
+TAYLOR_TERMS = 18
+#: Layer and formula of each weight.
 MEANING = {
     "W1": ("input → hidden", "Γ (Euler: Ts B)"),
     "W2": ("hidden → output", "C Φ⁻¹ (Euler: C (I + Ts A)⁻¹)"),
@@ -53,12 +57,13 @@ MEANING = {
 
 
 def expm(matrix: Any) -> Any:
-    """exp(matrix), shape (n, n); of JAX arrays, with forward derivatives.
+    """Return exp(matrix), shape (n, n); of JAX arrays, with forward derivatives.
 
-    Scaling, Taylor series, squaring (Higham 2009, sec. 2). The norm is brought below one half, where 18
-    terms are exact to rounding; each squaring doubles the error, so for the norms used here (up to 10⁴) the result is
-    good to about 1e-12. SciPy's own takes 0.2 s to load. JAX's compiles five Padé approximants with their solves,
-    several seconds with derivatives; here the loops are rolled up.
+    Scaling, Taylor series, squaring (Higham 2009, sec. 2). The norm is brought below one half,
+    where 18 terms are exact to rounding; each squaring doubles the error, so for the norms used
+    here (up to 10⁴) the result is good to about 1e-12. SciPy's own takes 0.2 s to load. JAX's
+    compiles five Padé approximants with their solves, several seconds with derivatives; here the
+    loops are rolled up.
     """
     if array_library(matrix) is np:
         return _expm(matrix)
@@ -70,23 +75,24 @@ def expm(matrix: Any) -> Any:
     unit = jnp.eye(matrix.shape[0])
 
     def horner(step: Any, series: Any) -> Any:
-        return unit + scaled @ series / (TERMS - step)
+        return unit + scaled @ series / (TAYLOR_TERMS - step)
 
-    series = lax.fori_loop(0, TERMS, horner, unit)
+    series = lax.fori_loop(0, TAYLOR_TERMS, horner, unit)
     return lax.fori_loop(0, squarings, lambda _, power: power @ power, series)
 
 
 def _expm(matrix: Any) -> Any:
-    """exp(matrix) of one matrix or of many, shape (…, n, n), each with its own scaling."""
+    """Return exp(matrix) of one matrix or of many, shape (…, n, n), each with its own scaling."""
     norm = np.max(np.sum(np.abs(matrix), axis=-2), axis=-1)
     finite = np.isfinite(norm)
     if not np.all(finite):
         matrix = np.where(finite[..., None, None], matrix, np.nan)
     squarings = np.ceil(np.log2(np.where(finite, np.maximum(norm, 1e-300), 1.0))) + 1.0
     squarings = np.maximum(squarings, 0.0)
-    scaled, unit = matrix * 0.5 ** squarings[..., None, None], np.eye(matrix.shape[-1])
+    scaled = matrix * 0.5 ** squarings[..., None, None]
+    unit = np.eye(matrix.shape[-1])
     power = unit
-    for terms in range(TERMS, 0, -1):
+    for terms in range(TAYLOR_TERMS, 0, -1):
         power = unit + scaled @ power / terms
     for squared in range(int(np.max(squarings, initial=0.0))):
         more = squarings > squared
@@ -98,42 +104,62 @@ def _expm(matrix: Any) -> Any:
 
 
 class Weights(NamedTuple):
-    """One step of the network."""
+    """Weights of a step of the network.
 
-    transition: Any  # Φ = W3, shape (n, n)
-    drive: Any  # Γ = W1, shape (n, q)
-    output: Any  # C at the read-out instant, shape (n,)
-    feedthrough: Any  # D at the read-out instant, shape (q,)
+    Attributes:
+        transition: Φ = W3, shape (n, n).
+        drive: Γ = W1, shape (n, q).
+        output: C at the read-out instant, shape (n,).
+        feedthrough: D at the read-out instant, shape (q,).
+    """
+
+    transition: Any
+    drive: Any
+    output: Any
+    feedthrough: Any
 
     def table(self) -> dict[str, Any]:
-        """W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
+        """Return W1…W4 of the paper's Table 1: hidden states updated first, then read out."""
         xp = array_library(*self)
         back = xp.linalg.solve(self.transition.T, self.output)  # C Φ⁻¹
-        return {"W1": self.drive, "W2": back, "W3": self.transition, "W4": self.feedthrough - back @ self.drive}
+        return {
+            "W1": self.drive,
+            "W2": back,
+            "W3": self.transition,
+            "W4": self.feedthrough - back @ self.drive,
+        }
 
 
 @dataclass(frozen=True)
 class Method:
-    """A discretisation."""
+    """A discretisation.
 
-    name: str  # as in settings and on the command line
-    order: int | None  # order of convergence for smooth signals; None if it is faster than any power
-    fixed_terms: int | None  # inputs a step; None if the sensor's stiffness decides
-    step: Callable[[StateSpace, Any, Any, int], Weights]  # (system, sampling interval, fraction f, terms) → Weights
-    late_samples: float = 0.0  # by which the input's samples come after their stamps
+    Attributes:
+        name: as in settings and on the command line.
+        order: order of convergence for smooth signals; None if it is faster than any power.
+        fixed_terms: inputs a step; None if the sensor's stiffness decides.
+        step: (system, sampling interval, fraction f, terms) → Weights.
+        late_samples: by which the input's samples come after their stamps.
+    """
+
+    name: str
+    order: int | None
+    fixed_terms: int | None
+    step: Callable[[StateSpace, Any, Any, int], Weights]
+    late_samples: float = 0.0
 
     @property
     def takes_many(self) -> bool:
-        """Whether ``step`` takes many systems at once, with an axis of these first."""
+        """Return whether ``step`` takes many systems at once, with an axis of these first."""
         return self.step is _exponential_step
 
     @property
     def is_exact(self) -> bool:
-        """Whether the samples are those of a band-limited signal, without an error of the method."""
+        """Return whether the method has no error of its own for band-limited signals."""
         return self.fixed_terms is None
 
     def terms(self, rate_times_step: float, direct: bool = False) -> int:
-        """Number of inputs a step for a sensor with |λ| Ts = ``rate_times_step``.
+        """Return the number of inputs a step for a sensor with |λ| Ts = ``rate_times_step``.
 
         ``direct``: the response contains the input itself, which the sensor does not smooth.
         """
@@ -141,21 +167,29 @@ class Method:
             return self.fixed_terms
         return MAX_TERMS if direct else terms_needed(rate_times_step)
 
-    def inputs(self, samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepInputs:
-        """Inputs of the network; see :mod:`vibrident.physics.discretisation.inputs`."""
+    def inputs(
+        self, samples: FloatArray, valid: BoolArray, terms: int, delay_samples: float = 0.0
+    ) -> StepInputs:
+        """Return the inputs of the network, made from samples.
+
+        The arguments are those of :mod:`vibrident.physics.discretisation.inputs`.
+        """
         make = band_limited_inputs if self.fixed_terms is None else sampled_inputs
         return make(samples, valid, terms, delay_samples + self.late_samples)
 
     def filters(self, valid: BoolArray, terms: int, delay_samples: float = 0.0) -> StepFilters:
-        """Filters from the samples to the inputs; see :mod:`vibrident.physics.discretisation.inputs`."""
+        """Return the filters from samples to inputs of the network."""
         make = band_limited_filters if self.fixed_terms is None else sampled_filters
         return make(valid, terms, delay_samples + self.late_samples)
 
-    def weights(self, system: StateSpace, sampling_interval_s: Any, fraction: Any, terms: int) -> Weights:
-        """Weights of one step; ``fraction`` f in [0, 1] is where in the step the output is read."""
+    def weights(
+        self, system: StateSpace, sampling_interval_s: Any, fraction: Any, terms: int
+    ) -> Weights:
+        """Return the weights of one step; ``fraction`` f, in [0, 1]: where the output is read."""
         if len(system.d) > 1 and self.fixed_terms is not None:
             raise ModelError(
-                "This discretisation cannot represent the derivative of the reference that the response contains.",
+                "This discretisation cannot represent the derivative of the reference "
+                "that the response contains.",
                 expected="discretisation 'bandlimited', or the estimator 'ml'",
                 found=f"discretisation {self.name!r}",
                 where="velocity pickup with a displacement reference",
@@ -166,7 +200,7 @@ class Method:
 
 @functools.lru_cache(maxsize=8)
 def legendre_shift(terms: int) -> np.ndarray:
-    """F with d/dx P_j(2x − 1) = Σ_k P_k(2x − 1) F[k, j]; do not write to it."""
+    """Return F with d/dx P_j(2x − 1) = Σ_k P_k(2x − 1) F[k, j]; do not write to it."""
     shift = np.zeros((terms, terms))
     for j in range(terms):
         shift[j - 1 :: -2, j] = 2.0 * (2.0 * np.arange(j - 1, -1, -2) + 1.0) if j else 0.0
@@ -175,7 +209,8 @@ def legendre_shift(terms: int) -> np.ndarray:
 
 def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
     xp = array_library(system.a, system.b, ts, fraction)
-    n, many = system.order, system.b.shape[:-1]
+    n = system.order
+    many = system.b.shape[:-1]
     start = (-1.0) ** np.arange(terms)  # P_j(−1)
     shift = legendre_shift(terms)
     size = xp.asarray(drive_size(system.b, system.scale))
@@ -183,7 +218,7 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
     top = xp.concatenate([system.a * ts, drive], axis=-1)
     below = np.concatenate([np.zeros((terms, n)), shift], axis=1)
     generator = xp.concatenate([top, xp.broadcast_to(below, (*many, *below.shape))], axis=-2)
-    whole = expm(generator)
+    step = expm(generator)
     if not getattr(fraction, "ndim", 0) and isinstance(fraction, float) and fraction == 0.0:
         output = system.c  # read at the sample itself: no second exponential
         basis = xp.broadcast_to(start, (*many, terms))
@@ -198,14 +233,15 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
         feedthrough = feedthrough + xp.asarray(d)[..., None] * basis
         if m + 1 < len(system.d):
             basis = basis @ shift / ts
-    return Weights(whole[..., :n, :n], size[..., None, None] * whole[..., :n, n:], output, feedthrough)
+    drive = size[..., None, None] * step[..., :n, n:]
+    return Weights(step[..., :n, :n], drive, output, feedthrough)
 
 
 def drive_size(b: Any, rate: Any) -> Any:
-    """A power of two that brings B to about the size of A, whose rate is given.
+    """Return a power of two that brings B to about the size of A, whose rate is given.
 
-    A step is linear in B, which holds the gain and with it the units of both channels. A large B would raise the norm
-    in the exponential, and repeated squaring would lose digits.
+    A step is linear in B, which holds the gain and with it the units of both channels. A large B
+    would raise the norm in the exponential, and repeated squaring would lose digits.
     """
     xp = array_library(b, rate)
     ratio = xp.max(xp.abs(b), axis=-1) / abs(rate)
@@ -217,7 +253,7 @@ def drive_size(b: Any, rate: Any) -> Any:
 
 
 def _at_fraction(weights: Weights, fraction: Any) -> Weights:
-    """Read the output between two samples by a straight line, which keeps a second-order method's order."""
+    """Read the output between two samples by a straight line, which keeps the second order."""
     if isinstance(fraction, float) and fraction == 0.0:
         return weights
     after = weights.output @ weights.transition
@@ -232,7 +268,10 @@ def _direct(system: StateSpace) -> Any:
 
 def _euler_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
     step = Weights(
-        np.eye(system.order) + ts * system.a, (ts * system.b)[:, None], system.c, _direct(system) * np.ones(1)
+        np.eye(system.order) + ts * system.a,
+        (ts * system.b)[:, None],
+        system.c,
+        _direct(system) * np.ones(1),
     )
     return _at_fraction(step, fraction)
 
@@ -244,7 +283,8 @@ def _tustin_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weig
     transition = xp.linalg.solve(implicit, np.eye(system.order) + half)
     drive = xp.linalg.solve(implicit, ts * system.b)
     zero = xp.zeros_like(drive)
-    # c_0 is the mean of both ends and c_1 half their difference, so the line at f is c_0 + (2 f − 1) c_1.
+    # c_0 is the mean of both ends and c_1 half their difference, so the line at f is c_0 + (2 f −
+    # 1) c_1.
     feedthrough = _direct(system) * xp.stack([xp.asarray(1.0), 2.0 * xp.asarray(fraction) - 1.0])
     step = Weights(transition, xp.stack([drive, zero], axis=1), system.c, feedthrough)
     return _at_fraction(step, fraction)
@@ -263,17 +303,24 @@ METHODS: dict[str, Method] = {
 
 
 def method(name: str) -> Method:
-    """The discretisation of that name."""
+    """Return the discretisation of that name."""
     if name not in METHODS:
-        raise unknown(f"The discretisation {name!r} is not known.", name, METHODS, "discretisation", kind=ModelError)
+        raise unknown(
+            f"The discretisation {name!r} is not known.",
+            name,
+            METHODS,
+            "discretisation",
+            kind=ModelError,
+        )
     return METHODS[name]
 
 
 def weight_table(weights: Weights, state_scaling: Any | None = None) -> dict[str, dict[str, Any]]:
-    """W1…W4 with layer and meaning, as plain lists.
+    """Return W1…W4 with layer and meaning, as plain lists.
 
-    ``weights``: one set of weights (no leading axis); ``state_scaling``: factors to the paper's states V, V̇, …, shape
-    (n,), from :func:`vibrident.physics.models.state_space.state_scaling`; None leaves the states as they are.
+    ``weights``: one set of weights (no leading axis); ``state_scaling``: factors to the paper's
+    states V, V̇, …, shape (n,), from :func:`vibrident.physics.models.state_space.state_scaling`;
+    None leaves the states as they are.
     """
     t = np.ones(np.shape(weights.output)[0]) if state_scaling is None else np.asarray(state_scaling)
     physical = Weights(

@@ -1,8 +1,8 @@
 """Sensor models: one core a file, add-ons beside them, put together by name.
 
 ``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core (:class:`Model`) or add-on
-is one file in ``cores/`` or ``add_ons/``, or an entry point of the group ``vibrident.models``. A core
-may also be given to ``identify``.
+is one file in ``cores/`` or ``add_ons/``, or an entry point of the group ``vibrident.models``. A
+core may also be given to ``identify``.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ __all__ = [
     "model_of",
     "named",
     "parse",
+    "parse_model",
     "with_add_ons",
 ]
 
@@ -39,16 +40,16 @@ _Part = TypeVar("_Part", Model, AddOn)
 
 
 class _Parts(Mapping[str, _Part]):
-    """Name → every core, or every add-on in the order of their places; those of plug-ins too."""
+    """Mapping of name → core, or add-on in the order of their places; those of plug-ins too."""
 
     def __init__(self, kind: type[_Part]) -> None:
         self._kind = kind
 
     def _all(self) -> dict[str, _Part]:
-        found = [part for part in MODELS.all().values() if isinstance(part, self._kind)]
+        parts = [part for part in MODELS.all().values() if isinstance(part, self._kind)]
         if self._kind is AddOn:
-            found.sort(key=_in_chain)
-        return {part.name: part for part in found}
+            parts.sort(key=_place_in_chain)
+        return {part.name: part for part in parts}
 
     def __getitem__(self, name: str) -> _Part:
         return self._all()[name]
@@ -64,7 +65,8 @@ CORES: Mapping[str, Model] = _Parts(Model)
 ADD_ONS: Mapping[str, AddOn] = _Parts(AddOn)
 
 
-def _in_chain(addon: Any) -> tuple[int, str]:
+def _place_in_chain(addon: Any) -> tuple[int, str]:
+    """Return the sort key of an add-on: its place, then its name."""
     return addon.place, addon.name
 
 
@@ -72,17 +74,25 @@ def parse(name: str) -> SensorModel:
     """Build the model that ``name`` says: a core, then add-ons joined by "+", in any order.
 
     Raises:
-        ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them cannot be combined.
+        ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them
+            cannot be combined.
     """
-    first, _, rest = name.partition("+")
-    core = MODELS.find(first.strip())
+    core_name, _, add_on_names = name.partition("+")
+    core = MODELS.find(core_name.strip())
     if not isinstance(core, Model):
-        raise _unknown("sensor model", first.strip(), CORES, name)
-    return with_add_ons(core, rest) if "+" in name else SensorModel(core.name, core)
+        raise _unknown("sensor model", core_name.strip(), CORES, name)
+    return with_add_ons(core, add_on_names) if "+" in name else SensorModel(core.name, core)
+
+
+parse_model = parse
 
 
 def with_add_ons(core: Model, names: str) -> SensorModel:
-    """Build a model with add-ons, their names joined by "+", in any order; errors as :func:`parse`."""
+    """Build a model with add-ons, their names joined by "+", in any order.
+
+    Raises:
+        ModelError: as :func:`parse`.
+    """
     add_ons: list[AddOn] = []
     name = f"{core.name}+{names}"
     for part in (part.strip() for part in names.split("+")):
@@ -98,8 +108,10 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
                 remedy=f"leave one {part!r} out",
             )
         add_ons.append(addon)
-    add_ons.sort(key=_in_chain)
-    model = SensorModel("+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons))
+    add_ons.sort(key=_place_in_chain)
+    model = SensorModel(
+        "+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons)
+    )
     _check_names(model)
     if not model.is_linear:
         _check_nonlinear(model)
@@ -128,7 +140,7 @@ def named(model: GivenModel | None) -> str | None:
 
 
 def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
-    """The model that ``name`` says; without one that of the calibration.
+    """Return the model of a name, or without one that of the calibration.
 
     Raises:
         ModelError: as :func:`parse`; it names the calibration file where the name stands there.
@@ -138,11 +150,16 @@ def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
     try:
         return parse(calibration.model)
     except ModelError as error:
-        raise (error.at(f"{calibration.source}, [sensor] model") if calibration.source else error) from None
+        raise (
+            error.at(f"{calibration.source}, [sensor] model") if calibration.source else error
+        ) from None
 
 
 def installed(name: str) -> SensorModel | None:
-    """The model of this name; None if a part of it is not installed, or two parts cannot be combined."""
+    """Return the model of this name, or None if it cannot be built.
+
+    A part of it is not installed, or two parts cannot be combined.
+    """
     try:
         return parse(name)
     except ModelError:
@@ -150,6 +167,7 @@ def installed(name: str) -> SensorModel | None:
 
 
 def _check_names(model: SensorModel) -> None:
+    """Check that no two parameters have the same name."""
     names = model.parameter_names
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -163,21 +181,26 @@ def _check_names(model: SensorModel) -> None:
 
 
 def _check_nonlinear(model: SensorModel) -> None:
-    """Check that the equation of a nonlinear add-on holds: V is the core's response, with at most a delay in series."""
+    """Check that the equation of a nonlinear add-on holds.
+
+    V is the core's response, with at most a delay in series.
+    """
     nonlinear = [addon.name for addon in model.add_ons if addon.force is not None]
-    others = [addon.name for addon in model.add_ons if addon.force is None and not addon.is_delay]
-    if model.core.output != "displacement" or others:
+    unfit = [addon.name for addon in model.add_ons if addon.force is None and not addon.is_delay]
+    if model.core.output != "displacement" or unfit:
         fitting = next(core.name for core in CORES.values() if core.output == "displacement")
         raise ModelError(
             f"The add-on {nonlinear[0]!r} cannot be combined with this model.",
             expected=f"'{fitting}+{nonlinear[0]}', with or without a delay",
             found=repr(model.name),
             where="model",
-            remedy=f"leave out {', '.join(repr(o) for o in others) or repr(nonlinear[0])}",
+            remedy=f"leave out {', '.join(repr(addon) for addon in unfit) or repr(nonlinear[0])}",
         )
 
 
-def _unknown(kind: str, part: str, table: Mapping[str, Model] | Mapping[str, AddOn], name: str) -> ModelError:
+def _unknown(
+    kind: str, part: str, table: Mapping[str, Model] | Mapping[str, AddOn], name: str
+) -> ModelError:
     return ModelError(
         f"The {kind} {part!r} is not known.",
         expected=" | ".join(table),

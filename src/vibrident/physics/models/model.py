@@ -28,8 +28,8 @@ import numpy as np
 from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.physics.models.base import Derived, Parameters, ParameterSpec, Rational
+from vibrident.physics.models.completion import completed, require_signature
 from vibrident.physics.models.ratio import Coefficients, Ratio, S
-from vibrident.physics.models.settling import require_signature, settled
 
 _NAME = re.compile(r"[A-Za-z][\w.-]*")
 #: Pole and zero at −100 rad/s, which cancel at every frequency, give a model without poles a state
@@ -60,7 +60,8 @@ class Model:
             numerator ωn²; ``velocity`` where the numerator is s; ``other``.
 
     Raises:
-        ModelError: the response is no function of s and the parameters, or no parameter is its gain.
+        ModelError: the response is no function of s and the parameters, or no parameter is its
+            gain.
     """
 
     name: str
@@ -84,7 +85,9 @@ class Model:
         require_signature(self.name, self.response, self.parameters)
         object.__setattr__(self, "parameters", tuple(self.parameters))
         if any(spec.kind is None for spec in self.parameters):
-            object.__setattr__(self, "parameters", settled(self.name, self.response, self.parameters))
+            object.__setattr__(
+                self, "parameters", completed(self.name, self.response, self.parameters)
+            )
             object.__setattr__(self, "title", self.title or self.name)
 
     def __add__(self, add_ons: str) -> Any:
@@ -125,18 +128,19 @@ class Model:
         return next((parameters[spec.name] for spec in self.parameters if spec.kind == "gain"), 1.0)
 
     def rational(self, parameters: Parameters) -> Rational:
-        """Return the rational transfer function from acceleration; the gain alone where there is none."""
+        """Return the rational transfer function from acceleration; without one, the gain alone."""
         gain = self._gain(parameters)
         ratio = self._ratio(parameters) if self.is_rational else None
         numerator, denominator = ((1,), (1,)) if ratio is None else ratio.reduced()
         if len(denominator) == 1:
             ratio = Ratio(numerator) * Ratio(_CANCELLED)
-            numerator, denominator = ratio.numerator, _CANCELLED
+            numerator = ratio.numerator
+            denominator = _CANCELLED
         return Rational(gain, _floats(numerator), _floats(denominator), _scale(denominator))
 
     @property
     def factor(self) -> Callable[[Parameters, Any], Any] | None:
-        """Return (values, s) → the response at a gain of one, where it is not rational; else None."""
+        """Return (values, s) → response at a gain of one, where it is not rational; else None."""
         return None if self.is_rational else self._filter
 
     @property
@@ -149,7 +153,7 @@ class Model:
         return self.response(_beside_zero(s), **values) + 0.0 * s
 
     def _filter_slopes(self, parameters: Parameters, s: Any) -> dict[str, Any]:
-        """Return derivatives by Cauchy's formula on a small circle (Lyness & Moler 1967).
+        """Return the derivatives by Cauchy's formula on a small circle (Lyness & Moler 1967).
 
         The response is complex itself, so that one complex step does not tell its derivative.
         """
@@ -162,8 +166,13 @@ class Model:
             if spec.kind == "gain":
                 continue
             value = values[spec.name]
-            radius = _RADIUS * np.maximum(np.abs(value), 1e-3 * spec.size if spec.kind == "ratio" else 0.0)
-            around = [self.response(at, **{**values, spec.name: value + radius * turn}) / turn for turn in _CIRCLE]
+            radius = _RADIUS * np.maximum(
+                np.abs(value), 1e-3 * spec.size if spec.kind == "ratio" else 0.0
+            )
+            around = [
+                self.response(at, **{**values, spec.name: value + radius * turn}) / turn
+                for turn in _CIRCLE
+            ]
             slopes[spec.name] = np.mean(np.broadcast_arrays(*around), axis=0) / radius + 0.0 * s
         return slopes
 

@@ -1,10 +1,10 @@
-"""A ratio of polynomials in s, to compute with as with a number: how a formula becomes coefficients.
+"""Ratio of polynomials in s, to compute with as with a number.
 
-A formula of s in Python operators, evaluated with :data:`S` in place of a number, gives its
-numerator and denominator. Coefficients are numbers, arrays or tracers. Zeros and ones that are
-integers stand in the formula itself and are never computed with, so that the order of a
-polynomial does not depend on values. A formula that is not rational raises TypeError or
-AttributeError.
+So a formula becomes coefficients. A formula of s in Python operators, evaluated with :data:`S` in
+place of a number, gives its numerator and denominator. Coefficients are numbers, arrays or tracers.
+Zeros and ones that are integers stand in the formula itself and are never computed with, so that
+the order of a polynomial does not depend on values. A formula that is not rational raises TypeError
+or AttributeError.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _ONE: Coefficients = (1,)
 
 
 class Ratio:
-    """A ratio of polynomials with ascending coefficients; it does not change.
+    """Ratio of polynomials with ascending coefficients; it does not change.
 
     What is the same object in numerator and denominator cancels: a voltage divider with one
     impedance twice has no pole too many.
@@ -31,9 +31,9 @@ class Ratio:
         self.numerator = numerator
         self.denominator = denominator
 
-    def __add__(self, other: Any) -> Ratio:
+    def __add__(self, operand: Any) -> Ratio:
         """Add a ratio or a number."""
-        term = _ratio(other)
+        term = _ratio(operand)
         if term is None:
             return NotImplemented
         if term.denominator is self.denominator:
@@ -44,9 +44,9 @@ class Ratio:
         )
         return Ratio(_sum(*crossed), _product(self.denominator, term.denominator))
 
-    def __mul__(self, other: Any) -> Ratio:
+    def __mul__(self, operand: Any) -> Ratio:
         """Multiply with a ratio or a number."""
-        factor = _ratio(other)
+        factor = _ratio(operand)
         if factor is None:
             return NotImplemented
         if factor.numerator is self.denominator:
@@ -58,9 +58,9 @@ class Ratio:
             _product(self.denominator, factor.denominator),
         )
 
-    def __truediv__(self, other: Any) -> Ratio:
+    def __truediv__(self, operand: Any) -> Ratio:
         """Divide by a ratio or a number."""
-        divisor = _ratio(other)
+        divisor = _ratio(operand)
         if divisor is None:
             return NotImplemented
         if divisor.denominator is self.denominator:
@@ -86,18 +86,18 @@ class Ratio:
         """Leave the sign."""
         return self
 
-    def __sub__(self, other: Any) -> Ratio:
+    def __sub__(self, operand: Any) -> Ratio:
         """Subtract a ratio or a number."""
-        term = _ratio(other)
+        term = _ratio(operand)
         return NotImplemented if term is None else self + (-term)
 
-    def __rsub__(self, other: Any) -> Ratio:
+    def __rsub__(self, operand: Any) -> Ratio:
         """Subtract from a number."""
-        return (-self) + other
+        return (-self) + operand
 
-    def __rtruediv__(self, other: Any) -> Ratio:
+    def __rtruediv__(self, operand: Any) -> Ratio:
         """Divide a number."""
-        dividend = _ratio(other)
+        dividend = _ratio(operand)
         return NotImplemented if dividend is None else dividend / self
 
     __radd__ = __add__
@@ -109,7 +109,7 @@ class Ratio:
         numerator = self.numerator[common:]
         denominator = self.denominator[common:]
         lead = denominator[-1]
-        if not _stands(lead, 1):
+        if not _is_literal(lead, 1):
             numerator = tuple(_over(coefficient, lead) for coefficient in numerator)
             denominator = (*(_over(coefficient, lead) for coefficient in denominator[:-1]), 1)
         return numerator, denominator
@@ -127,54 +127,60 @@ def _ratio(value: Any) -> Ratio | None:
     return Ratio((value,)) if is_number else None
 
 
-def _stands(coefficient: Any, number: int) -> bool:
-    """Return whether this whole number stands in the formula itself."""
+def _is_literal(coefficient: Any, number: int) -> bool:
+    """Return whether a coefficient is this whole number, written in the formula itself."""
     return type(coefficient) is int and coefficient == number
 
 
 def _zeros_at_rest(coefficients: Coefficients) -> int:
+    """Return the number of zeros of a polynomial at s = 0."""
     for power, coefficient in enumerate(coefficients):
-        if not _stands(coefficient, 0):
+        if not _is_literal(coefficient, 0):
             return power
     return len(coefficients) - 1
 
 
-def _times(factor: Any, other: Any) -> Any:
-    if type(factor) is int and factor in (0, 1):
-        return other if factor else 0
-    if type(other) is int and other in (0, 1):
-        return factor if other else 0
-    return factor * other
+def _times(first: Any, second: Any) -> Any:
+    """Return a product, without computing with a zero or one of the formula itself."""
+    if type(first) is int and first in (0, 1):
+        return second if first else 0
+    if type(second) is int and second in (0, 1):
+        return first if second else 0
+    return first * second
 
 
 def _over(dividend: Any, divisor: Any) -> Any:
-    return dividend if _stands(dividend, 0) else dividend / divisor
+    """Return a quotient, without computing with a zero of the formula itself."""
+    return dividend if _is_literal(dividend, 0) else dividend / divisor
 
 
-def _plus(term: Any, other: Any) -> Any:
-    if type(term) is int and not term:
-        return other
-    return term if type(other) is int and not other else term + other
+def _plus(first: Any, second: Any) -> Any:
+    """Return a sum, without computing with a zero of the formula itself."""
+    if type(first) is int and not first:
+        return second
+    return first if type(second) is int and not second else first + second
 
 
-def _sum(polynomial: Coefficients, other: Coefficients) -> Coefficients:
-    terms = [_plus(*pair) for pair in zip_longest(polynomial, other, fillvalue=0)]
-    while len(terms) > 1 and _stands(terms[-1], 0):
+def _sum(first: Coefficients, second: Coefficients) -> Coefficients:
+    """Return the sum of two polynomials."""
+    terms = [_plus(*pair) for pair in zip_longest(first, second, fillvalue=0)]
+    while len(terms) > 1 and _is_literal(terms[-1], 0):
         terms.pop()
     return tuple(terms)
 
 
-def _product(polynomial: Coefficients, other: Coefficients) -> Coefficients:
-    if other is _ONE:
-        return polynomial
-    if polynomial is _ONE:
-        return other
-    if len(polynomial) == 1:
-        return tuple([_times(polynomial[0], coefficient) for coefficient in other])
-    if len(other) == 1:
-        return tuple([_times(coefficient, other[0]) for coefficient in polynomial])
-    terms: list[Any] = [0] * (len(polynomial) + len(other) - 1)
-    for i, factor in enumerate(polynomial):
-        for j, coefficient in enumerate(other):
+def _product(first: Coefficients, second: Coefficients) -> Coefficients:
+    """Return the product of two polynomials."""
+    if second is _ONE:
+        return first
+    if first is _ONE:
+        return second
+    if len(first) == 1:
+        return tuple([_times(first[0], coefficient) for coefficient in second])
+    if len(second) == 1:
+        return tuple([_times(coefficient, second[0]) for coefficient in first])
+    terms: list[Any] = [0] * (len(first) + len(second) - 1)
+    for i, factor in enumerate(first):
+        for j, coefficient in enumerate(second):
             terms[i + j] = _plus(terms[i + j], _times(factor, coefficient))
     return tuple(terms)

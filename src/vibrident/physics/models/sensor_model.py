@@ -24,7 +24,7 @@ from vibrident.physics.models.model import Model
 
 @dataclass(frozen=True)
 class SensorModel:
-    """A core with its add-ons; ``name`` is what result.json says."""
+    """Core with its add-ons; ``name`` is that of result.json."""
 
     name: str
     core: Model
@@ -33,7 +33,10 @@ class SensorModel:
     @property
     def parameters(self) -> tuple[ParameterSpec, ...]:
         """Return all parameters, core first."""
-        return (*self.core.parameters, *(spec for addon in self.add_ons for spec in addon.parameters))
+        return (
+            *self.core.parameters,
+            *(spec for addon in self.add_ons for spec in addon.parameters),
+        )
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -42,19 +45,21 @@ class SensorModel:
 
     @property
     def oscillators(self) -> tuple[tuple[str, str], ...]:
-        """Return the names of natural frequency and damping ratio of every mode, the core's first."""
+        """Return names of natural frequency and damping ratio of every mode, the core's first."""
         parts = (self.core.oscillator, *(addon.oscillator for addon in self.add_ons))
         return tuple(pair for pair in parts if pair is not None)
 
     @property
     def shares(self) -> tuple[str, ...]:
-        """Return the names of the parameters that what add-ons add beside the core is proportional to."""
+        """Return the names of the parameters that parallel parts are proportional to."""
         return tuple(addon.share for addon in self.add_ons if addon.share)
 
     @property
     def factor_names(self) -> tuple[str, ...]:
         """Return the names of the parameters of the factors that are not rational."""
-        return tuple(spec.name for part in self._factored for spec in part.parameters if spec.kind != "gain")
+        return tuple(
+            spec.name for part in self._factored for spec in part.parameters if spec.kind != "gain"
+        )
 
     @property
     def _factored(self) -> list[Model | AddOn]:
@@ -69,14 +74,19 @@ class SensorModel:
     def fastest(self, parameters: Parameters) -> float:
         """Return the largest |pole| of the core, rad/s."""
         if self.core.oscillator is None:
-            poles = np.roots(np.array(self.core.rational(parameters).denominator, dtype=float)[::-1])
+            poles = np.roots(
+                np.array(self.core.rational(parameters).denominator, dtype=float)[::-1]
+            )
             return float(np.max(np.abs(poles))) if poles.size else 0.0
         natural, damping = (parameters[name] for name in self.core.oscillator)
         faster = damping + np.sqrt(damping**2 - 1.0) if damping > 1.0 else 1.0
         return float(2.0 * np.pi * natural * faster)
 
     def typical_frequency(self, parameters: Parameters) -> float:
-        """Return the natural frequency of the core, Hz; the frequency of its fastest pole where it is no oscillator."""
+        """Return the natural frequency of the core, Hz.
+
+        Where it is no oscillator it is the frequency of its fastest pole.
+        """
         if self.core.oscillator is not None:
             return float(parameters[self.core.oscillator[0]])
         return self.fastest(parameters) / (2.0 * np.pi)
@@ -93,7 +103,7 @@ class SensorModel:
 
     @property
     def is_gain_alone(self) -> bool:
-        """Return whether the core is a gain alone: at one frequency it is what was measured there."""
+        """Return whether the core is a gain alone, which one frequency determines."""
         return len(self.core.parameters) == 1
 
     @property
@@ -107,17 +117,21 @@ class SensorModel:
         return next(spec.name for spec in self.parameters if spec.kind == "gain")
 
     def rational(self, parameters: Parameters, quantity: Quantity = "acceleration") -> Rational:
-        """Return the rational part of the transfer function from the reference quantity to the response."""
+        """Return the rational part of the transfer function from reference to response."""
         system = self.core.rational(parameters)
         for addon in self.add_ons:
             if addon.rational is not None:
                 system = addon.rational(parameters, system)
         zeros = (0.0,) * DERIVATIVES[quantity]
-        return Rational(system.gain, zeros + system.numerator, system.denominator, system.angular_scale)
+        return Rational(
+            system.gain, zeros + system.numerator, system.denominator, system.angular_scale
+        )
 
     def poles(self, parameters: Parameters) -> Any:
         """Return the poles of the rational part, rad/s, complex, shape (n,)."""
-        return np.roots(np.array(self.rational(parameters).denominator[::-1], dtype=float)).astype(complex)
+        return np.roots(np.array(self.rational(parameters).denominator[::-1], dtype=float)).astype(
+            complex
+        )
 
     def delay_s(self, parameters: Parameters) -> Any:
         """Return the delay of the response channel behind the reference channel, s.
@@ -131,7 +145,9 @@ class SensorModel:
         """Return whether the model has a delay parameter."""
         return any(addon.delay is not None for addon in self.add_ons)
 
-    def frequency_response(self, parameters: Parameters, frequency_hz: Any, quantity: Quantity = "acceleration") -> Any:
+    def frequency_response(
+        self, parameters: Parameters, frequency_hz: Any, quantity: Quantity = "acceleration"
+    ) -> Any:
         """Return the complex response per unit of the reference quantity, for e^{+jωt}.
 
         Of a nonlinear model it is that for small signals.
@@ -142,7 +158,8 @@ class SensorModel:
             quantity: what the reference is.
 
         Returns:
-            Complex array of shape (points,), response unit per SI unit of the quantity; lag has negative phase.
+            Complex array of shape (points,), response unit per SI unit of the quantity; lag has
+            negative phase.
         """
         s = 2j * np.pi * frequency_hz
         system = self.rational(parameters, quantity)
@@ -168,13 +185,19 @@ class SensorModel:
         """Return the model without its nonlinear parts: its linearisation for small signals."""
         if self.is_linear:
             return self
-        kept = tuple(addon for addon in self.add_ons if addon.force is None)
-        return SensorModel("+".join([self.core.name, *(addon.name for addon in kept)]), self.core, kept)
+        add_ons = tuple(addon for addon in self.add_ons if addon.force is None)
+        name = "+".join([self.core.name, *(addon.name for addon in add_ons)])
+        return SensorModel(name, self.core, add_ons)
 
     def factors(self, parameters: Parameters, frequency_hz: Any) -> Any:
-        """Return the complex response of the parts that are not rational, the delay left out, shape (points,)."""
+        """Return the complex response of the parts that are not rational, shape (points,).
+
+        The delay is left out.
+        """
         s = 2j * np.pi * frequency_hz
-        return math.prod((part.factor(parameters, s) for part in self._factored if part.factor), start=1.0)
+        return math.prod(
+            (part.factor(parameters, s) for part in self._factored if part.factor), start=1.0
+        )
 
     def factor_slopes(self, parameters: Parameters, frequency_hz: Any) -> dict[str, Any]:
         """Return the derivatives of :meth:`factors` with their parameters, by name.
@@ -186,21 +209,32 @@ class SensorModel:
         factors = [part.factor(parameters, s) for part in parts if part.factor is not None]
         slopes: dict[str, Any] = {}
         for index, part in enumerate(parts):
-            others = math.prod(factors[:index] + factors[index + 1 :], start=1.0)
-            each = part.factor_slopes(parameters, s) if part.factor_slopes else {}
-            slopes |= {name: others * slope for name, slope in each.items()}
+            product = math.prod(factors[:index] + factors[index + 1 :], start=1.0)
+            part_slopes = part.factor_slopes(parameters, s) if part.factor_slopes else {}
+            slopes |= {name: product * slope for name, slope in part_slopes.items()}
         return slopes
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
-        """Return the core and the parts parallel to it, from the reference quantity to their shares of the response."""
+        """Return the core and the parts parallel to it, whose responses add up to the sensor's."""
         core = self.core.rational(parameters)
-        parts = [core, *(addon.beside(parameters, core) for addon in self.add_ons if addon.beside is not None)]
+        parts = [
+            core,
+            *(
+                addon.parallel(parameters, core)
+                for addon in self.add_ons
+                if addon.parallel is not None
+            ),
+        ]
         zeros = (0.0,) * DERIVATIVES[quantity]
-        return tuple(Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale) for r in parts)
+        return tuple(
+            Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale) for r in parts
+        )
 
     def force(self, parameters: Parameters, response: Any) -> Any:
         """Return F(V) of all add-ons, in the shape of ``response``, the core's response V."""
-        return sum(addon.force(parameters, response) for addon in self.add_ons if addon.force is not None)
+        return sum(
+            addon.force(parameters, response) for addon in self.add_ons if addon.force is not None
+        )
 
     def derived(self, parameters: Parameters) -> tuple[Derived, ...]:
         """Return the derived quantities that exist for these parameters."""

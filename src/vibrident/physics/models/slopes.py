@@ -1,7 +1,8 @@
 """The derivative of a sensor's frequency response with its parameters, exact to rounding.
 
-With H = g N/D F e^{−sτ}, the derivatives of g, of the coefficients of N and D and of τ are taken by complex step, where
-no difference is formed (Squire & Trapp 1998); those of the factors F are stated with them.
+With H = g N/D F e^{−sτ}, the derivatives of g, of the coefficients of N and D and of τ are taken by
+complex step, where no difference is formed (Squire & Trapp 1998); those of the factors F are stated
+with them.
 """
 
 from __future__ import annotations
@@ -21,19 +22,32 @@ ComplexArray = NDArray[np.complex128]
 
 
 def response_and_slopes(
-    model: SensorModel, values: Mapping[str, Any], frequency_hz: FloatArray, quantity: Quantity = "acceleration"
+    model: SensorModel,
+    values: Mapping[str, Any],
+    frequency_hz: FloatArray,
+    quantity: Quantity = "acceleration",
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Frequency response, shape (points,), and its derivatives with the parameters, shape (parameters, points).
+    """Return the frequency response and its derivatives with the parameters.
 
-    Of a nonlinear model: of its linearisation for small signals. ``values``: of the parameters by name; numbers, or of
-    many sensors at once each of shape (sensors, 1), which give shapes (sensors, points) and (parameters, sensors,
-    points); ``frequency_hz``: shape (points,); ``quantity``: what the reference is.
+    Of a nonlinear model they are those of its linearisation for small signals.
+
+    Args:
+        model: the sensor model.
+        values: of the parameters by name: numbers, or of many sensors at once, each of shape
+            (sensors, 1).
+        frequency_hz: shape (points,).
+        quantity: what the reference is.
+
+    Returns:
+        Shapes (points,) and (parameters, points); of many sensors (sensors, points) and
+        (parameters, sensors, points).
     """
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
     moved, per = _moved(model, values)
     system = model.rational(moved, quantity)
     gain = _and_slopes((system.gain,), per)
-    top, bottom = _at(_and_slopes(system.numerator, per), s), _at(_and_slopes(system.denominator, per), s)
+    top = _at(_and_slopes(system.numerator, per), s)
+    bottom = _at(_and_slopes(system.denominator, per), s)
     delay = _and_slopes((model.delay_s(moved),), per) if model.has_delay else None
     late = 1.0 if delay is None else np.exp(-s * delay[0])
     factor = 1.0 if model.has_network else model.factors(values, frequency_hz)
@@ -44,13 +58,19 @@ def response_and_slopes(
     slopes += gain[1:].astype(complex) * (top[0] * behind)
     if delay is not None:
         slopes -= delay[1:] * (s * response)
-    for name, slope in ({} if model.has_network else model.factor_slopes(values, frequency_hz)).items():
+    for name, slope in (
+        {} if model.has_network else model.factor_slopes(values, frequency_hz)
+    ).items():
         slopes[model.parameter_names.index(name)] += gain[0] * (top[0] / bottom[0]) * late * slope
     return response, slopes
 
 
 def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any], FloatArray]:
-    """Each parameter moved by its own imaginary step: values of shape (parameters, …, 1), and one over the steps."""
+    """Move each parameter by an imaginary step.
+
+    Returns:
+        The values by name, of shape (parameters, …, 1), and one over the steps.
+    """
     names = model.parameter_names
     places = np.array([values[name] for name in names], dtype=float)
     places = places.reshape(len(names), *(places.shape[1:] or (1,)))
@@ -62,7 +82,7 @@ def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any
 
 
 def _and_slopes(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
-    """Coefficients, and below them their derivatives, shape (1 + parameters, …, coefficients)."""
+    """Return coefficients and below them derivatives, shape (1 + parameters, …, coefficients)."""
     moved: ComplexArray = np.empty((*per.shape[:-1], len(coefficients)), dtype=complex)
     for index, coefficient in enumerate(coefficients):
         moved[..., index : index + 1] = coefficient
@@ -70,7 +90,10 @@ def _and_slopes(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
 
 
 def _at(coefficients: FloatArray, s: ComplexArray) -> ComplexArray:
-    """Values at ``s`` of polynomials, shape (…, points), from their coefficients, shape (…, coefficients)."""
+    """Return the values of polynomials at ``s``, shape (…, points).
+
+    ``coefficients``: ascending, shape (…, coefficients).
+    """
     powers = np.empty((coefficients.shape[-1], s.size), dtype=complex)
     powers[0] = 1.0
     for order in range(1, len(powers)):

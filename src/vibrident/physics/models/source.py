@@ -50,9 +50,13 @@ def _formula(response: Any) -> str:
     except SyntaxError:
         nodes = []
         text = ""
-    places = [] if code is None else [place for place in code.co_positions() if place[0] and place[2] is not None]
+    places = (
+        []
+        if code is None
+        else [place for place in code.co_positions() if place[0] and place[2] is not None]
+    )
     for node in nodes:
-        if code is not None and code.co_name == "<lambda>" and _holds(node.body, places):
+        if code is not None and code.co_name == "<lambda>" and _ends_at(node.body, places):
             return textwrap.dedent(ast.get_source_segment(text, node) or "")
     try:
         return textwrap.dedent(inspect.getsource(response)).strip()
@@ -60,7 +64,7 @@ def _formula(response: Any) -> str:
         return ""
 
 
-def _holds(body: ast.expr, places: list[Any]) -> bool:
+def _ends_at(body: ast.expr, places: list[Any]) -> bool:
     """Return whether an expression has the place of the instruction that reaches furthest."""
     ends = {(line, column, end_line, end_column) for line, end_line, column, end_column in places}
     return (body.lineno, body.col_offset, body.end_lineno, body.end_col_offset) in ends

@@ -1,7 +1,8 @@
 """State space of a rational transfer function, with states scaled to keep every number near one.
 
-The companion form in the scaled variable σ = s/w (w: the system's angular scale) has states x, dx/d(wt), …; for an
-accelerometer these are V and V̇/ωn, and ``in_physical_states`` gives back the paper's V and V̇ (eq. 4).
+The companion form in the scaled variable σ = s/w (w: the system's angular scale) has states x,
+dx/d(wt), …; for an accelerometer these are V and V̇/ωn, and ``in_physical_states`` gives back the
+paper's V and V̇ (eq. 4).
 """
 
 from __future__ import annotations
@@ -16,24 +17,32 @@ from vibrident.physics.models.base import Rational, array_library
 
 @dataclass(frozen=True)
 class StateSpace:
-    """ẋ = A x + B a,  y = C x + Σ_m D_m dᵐa/dtᵐ."""
+    """State space ẋ = A x + B a,  y = C x + Σ_m D_m dᵐa/dtᵐ.
 
-    a: Any  # shape (n, n), 1/s
-    b: Any  # shape (n,)
-    c: Any  # shape (n,)
-    # tuple of scalars D_0, D_1, …; empty where the system is strictly proper. D_1 and on appear where a velocity pickup
-    # is fed with displacement: its response then contains the derivative of the input.
+    Attributes:
+        a: A, shape (n, n), 1/s.
+        b: B, shape (n,).
+        c: C, shape (n,).
+        d: scalars D_0, D_1, …; empty where the system is strictly proper. D_1 and on appear where a
+            velocity pickup is fed with displacement: its response then contains the derivative of
+            the input.
+        scale: w, rad/s.
+    """
+
+    a: Any
+    b: Any
+    c: Any
     d: tuple[Any, ...]
-    scale: Any  # w, rad/s
+    scale: Any
 
     @property
     def order(self) -> int:
-        """Number of states n."""
+        """Return the number of states n."""
         return int(self.b.shape[-1])
 
 
 def realise(system: Rational) -> StateSpace:
-    """Companion realisation of ``system``; the gain sits in B, as in the paper.
+    """Return the companion realisation of ``system``; the gain sits in B, as in the paper.
 
     Arrays are of NumPy where every coefficient is, complex where one is; of JAX otherwise.
     Coefficients may be arrays of many systems: each array of the result gets their axis first.
@@ -74,5 +83,5 @@ def _rate(w: Any) -> Any:
 
 
 def state_scaling(system: StateSpace) -> Any:
-    """Factors t with (paper's states) = t · (scaled states), shape (n,): 1, w, w², …."""
+    """Return the factors t with (paper's states) = t · (scaled states), shape (n,): 1, w, w², …."""
     return system.scale ** np.arange(system.order, dtype=float)

@@ -1,13 +1,15 @@
 """The unrolled network of a sensor with a force: the same chunks, joined by Newton's method.
 
-A nonlinear recursion does not split into "from rest" and "free response". It is cut by multiple shooting (Bock & Plitt
-1984): every chunk runs from a guess of its state, with the derivative of its end and outputs by that
-state; a step of Newton's method then moves all guesses so that each chunk begins at the end of the one before, and each
-segment's initial state and offset to their least-squares values. The guess is the linear network's, and three or four
-steps converge to rounding.
+A nonlinear recursion does not split into "from rest" and "free response". It is cut by multiple
+shooting (Bock & Plitt 1984): every chunk runs from a guess of its state, with the derivative of its
+end and outputs by that state; a step of Newton's method then moves all guesses so that each chunk
+begins at the end of the one before, and each segment's initial state and offset to their
+least-squares values. The guess is the linear network's, and three or four steps converge to
+rounding.
 
-The derivative by the parameters is forward-mode differentiation of the recursion within each chunk, carried from
-chunk to chunk; initial states and offsets are then projected out as for the linear network.
+The derivative by the parameters is forward-mode differentiation of the recursion within each chunk,
+carried from chunk to chunk; initial states and offsets are then projected out as for the linear
+network.
 """
 
 from __future__ import annotations
@@ -17,20 +19,22 @@ from typing import Any, NamedTuple
 
 from vibrident.base.backend import jax, jnp, lax
 from vibrident.physics.discretisation.forced import ForcedWeights
-from vibrident.physics.network.sensitivity import Normal
+from vibrident.physics.network.sensitivity import NormalEquations
 from vibrident.physics.network.unroll import (
     Lanes,
-    best_start,
-    carried,
-    chained,
+    carry_from_segments,
+    chain_states,
     dot,
     inverse_of_segments,
     per_lane,
     product,
+    solve_starts,
 )
 
-MOST_STEPS = 20  # most Newton steps
-SETTLED = 1e-12  # relative change of the states that ends them
+#: Most steps of Newton's method.
+MAX_NEWTON_STEPS = 20
+#: Relative change of the states that ends the steps.
+STATE_TOLERANCE = 1e-12
 
 Force = Callable[[Any], Any]
 
@@ -38,20 +42,29 @@ Force = Callable[[Any], Any]
 def forced_response(
     weights: ForcedWeights, force: Force, lanes: Lanes, starts: Any, rounds: tuple[int, int]
 ) -> tuple[Any, Any]:
-    """Every lane from its start state, shape (n, M); returns outputs, shape (L, M), and end states, shape (n, M).
+    """Run every lane from its start state.
 
-    ``weights``: one set a sampling interval (leading axis R); ``force``: F of the response V at the nodes, elementwise;
-    ``starts``: shape (n, M); ``rounds``: repetitions for the force at the nodes, without and with derivative: each of
-    the latter adds one order of the derivative's series.
+    Args:
+        weights: one set a sampling interval (leading axis R).
+        force: F of the response V at the nodes, elementwise.
+        lanes: the records.
+        starts: start states, shape (n, M).
+        rounds: repetitions for the force at the nodes, without and with derivative: each of the
+            latter adds one order of the derivative's series.
+
+    Returns:
+        Outputs, shape (L, M), and end states, shape (n, M).
     """
-    settling, slope_rounds = rounds
+    value_rounds, slope_rounds = rounds
     phi, gamma, c, d = (per_lane(w, lanes.rate) for w in weights.linear)
     pull, pull_output, at_state, at_drive, among = (per_lane(w, lanes.rate) for w in weights[1:])
 
     def step(x: Any, u: Any) -> tuple[Any, Any]:
         alone = product(at_state, x) + product(at_drive, u)
         fixed = lax.stop_gradient((alone, among))
-        f = lax.fori_loop(0, settling, lambda _, f: force(fixed[0] + product(fixed[1], f)), force(fixed[0]))
+        f = lax.fori_loop(
+            0, value_rounds, lambda _, f: force(fixed[0] + product(fixed[1], f)), force(fixed[0])
+        )
         f = lax.stop_gradient(f)
         for _ in range(slope_rounds):
             f = force(alone + product(among, f))
@@ -63,7 +76,14 @@ def forced_response(
 
 
 class _Shots(NamedTuple):
-    """Guessed start states, shape (n, M), offsets, shape (S,), last relative change, and steps taken."""
+    """Iterate of the multiple shooting.
+
+    Attributes:
+        starts: guessed start states, shape (n, M).
+        offset: of the segments' responses, shape (S,).
+        change: last relative change of the states.
+        steps: number of steps taken.
+    """
 
     starts: Any
     offset: Any
@@ -71,57 +91,75 @@ class _Shots(NamedTuple):
     steps: Any
 
 
-def forced_normal(
-    simulate: Callable[[Any, Any], tuple[Any, Any]], z: Any, linear: Any, lanes: Lanes, noise: Any, segments: int
-) -> Normal:
-    """Normal equations of a nonlinear network, as :func:`vibrident.physics.network.sensitivity.normal_equations`.
+def forced_normal_equations(
+    simulate: Callable[[Any, Any], tuple[Any, Any]],
+    z: Any,
+    linear: Any,
+    lanes: Lanes,
+    noise: Any,
+    segments: int,
+) -> NormalEquations:
+    """Return the normal equations of a nonlinear network.
 
-    ``simulate``: (parameters (P,), start states (n, M)) → outputs (L, M), end states (n, M); ``z``: parameters, shape
-    (P,); ``linear``: weights of the linear part, for the first guess (leading axis R); ``noise``: standard deviation of
-    the response noise, by lane, shape (M,).
+    Those of a linear one: :func:`vibrident.physics.network.sensitivity.normal_equations`.
+
+    Args:
+        simulate: (parameters (P,), start states (n, M)) → outputs (L, M), end states (n, M).
+        z: parameters, shape (P,).
+        linear: weights of the linear part, for the first guess (leading axis R).
+        lanes: the records.
+        noise: standard deviation of the response noise, by lane, shape (M,).
+        segments: S.
     """
-    n, p = linear.output.shape[-1], z.shape[0]
-    shots = _settled(simulate, z, best_start(linear, lanes, segments)[2], lanes, segments)
+    n = linear.output.shape[-1]
+    p = z.shape[0]
+    shots = _join_chunks(simulate, z, solve_starts(linear, lanes, segments)[2], lanes, segments)
 
     def shifted(y: Any, shift: Any) -> tuple[Any, Any]:
-        found = simulate(y, shots.starts + shift[:, None])
-        return found, found[0]
+        simulated = simulate(y, shots.starts + shift[:, None])
+        return simulated, simulated[0]
 
     slopes, outputs = jax.jacfwd(shifted, argnums=(0, 1), has_aux=True)(z, jnp.zeros(n))
     (by_z, by_start), (ends_z, ends_start) = slopes
     by_start, ends_z, ends_start = (jnp.moveaxis(x, -1, 1) for x in (by_start, ends_z, ends_start))
-    states_z = chained(ends_start, ends_z, lanes.first, 0.0)  # (n, P, M)
+    states_z = chain_states(ends_start, ends_z, lanes.first, 0.0)  # (n, P, M)
     scale = lanes.weight / noise
     response = outputs + shots.offset[lanes.segment]
     residual = (lanes.response - response) * scale
     columns = [(by_z[..., a] + product(by_start, states_z[:, a])) * scale for a in range(p)]
-    rows = _nuisance_rows(by_start, carried(ends_start, lanes), lanes)
+    rows = _nuisance_rows(by_start, carry_from_segments(ends_start, lanes), lanes)
     inverse = inverse_of_segments(_gram(rows, lanes, segments))
     removed = []
     for column in columns:
         share = jnp.einsum("sij,sj->si", inverse, _moments(rows, column, lanes, segments))
-        removed.append(column - lanes.weight * dot(rows, [share[lanes.segment, i] for i in range(n + 1)]))
-    matrix = jnp.stack([jnp.stack([jnp.vdot(removed[a], removed[b]) for b in range(p)]) for a in range(p)])
+        removed.append(
+            column - lanes.weight * dot(rows, [share[lanes.segment, i] for i in range(n + 1)])
+        )
+    matrix = jnp.stack(
+        [jnp.stack([jnp.vdot(removed[a], removed[b]) for b in range(p)]) for a in range(p)]
+    )
     gradient = jnp.stack([jnp.vdot(column, residual) for column in removed])
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
     cost = jnp.where(shots.change < 1e-6, jnp.vdot(residual, residual), jnp.nan)
-    return Normal(matrix, gradient, cost, squares, response, removed)
+    return NormalEquations(matrix, gradient, cost, squares, response, removed)
 
 
-def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) -> _Shots:
-    """Newton's method on the chunks' start states, the segments' initial states and offsets."""
+def _join_chunks(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) -> _Shots:
+    """Solve for the chunks' start states and the segments' offsets, by Newton's method."""
     n = starts.shape[0]
 
     def step(shots: _Shots) -> _Shots:
         def shifted(shift: Any) -> tuple[Any, Any]:
-            found = simulate(z, shots.starts + shift[:, None])
-            return found, found
+            simulated = simulate(z, shots.starts + shift[:, None])
+            return simulated, simulated
 
         (by_start, ends_start), (outputs, ends) = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(n))
-        by_start, ends_start = jnp.moveaxis(by_start, -1, 1), jnp.moveaxis(ends_start, -1, 1)
-        carry = carried(ends_start, lanes)
-        gaps = ends - jnp.roll(shots.starts, -1, axis=1)  # to the next chunk's start; never used at a segment's end
-        moved = chained(ends_start, gaps, lanes.first, 0.0)
+        by_start = jnp.moveaxis(by_start, -1, 1)
+        ends_start = jnp.moveaxis(ends_start, -1, 1)
+        carry = carry_from_segments(ends_start, lanes)
+        # To the next chunk's start; never used at a segment's end.
+        gaps = ends - jnp.roll(shots.starts, -1, axis=1)
+        moved = chain_states(ends_start, gaps, lanes.first, 0.0)
         rows = _nuisance_rows(by_start, carry, lanes)
         joined = outputs + product(by_start, moved)
         inverse = inverse_of_segments(_gram(rows, lanes, segments))
@@ -129,25 +167,33 @@ def _settled(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) ->
         solved = jnp.einsum("sij,sj->si", inverse, wanted)
         moved = moved + jnp.einsum("iam,ma->im", carry, solved[:, :n][lanes.segment])
         size = jnp.max(jnp.abs(shots.starts)) + jnp.max(jnp.abs(outputs))
-        return _Shots(shots.starts + moved, solved[:, n], jnp.max(jnp.abs(moved)) / size, shots.steps + 1)
+        return _Shots(
+            shots.starts + moved, solved[:, n], jnp.max(jnp.abs(moved)) / size, shots.steps + 1
+        )
 
-    def unsettled(shots: _Shots) -> Any:
-        return (shots.steps < MOST_STEPS) & (shots.change > SETTLED)  # NaN ends the loop and shows in the cost
+    def is_unfinished(shots: _Shots) -> Any:
+        # NaN ends the loop and shows in the cost.
+        return (shots.steps < MAX_NEWTON_STEPS) & (shots.change > STATE_TOLERANCE)
 
-    return lax.while_loop(unsettled, step, _Shots(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0))
+    return lax.while_loop(
+        is_unfinished, step, _Shots(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0)
+    )
 
 
 def _nuisance_rows(by_start: Any, carry: Any, lanes: Lanes) -> list[Any]:
-    """Derivatives of the response by a segment's initial state and offset: n + 1 of shape (L, M)."""
-    return [*(product(by_start, carry[:, a]) for a in range(carry.shape[1])), jnp.ones_like(lanes.response)]
+    """Return ∂response/∂(initial state, offset) of the segments: n + 1 of shape (L, M)."""
+    return [
+        *(product(by_start, carry[:, a]) for a in range(carry.shape[1])),
+        jnp.ones_like(lanes.response),
+    ]
 
 
 def _moments(rows: list[Any], signal: Any, lanes: Lanes, segments: int) -> Any:
-    """Products of the rows with ``signal``, by segment, shape (S, n + 1)."""
+    """Return the products of the rows with ``signal``, by segment, shape (S, n + 1)."""
     sums = jnp.stack([jnp.sum(row * signal * lanes.weight, axis=0) for row in rows], axis=-1)
     return jax.ops.segment_sum(sums, lanes.segment, segments)
 
 
 def _gram(rows: list[Any], lanes: Lanes, segments: int) -> Any:
-    """Products of the rows with each other, by segment, shape (S, n + 1, n + 1)."""
+    """Return the products of the rows with each other, by segment, shape (S, n + 1, n + 1)."""
     return jnp.stack([_moments(rows, row, lanes, segments) for row in rows], axis=1)

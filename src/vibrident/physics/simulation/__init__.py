@@ -1,8 +1,9 @@
-"""Simulated calibrations: excitations in continuous time, exact and Runge–Kutta truth, noise, records.
+"""Simulation of calibrations: excitations in continuous time, exact truth, noise, records.
 
     calibration = simulate("paper", "sine", excitation_snr_db=20.0, response_noise=0.01, seed=1)
 
-The truth is computed from the continuous acceleration, not from its samples, so that it can judge every discretisation.
+The truth is computed from the continuous acceleration, not from its samples, so that it can judge
+every discretisation.
 """
 
 from vibrident.physics.simulation.calibration import simulate, with_noise

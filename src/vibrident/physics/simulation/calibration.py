@@ -1,8 +1,8 @@
-"""A simulated calibration: sensor, excitations, truth, channels.
+"""Simulation of a calibration: sensor, excitations, truth, channels.
 
-A shock has corners, hence content above half the sampling rate. Sampled without a filter, that content aliases; with it
-the records are band-limited, like recorded ones. The same filter on both channels leaves the sensor's response to the
-reference unchanged.
+A shock has corners, hence content above half the sampling rate. Sampled without a filter, that
+content aliases; with it the records are band-limited, like recorded ones. The same filter on both
+channels leaves the sensor's response to the reference unchanged.
 """
 
 from __future__ import annotations
@@ -24,35 +24,51 @@ from vibrident.physics.simulation.excitation import Sine
 from vibrident.physics.simulation.motion import Motion
 from vibrident.physics.simulation.noise import ChannelNoise
 from vibrident.physics.simulation.rk4 import rk4_response
-from vibrident.physics.simulation.scheme import Plan, Seed, Take, one_third_octave, stream, with_excitation_noise
+from vibrident.physics.simulation.scheme import (
+    Plan,
+    Seed,
+    Take,
+    one_third_octave,
+    stream,
+    with_excitation_noise,
+)
 from vibrident.physics.simulation.sensors import Sensor, sensor_named
 from vibrident.physics.simulation.truth import Start, exact_reference, exact_response
 
-OVERSAMPLING = 64  # simulated rate over the sampling rate: a corner's aliasing at 1/f² falls with its square
-PASS_BAND = 0.32  # edge of the pass band over the sampling rate
-STOP_BAND = 0.42  # edge of the stop band over the sampling rate
-DEPTH_DB = 160.0  # attenuation of the stop band, dB
+#: Simulated rate over the sampling rate: a corner's aliasing at 1/f² falls with its square.
+OVERSAMPLING = 64
+#: Edges of the filter's pass band and stop band over the sampling rate.
+PASS_BAND_EDGE = 0.32
+STOP_BAND_EDGE = 0.42
+#: Attenuation of the stop band, dB.
+STOP_BAND_ATTENUATION_DB = 160.0
 
 
 @functools.cache
 def _filter() -> FloatArray:
-    """Kaiser-windowed sinc at the fine rate, odd length, sum one."""
-    width = 2.0 * np.pi * (STOP_BAND - PASS_BAND) / OVERSAMPLING
-    half = int(np.ceil((DEPTH_DB - 8.0) / (2.285 * width) / 2.0))
+    """Return the filter: a Kaiser-windowed sinc at the fine rate, odd length, sum one."""
+    width = 2.0 * np.pi * (STOP_BAND_EDGE - PASS_BAND_EDGE) / OVERSAMPLING
+    half = int(np.ceil((STOP_BAND_ATTENUATION_DB - 8.0) / (2.285 * width) / 2.0))
     n = np.arange(-half, half + 1)
-    cut = (PASS_BAND + STOP_BAND) / OVERSAMPLING  # twice the band's middle, in cycles per fine sample
-    taps = cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, 0.1102 * (DEPTH_DB - 8.7))
+    # Twice the band's middle, in cycles per fine sample.
+    cut = (PASS_BAND_EDGE + STOP_BAND_EDGE) / OVERSAMPLING
+    taps = (
+        cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, 0.1102 * (STOP_BAND_ATTENUATION_DB - 8.7))
+    )
     return taps / taps.sum()
 
 
-def filtered(fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int) -> FloatArray:
-    """A channel sampled behind the filter; at rest before its first sample.
+def filtered(
+    fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int
+) -> FloatArray:
+    """Return a channel sampled behind the filter; at rest before its first sample.
 
     ``fine``: from (sampling rate, number of samples) to the channel's values, from t = 0 on.
     """
     taps = _filter()
     half = len(taps) // 2
-    count = (samples + math.ceil(half / OVERSAMPLING)) * OVERSAMPLING  # it looks ahead by half its length
+    # The filter looks ahead by half its length.
+    count = (samples + math.ceil(half / OVERSAMPLING)) * OVERSAMPLING
     values = fine(sampling_rate_hz * OVERSAMPLING, count)
     size = fast_length(count + 2 * half)
     spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
@@ -84,32 +100,37 @@ def simulate(
     """Simulate a calibration. The defaults are the paper's (section 4), without its noise.
 
     Args:
-        sensor: name in ``SENSORS``, a ``Sensor``, or (model, parameters), SI units, frequencies in Hz.
-        excitation: ``sine`` (a record for every frequency), ``multisine``, ``sweep`` (log), ``random``, ``shock``,
-            ``decay`` (one record each), or motions of your own, one a record.
-        frequencies_hz: of the sines; lowest and highest are the band of sweep and random. None: exact one-third-octave
-            frequencies in the sensor's usual band.
+        sensor: name in ``SENSORS``, a ``Sensor``, or (model, parameters), SI units, frequencies in
+            Hz.
+        excitation: ``sine`` (a record for every frequency), ``multisine``, ``sweep`` (log),
+            ``random``, ``shock``, ``decay`` (one record each), or motions of your own, one a
+            record.
+        frequencies_hz: of the sines; lowest and highest are the band of sweep and random. None:
+            exact one-third-octave frequencies in the sensor's usual band.
         sampling_rate_hz: samples per second; None: the sensor's usual.
         samples: of every record.
-        amplitude: peak of sine, sweep and shock, and static value before a decay, m/s²; multisine and random have the
-            rms of a sine of this peak. None: the sensor's usual.
+        amplitude: peak of sine, sweep and shock, and static value before a decay, m/s²; multisine
+            and random have the rms of a sine of this peak. None: the sensor's usual.
         repeats: how often every motion is recorded, each time with noise of its own.
-        excitation_snr_db: excitation's rms within the record over that of noise motion of the base, dB (paper: 20).
-        excitation_noise_band_hz: of that noise, lowest and highest; None: all up to 0.4 of the sampling rate. In
-            velocity or displacement its lowest frequencies dominate.
-        reference_noise: of the reference channel: white, as a fraction of each record's rms, or a ``ChannelNoise``.
+        excitation_snr_db: excitation's rms within the record over that of noise motion of the base,
+            dB (paper: 20).
+        excitation_noise_band_hz: of that noise, lowest and highest; None: all up to 0.4 of the
+            sampling rate. In velocity or displacement its lowest frequencies dominate.
+        reference_noise: of the reference channel: white, as a fraction of each record's rms, or a
+            ``ChannelNoise``.
         response_noise: of the response channel, likewise.
         start: ``rest`` (as in the paper) or ``steady`` (as in a laboratory).
         quantity: of the reference.
         method: ``exact``, or ``rk4`` (the paper's) with ``substeps`` steps a sample.
         substeps: for ``rk4``.
-        antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a shock, whose
-            corners would alias. Needs ``exact`` and the start from rest.
+        antialias: whether both channels pass an anti-alias filter, as in a laboratory; None: only a
+            shock, whose corners would alias. Needs ``exact`` and the start from rest.
         seed: of everything random; every record and purpose has a stream of its own.
         keep_takes: a list to which the motions and their sampling are appended.
 
     Returns:
-        Calibration with records in physical units; ``provenance.history`` of each says what was made.
+        Calibration with records in physical units; ``provenance.history`` of each says what was
+        made.
 
     Raises:
         InputError: a setting cannot be used; the message says which.
@@ -125,24 +146,40 @@ def simulate(
     plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
     takes = plan.takes(excitation, repeats)
     if excitation_snr_db is not None:
-        snr_db, band_hz = excitation_snr_db, excitation_noise_band_hz
+        snr_db = excitation_snr_db
+        band_hz = excitation_noise_band_hz
         draws = [stream(seed, index, "excitation noise") for index in range(len(takes))]
-        takes = [with_excitation_noise(*one, snr_db, band_hz) for one in zip(takes, draws, strict=True)]
+        takes = [
+            with_excitation_noise(take, rng, snr_db, band_hz)
+            for take, rng in zip(takes, draws, strict=True)
+        ]
     if keep_takes is not None:
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)
     responses = _responses(chosen, takes, start, method, substeps, behind)
     values = ", ".join(f"{name} {value:.9g}" for name, value in chosen.parameters.items())
-    made = f"simulated: {chosen.model} ({values}); {method} response, start {start}, seed {_seed_words(seed)}"
-    records = [_record(take, row, quantity, made, b) for take, row, b in zip(takes, responses, behind, strict=True)]
+    history = (
+        f"simulated: {chosen.model} ({values}); "
+        f"{method} response, start {start}, seed {_seed_words(seed)}"
+    )
+    records = [
+        _record(take, row, quantity, history, is_filtered)
+        for take, row, is_filtered in zip(takes, responses, behind, strict=True)
+    ]
     about = {"manufacturer": "simulated", "type": chosen.title}
     unit = chosen.response_unit
-    calibration = Calibration(tuple(records), None, chosen.model, quantity, response_unit=unit, sensor=about)
-    return with_noise(calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed)
+    calibration = Calibration(
+        tuple(records), None, chosen.model, quantity, response_unit=unit, sensor=about
+    )
+    return with_noise(
+        calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed
+    )
 
 
-def _behind_filter(takes: list[Take], antialias: bool | None, method: str, start: Start) -> list[bool]:
-    """Which records pass an anti-alias filter."""
+def _behind_filter(
+    takes: list[Take], antialias: bool | None, method: str, start: Start
+) -> list[bool]:
+    """Return which records pass an anti-alias filter."""
     if antialias:
         require_choice("With antialias the method", method, ("exact",))
         require_choice("With antialias the start", start, ("rest",))
@@ -157,7 +194,7 @@ def with_noise(
     response_noise: float | ChannelNoise = 0.0,
     seed: Seed = 0,
 ) -> Calibration:
-    """The same calibration with noise on its channels: one draw of a Monte Carlo over one truth.
+    """Return the same calibration with noise on its channels: a draw of a Monte Carlo.
 
     ``with_noise(simulate(…, seed=s), response_noise=e, seed=s)`` holds the samples of
     ``simulate(…, response_noise=e, seed=s)``.
@@ -179,15 +216,21 @@ def with_noise(
         where=calibration.source or "calibration in memory",
         remedy="simulate records",
     )
-    noises = {"reference": _channel_noise(reference_noise), "response": _channel_noise(response_noise)}
+    noises = {
+        "reference": _channel_noise(reference_noise),
+        "response": _channel_noise(response_noise),
+    }
     noises = {channel: noise for channel, noise in noises.items() if noise.words}
     if not noises:
         return calibration
-    records = [_noisy(record, index, noises, seed) for index, record in enumerate(calibration.records)]
+    records = [
+        _noisy(record, index, noises, seed) for index, record in enumerate(calibration.records)
+    ]
     return replace(calibration, records=tuple(records))
 
 
 def _noisy(record: Record, index: int, noises: Mapping[str, ChannelNoise], seed: Seed) -> Record:
+    """Return a record with noise on its channels."""
     changed = record
     for channel, noise in noises.items():
         truth = getattr(record, channel)
@@ -203,10 +246,12 @@ def _noisy(record: Record, index: int, noises: Mapping[str, ChannelNoise], seed:
 
 
 def _channel_noise(noise: float | ChannelNoise) -> ChannelNoise:
+    """Return the noise of a channel; a number is white noise."""
     return noise if isinstance(noise, ChannelNoise) else ChannelNoise(white=float(noise))
 
 
 def _sensor(sensor: str | Sensor | tuple[str, Mapping[str, float]]) -> Sensor:
+    """Return a sensor by its name, or from its model and parameters."""
     if isinstance(sensor, Sensor):
         return sensor
     if isinstance(sensor, str):
@@ -216,6 +261,7 @@ def _sensor(sensor: str | Sensor | tuple[str, Mapping[str, float]]) -> Sensor:
 
 
 def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Sensor) -> FloatArray:
+    """Return the frequencies, which are those of the sensor's usual band where none are stated."""
     if frequencies_hz is None:
         return one_third_octave(*sensor.band_hz)
     frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
@@ -250,20 +296,30 @@ def _responses(
 
     def exact(take: Take, rate: float, samples: int) -> FloatArray:
         return exact_response(
-            model, sensor.parameters, take.motion, sampling_rate_hz=rate, samples=samples, start=start
+            model,
+            sensor.parameters,
+            take.motion,
+            sampling_rate_hz=rate,
+            samples=samples,
+            start=start,
         )
 
-    return [_sampled(functools.partial(exact, take), take, b) for take, b in zip(takes, behind, strict=True)]
+    return [
+        _sampled(functools.partial(exact, take), take, is_filtered)
+        for take, is_filtered in zip(takes, behind, strict=True)
+    ]
 
 
 def _sampled(channel: Callable[[float, int], FloatArray], take: Take, behind: bool) -> FloatArray:
-    """A channel's samples, ``behind`` an anti-alias filter or as they are."""
+    """Return a channel's samples, ``behind`` an anti-alias filter or as they are."""
     if behind:
         return filtered(channel, take.sampling_rate_hz, take.samples)
     return channel(take.sampling_rate_hz, take.samples)
 
 
-def _record(take: Take, response: FloatArray, quantity: Quantity, made: str, behind: bool) -> Record:
+def _record(
+    take: Take, response: FloatArray, quantity: Quantity, history: str, behind: bool
+) -> Record:
     motion = take.motion
     base = getattr(motion, "parts", (motion,))[0]
     reference = None
@@ -280,11 +336,18 @@ def _record(take: Take, response: FloatArray, quantity: Quantity, made: str, beh
         take.sampling_rate_hz,
         motion.kind,
         frequency_hz=base.frequency_hz if isinstance(base, Sine) else None,
-        provenance=Provenance(history=(made, f"motion: {motion.words}", *(("anti-alias filter",) if behind else ()))),
+        provenance=Provenance(
+            history=(
+                history,
+                f"motion: {motion.words}",
+                *(("anti-alias filter",) if behind else ()),
+            )
+        ),
     )
 
 
 def _seed_words(seed: Seed) -> str:
+    """Return a seed in words, for a record's history."""
     if isinstance(seed, np.random.SeedSequence):
         return f"{seed.entropy}{list(seed.spawn_key) or ''}"
     return str(seed)

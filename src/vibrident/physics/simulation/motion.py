@@ -1,4 +1,4 @@
-"""Motion of the base: instants, sums of tones, the interface of every excitation, and sums of motions."""
+"""Motion of the base: instants, sums of tones, the interface of excitations, sums of motions."""
 
 from __future__ import annotations
 
@@ -12,15 +12,19 @@ import numpy as np
 from vibrident.data.records import Excitation, FloatArray
 from vibrident.physics.models.slopes import ComplexArray
 
-_COINCIDENT = 1e-9  # an instant this close to a sample, in samples, is that sample
-_BLOCK = 4096  # tones evaluated at once; bounds the memory
-_FFT_FROM = 64  # from this many tones on, harmonics of a fundamental that fits the grid are summed by FFT
-_LONGEST_FFT = 2**24
+#: Distance within which an instant is a sample, in samples.
+MAX_COINCIDENCE_SAMPLES = 1e-9
+#: Tones evaluated at once, which bounds the memory.
+BLOCK_TONES = 4096
+#: Least number of harmonics of a fundamental that are summed by FFT where it fits the grid.
+MIN_FFT_TONES = 64
+#: Longest FFT, samples.
+MAX_FFT_SAMPLES = 2**24
 
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """``samples`` instants start_s + k/rate_hz."""
+    """Instants start_s + k/rate_hz, k = 0 … samples − 1."""
 
     start_s: float
     rate_hz: float
@@ -28,21 +32,21 @@ class SampleGrid:
 
     @property
     def interval_s(self) -> float:
-        """Time between instants, s."""
+        """Return the time between instants, s."""
         return 1.0 / self.rate_hz
 
     @property
     def times_s(self) -> FloatArray:
-        """The instants, s, shape (samples,)."""
+        """Return the instants, s, shape (samples,)."""
         return self.start_s + np.arange(self.samples) / self.rate_hz
 
     def first_from(self, time_s: float) -> int:
-        """Index of the first instant at or after ``time_s``, at most ``samples``."""
-        index = math.ceil((time_s - self.start_s) * self.rate_hz - _COINCIDENT)
+        """Return the index of the first instant at or after ``time_s``, at most ``samples``."""
+        index = math.ceil((time_s - self.start_s) * self.rate_hz - MAX_COINCIDENCE_SAMPLES)
         return min(max(index, 0), self.samples)
 
     def since(self, time_s: float) -> SampleGrid:
-        """The instants at or after ``time_s``, counted from ``time_s``."""
+        """Return the instants at or after ``time_s``, counted from ``time_s``."""
         first = self.first_from(time_s)
         start = self.start_s + first / self.rate_hz - time_s
         return SampleGrid(max(start, 0.0), self.rate_hz, self.samples - first)
@@ -50,19 +54,28 @@ class SampleGrid:
 
 @dataclass(frozen=True, eq=False)
 class Tones:
-    """a(t) = Re Σ_m p_m e^{j 2π f_m t}."""
+    """Sum of tones a(t) = Re Σ_m p_m e^{j 2π f_m t}.
 
-    frequency_hz: FloatArray  # f_m, shape (tones,), positive
-    phasor: ComplexArray  # p_m, complex, shape (tones,), in the unit of the signal (peak, not rms)
-    # the frequency of which all f_m are distinct whole multiples, if any; else None
+    Attributes:
+        frequency_hz: f_m, shape (tones,), positive.
+        phasor: p_m, complex, shape (tones,), in the unit of the signal (peak, not rms).
+        fundamental_hz: the frequency of which all f_m are distinct whole multiples, if any; else
+            None.
+    """
+
+    frequency_hz: FloatArray
+    phasor: ComplexArray
     fundamental_hz: float | None = None
 
     def scaled_by(self, factor: ComplexArray) -> Tones:
-        """The same tones with phasors multiplied by ``factor``, shape (tones,): the output of a linear system."""
+        """Return the tones with phasors multiplied by ``factor``, shape (tones,).
+
+        So a linear system answers them.
+        """
         return replace(self, phasor=self.phasor * factor)
 
     def at(self, time_s: FloatArray) -> FloatArray:
-        """Values at any instants, s; the result has the shape of ``time_s``."""
+        """Return the values at any instants, s; the result has the shape of ``time_s``."""
         instants = np.asarray(time_s, dtype=float)
         flat = instants.ravel()
         value = np.zeros(flat.shape)
@@ -71,17 +84,22 @@ class Tones:
         return value.reshape(instants.shape)
 
     def on(self, grid: SampleGrid) -> FloatArray:
-        """Values on a grid, shape (samples,): by FFT if the tones' period is a whole number of samples."""
+        """Return the values on a grid, shape (samples,).
+
+        By FFT if the tones' period is a whole number of samples.
+        """
         period = self._period_samples(grid.rate_hz)
         return self._by_blocks(grid) if period is None else self._by_fft(grid, period)
 
     def _period_samples(self, rate_hz: float) -> int | None:
-        if self.fundamental_hz is None or self.frequency_hz.size < _FFT_FROM:
+        if self.fundamental_hz is None or self.frequency_hz.size < MIN_FFT_TONES:
             return None
         period = rate_hz / self.fundamental_hz
-        whole = round(period)
-        fits = abs(period - whole) < 1e-9 * period and whole <= _LONGEST_FFT
-        return whole if fits and np.max(self.frequency_hz) < 0.5 * rate_hz * (1.0 - 1e-9) else None
+        samples = round(period)
+        fits = abs(period - samples) < 1e-9 * period and samples <= MAX_FFT_SAMPLES
+        return (
+            samples if fits and np.max(self.frequency_hz) < 0.5 * rate_hz * (1.0 - 1e-9) else None
+        )
 
     def _by_fft(self, grid: SampleGrid, period: int) -> FloatArray:
         assert self.fundamental_hz is not None  # it has a period
@@ -91,22 +109,25 @@ class Tones:
         return np.resize(np.fft.irfft(spectrum, period, norm="forward"), grid.samples)
 
     def _by_blocks(self, grid: SampleGrid) -> FloatArray:
-        """e^{jω(t0 + (b B + i) h)} = e^{jω(t0 + b B h)} e^{jω i h}: two short lists of turns and one product."""
+        """Sum the tones on a grid by two short lists of turns and one product.
+
+        e^{jω(t0 + (b B + i) h)} = e^{jω(t0 + b B h)} e^{jω i h}.
+        """
         inner = max(1, math.isqrt(grid.samples))
         outer = -(-grid.samples // inner)
         fine = np.arange(inner) / grid.rate_hz
         coarse = grid.start_s + np.arange(outer) * inner / grid.rate_hz
         value = np.zeros((outer, inner))
-        for part in _blocks(self.frequency_hz.size, _BLOCK):
+        for part in _blocks(self.frequency_hz.size, BLOCK_TONES):
             frequency = self.frequency_hz[part]
-            left = _turn(np.outer(coarse, frequency)) * self.phasor[part]
-            right = _turn(np.outer(frequency, fine))
-            value += left.real @ right.real - left.imag @ right.imag
+            at_blocks = _turn(np.outer(coarse, frequency)) * self.phasor[part]
+            within = _turn(np.outer(frequency, fine))
+            value += at_blocks.real @ within.real - at_blocks.imag @ within.imag
         return value.ravel()[: grid.samples]
 
 
 def _turn(cycles: FloatArray) -> ComplexArray:
-    """e^{j 2π cycles}, reduced to a fraction of a cycle first."""
+    """Return e^{j 2π cycles}, reduced to a fraction of a cycle first."""
     return np.exp(2j * np.pi * (cycles - np.rint(cycles)))
 
 
@@ -117,63 +138,67 @@ def _blocks(total: int, length: int) -> list[slice]:
 class Motion(Protocol):
     """An acceleration that is known at every instant; anything with these members can be simulated.
 
-    ``breaks_s`` are the instants between which the acceleration is smooth; a motion that is not a sum of tones is zero
-    before t = 0. ``highest_hz`` is the highest frequency that the sampling must resolve; 0 for none.
+    ``breaks_s`` are the instants between which the acceleration is smooth; a motion that is not a
+    sum of tones is zero before t = 0. ``highest_hz`` is the highest frequency that the sampling
+    must resolve; 0 for none.
     """
 
     @property
     def kind(self) -> Excitation:
-        """Name of the excitation in the record."""
+        """Return the name of the excitation in the record."""
         ...
 
     @property
     def words(self) -> str:
-        """Description for a record's history."""
+        """Return the description for a record's history."""
         ...
 
     @property
     def highest_hz(self) -> float:
-        """Highest frequency, Hz."""
+        """Return the highest frequency, Hz."""
         ...
 
     @property
     def breaks_s(self) -> tuple[float, ...]:
-        """Instants at which the acceleration or one of its derivatives jumps, s."""
+        """Return the instants at which the acceleration or one of its derivatives jumps, s."""
         ...
 
     def value(self, time_s: FloatArray) -> FloatArray:
-        """Acceleration in m/s² at any instants (s), in their shape."""
+        """Return the acceleration in m/s² at any instants (s), in their shape."""
         ...
 
 
-class Said:
-    """A motion that is described by a template of its fields."""
+class DescribedMotion:
+    """Motion that is described by a template of its fields."""
 
     template: str
 
     @property
     def words(self) -> str:
-        """Description for a record's history."""
+        """Return the description for a record's history."""
         return self.template.format(self)
 
 
 class Tonal(ABC):
-    """A motion that is a sum of tones, without beginning (t < 0 included); it has a steady response."""
+    """Motion that is a sum of tones without beginning, t < 0 included.
+
+    A sensor has a steady response to it.
+    """
 
     breaks_s: tuple[float, ...] = ()
 
     @property
     @abstractmethod
     def tones(self) -> Tones:
-        """The tones, acceleration in m/s²."""
+        """Return the tones, acceleration in m/s²."""
 
     @property
     def highest_hz(self) -> float:
-        """Highest frequency, Hz."""
+        """Return the highest frequency, Hz."""
         return float(np.max(self.tones.frequency_hz))
 
     def value(self, time_s: FloatArray) -> FloatArray:
-        """Acceleration in m/s² at any instants (s), in their shape."""
+        """Return the acceleration in m/s² at any instants (s), in their shape."""
         return self.tones.at(time_s)
 
 
@@ -185,31 +210,34 @@ class Superposition:
 
     @property
     def kind(self) -> Excitation:
-        """Kind of the first part."""
+        """Return the kind of the first part."""
         return self.parts[0].kind
 
     @property
     def words(self) -> str:
-        """All parts in words."""
+        """Return all parts in words."""
         return "; ".join(part.words for part in self.parts)
 
     @property
     def highest_hz(self) -> float:
-        """Highest frequency of all parts, Hz."""
+        """Return the highest frequency of all parts, Hz."""
         return max(part.highest_hz for part in self.parts)
 
     @property
     def breaks_s(self) -> tuple[float, ...]:
-        """Breaks of all parts, s."""
+        """Return the breaks of all parts, s."""
         return tuple(sorted(instant for part in self.parts for instant in part.breaks_s))
 
     def value(self, time_s: FloatArray) -> FloatArray:
-        """Acceleration in m/s² at any instants (s), in their shape."""
+        """Return the acceleration in m/s² at any instants (s), in their shape."""
         return np.sum([part.value(time_s) for part in self.parts], axis=0)
 
 
 def acceleration_on(motion: Motion, grid: SampleGrid) -> FloatArray:
-    """Acceleration in m/s² on a grid, shape (samples,): ``value`` at its instants, by FFT where that is faster."""
+    """Return the acceleration in m/s² on a grid, shape (samples,).
+
+    It is ``value`` at its instants, by FFT where that is faster.
+    """
     if isinstance(motion, Superposition):
         return np.sum([acceleration_on(part, grid) for part in motion.parts], axis=0)
     return motion.tones.on(grid) if isinstance(motion, Tonal) else motion.value(grid.times_s)

@@ -1,7 +1,9 @@
-"""Errors of a recording channel, and noise motion of the base: the sensor responds to it, the reference measures it.
+"""Errors of a recording channel, and noise motion of the base.
 
-The paper superimposes white noise on the excitation (section 4). Between samples it must be defined: here it is
-Gaussian noise that is exactly band-limited, by default to 0.4 of the sampling rate, as behind an anti-alias filter.
+The sensor responds to such motion, and the reference measures it. The paper superimposes white
+noise on the excitation (section 4). Between samples it must be defined: here it is Gaussian noise
+that is exactly band-limited, by default to 0.4 of the sampling rate, as behind an anti-alias
+filter.
 """
 
 from __future__ import annotations
@@ -22,33 +24,45 @@ from vibrident.physics.simulation.checks import (
 )
 from vibrident.physics.simulation.motion import Tonal, Tones
 
-DEFAULT_BAND = 0.4  # upper band limit as a fraction of the sampling rate
-_PERIOD = 1.25  # the noise repeats after so many records, so that its end is independent of its beginning
+#: Upper band limit over the sampling rate.
+DEFAULT_BAND_EDGE = 0.4
+#: Period of the noise over the length of the record: its end is independent of its beginning.
+PERIOD_RATIO = 1.25
 
 
 @dataclass(frozen=True)
 class ChannelNoise:
     """Errors of one channel. The default has none.
 
+    Attributes:
+        white: rms of Gaussian white noise.
+        flicker: rms of Gaussian 1/f noise, from 1/(2 · duration) to half the sampling rate.
+        hum: rms of the mains fundamental, its phase random for every record.
+        hum_frequency_hz: mains frequency, Hz.
+        hum_harmonics: rms of the fundamental and its harmonics relative to ``hum``; those above
+            half the sampling rate are left out, as an anti-alias filter would.
+        offset: constant.
+        drift: change from the first to the last sample, linear in time.
+        unit: what the levels above are in: ``rms``, fractions of the record's own true rms in this
+            channel, or ``channel``, the channel's unit.
+        full_scale: largest magnitude the channel can hold, in its unit; beyond it the signal is
+            clipped. None: no limit.
+        bits: of the converter, two's complement over ± full_scale; None: no quantisation.
+
     Raises:
         InputError: a level cannot be used, or there are bits without a full scale.
     """
 
-    white: float = 0.0  # rms of Gaussian white noise
-    flicker: float = 0.0  # rms of Gaussian 1/f noise, from 1/(2 · duration) to half the sampling rate
-    hum: float = 0.0  # rms of the mains fundamental, its phase random for every record
-    hum_frequency_hz: float = 50.0  # mains frequency, Hz
-    # rms of the fundamental and its harmonics relative to ``hum``; those above half the sampling rate are left out, as
-    # an anti-alias filter would
+    white: float = 0.0
+    flicker: float = 0.0
+    hum: float = 0.0
+    hum_frequency_hz: float = 50.0
     hum_harmonics: tuple[float, ...] = (1.0, 0.1, 0.3, 0.05, 0.2)
-    offset: float = 0.0  # constant
-    drift: float = 0.0  # change from the first to the last sample, linear in time
-    # what the levels above are in: ``rms``, fractions of the record's own true rms in this channel, or ``channel``, the
-    # channel's unit
+    offset: float = 0.0
+    drift: float = 0.0
     unit: Literal["rms", "channel"] = "rms"
-    # largest magnitude the channel can hold, in its unit; beyond it the signal is clipped. None: no limit
     full_scale: float | None = None
-    bits: int | None = None  # of the converter, two's complement over ± full_scale; None: no quantisation
+    bits: int | None = None
 
     def __post_init__(self) -> None:
         where = "ChannelNoise"
@@ -69,42 +83,52 @@ class ChannelNoise:
 
     @property
     def words(self) -> str:
-        """Description for a record's history; empty without errors."""
+        """Return the errors in words, for a record's history; empty without any."""
         unit = " of the rms" if self.unit == "rms" else ""
         levels = ("white", "flicker", "hum", "offset", "drift")
-        said = [f"{name} {getattr(self, name):.6g}{unit}" for name in levels if getattr(self, name)]
+        errors = [
+            f"{name} {getattr(self, name):.6g}{unit}" for name in levels if getattr(self, name)
+        ]
         if self.full_scale is not None:
-            said.append(f"full scale {self.full_scale:.6g}")
+            errors.append(f"full scale {self.full_scale:.6g}")
         if self.bits is not None:
-            said.append(f"{self.bits} bits")
-        return ", ".join(said)
+            errors.append(f"{self.bits} bits")
+        return ", ".join(errors)
 
-    def applied(self, truth: FloatArray, sampling_rate_hz: float, rng: np.random.Generator) -> FloatArray:
-        """The channel's samples for a true signal.
+    def applied(
+        self, truth: FloatArray, sampling_rate_hz: float, rng: np.random.Generator
+    ) -> FloatArray:
+        """Return the channel's samples for a true signal.
 
-        ``truth``: shape (samples,); ``rng``: the channel's own stream. Returns shape (samples,), in the unit of
-        ``truth``.
+        ``truth``: shape (samples,); ``rng``: the channel's own stream. Returns shape (samples,), in
+        the unit of ``truth``.
         """
         samples = truth.shape[0]
-        one = float(np.sqrt(np.mean(np.square(truth)))) if self.unit == "rms" else 1.0
+        unit = float(np.sqrt(np.mean(np.square(truth)))) if self.unit == "rms" else 1.0
         signal = np.array(truth, dtype=float)
         if self.white:
-            signal += rng.standard_normal(samples) * (self.white * one)
+            signal += rng.standard_normal(samples) * (self.white * unit)
         if self.flicker:
-            signal += _flicker(samples, rng) * (self.flicker * one)
+            signal += _flicker(samples, rng) * (self.flicker * unit)
         if self.hum:
-            signal += self._hum(samples, sampling_rate_hz, rng) * (self.hum * one)
+            signal += self._hum(samples, sampling_rate_hz, rng) * (self.hum * unit)
         if self.offset or self.drift:
-            signal += one * (self.offset + self.drift * np.linspace(0.0, 1.0, samples))
+            signal += unit * (self.offset + self.drift * np.linspace(0.0, 1.0, samples))
         return self._converted(signal)
 
     def _hum(self, samples: int, sampling_rate_hz: float, rng: np.random.Generator) -> FloatArray:
         time = np.arange(samples) / sampling_rate_hz
         phases = rng.uniform(0.0, 2.0 * np.pi, len(self.hum_harmonics))
         hum = np.zeros(samples)
-        for order, (level, phase) in enumerate(zip(self.hum_harmonics, phases, strict=True), start=1):
+        for order, (level, phase) in enumerate(
+            zip(self.hum_harmonics, phases, strict=True), start=1
+        ):
             if order * self.hum_frequency_hz < 0.5 * sampling_rate_hz:
-                hum += np.sqrt(2.0) * level * np.cos(2.0 * np.pi * order * self.hum_frequency_hz * time + phase)
+                hum += (
+                    np.sqrt(2.0)
+                    * level
+                    * np.cos(2.0 * np.pi * order * self.hum_frequency_hz * time + phase)
+                )
         return hum
 
     def _converted(self, signal: FloatArray) -> FloatArray:
@@ -117,7 +141,10 @@ class ChannelNoise:
 
 
 def _flicker(samples: int, rng: np.random.Generator) -> FloatArray:
-    """Gaussian noise of expected rms 1 with power ∝ 1/f, cut out of a period of twice the record."""
+    """Return Gaussian noise of expected rms 1 with power ∝ 1/f, shape (samples,).
+
+    It is cut out of a period of twice the record.
+    """
     period = fast_length(2 * samples)
     harmonic = np.arange(1, (period + 1) // 2)
     shape = harmonic**-0.5 / np.sqrt(np.sum(1.0 / harmonic))
@@ -129,15 +156,20 @@ def _flicker(samples: int, rng: np.random.Generator) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ExcitationNoise(Tonal):
-    """One realisation of noise motion: tones with Gaussian phasors at the multiples of one fundamental."""
+    """Realisation of noise motion: tones with Gaussian phasors at multiples of a fundamental.
 
-    realisation: Tones  # the tones, m/s²
-    words: str  # for a record's history
+    Attributes:
+        realisation: the tones, m/s².
+        words: for a record's history.
+    """
+
+    realisation: Tones
+    words: str
     kind: Excitation = "random"
 
     @property
     def tones(self) -> Tones:
-        """The tones, m/s²."""
+        """Return the tones, m/s²."""
         return self.realisation
 
 
@@ -164,7 +196,7 @@ def excitation_noise(
     where = "excitation_noise"
     require_not_negative(where, rms=rms)
     require_positive(where, sampling_rate_hz=sampling_rate_hz, samples=samples)
-    low, high = band_hz if band_hz is not None else (0.0, DEFAULT_BAND * sampling_rate_hz)
+    low, high = band_hz if band_hz is not None else (0.0, DEFAULT_BAND_EDGE * sampling_rate_hz)
     require(
         0.0 <= low < high < 0.5 * sampling_rate_hz,
         "The band of the noise on the excitation is not usable.",
@@ -173,9 +205,11 @@ def excitation_noise(
         where=where,
         remedy="correct the band, or raise the sampling rate",
     )
-    period = fast_length(int(np.ceil(_PERIOD * samples)))
+    period = fast_length(int(np.ceil(PERIOD_RATIO * samples)))
     fundamental = float(sampling_rate_hz / period)
-    harmonic = np.arange(max(1, int(np.ceil(low / fundamental))), int(np.floor(high / fundamental)) + 1)
+    harmonic = np.arange(
+        max(1, int(np.ceil(low / fundamental))), int(np.floor(high / fundamental)) + 1
+    )
     require(
         harmonic.size > 0,
         "The band of the noise on the excitation is too narrow for the record.",
@@ -186,5 +220,8 @@ def excitation_noise(
     )
     parts = rng.standard_normal((2, harmonic.size))
     phasor = (parts[0] + 1j * parts[1]) * (rms / np.sqrt(harmonic.size))
-    words = f"noise on the excitation, felt by the sensor: {rms:.4g} m/s² rms, {low:.6g} to {high:.6g} Hz"
+    words = (
+        f"noise on the excitation, felt by the sensor: {rms:.4g} m/s² rms, "
+        f"{low:.6g} to {high:.6g} Hz"
+    )
     return ExcitationNoise(Tones(harmonic.astype(float) * fundamental, phasor, fundamental), words)

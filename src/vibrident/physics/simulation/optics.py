@@ -1,4 +1,4 @@
-"""Photodetector signals of an interferometer, with the faults of real ones, and calibrations with them as reference."""
+"""Photodetector signals of an interferometer with faults, and calibrations by them."""
 
 from __future__ import annotations
 
@@ -18,67 +18,94 @@ from vibrident.physics.simulation.scheme import Seed, Take, stream
 from vibrident.physics.simulation.sensors import Sensor
 from vibrident.physics.simulation.truth import displacement_on
 
-ORDERS = (1, 2, 4)  # orders of the cyclic error that can be given
-USED = 0.85  # part of a converter's range that the signals use
+#: Orders of the cyclic error.
+CYCLIC_ORDERS = (1, 2, 4)
+#: Part of a converter's range that the signals use.
+USED_RANGE = 0.85
+#: Columns of the signals in the files.
 COLUMNS = ("u1", "u2")
-LARGEST_TURN = 1.0  # largest turn of phase between samples, rad, by which the rate of the optical signals is chosen
-CARRIER = 0.25  # carrier over the rate of the optical signals
+#: Largest turn of phase between samples, rad, by which the rate of the optical signals is chosen.
+MAX_TURN_RAD = 1.0
+#: Carrier over the rate of the optical signals.
+CARRIER_RATIO = 0.25
 
 
 @dataclass(frozen=True)
 class Optics:
-    """An interferometer and its faults."""
+    """Interferometer and its faults.
 
-    # as the calibration file states it
-    setting: Interferometer = field(default_factory=lambda: Interferometer("quadrature", 632.991e-9, direction=1))
-    # of the optical signals; None: a multiple of the response's rate that suits this motion
+    Attributes:
+        setting: as the calibration file states it.
+        rate_hz: of the optical signals; None: a multiple of the response's rate that suits this
+            motion.
+        offsets: offsets, amplitudes: of both signals (heterodyne: the first), V.
+        quadrature_error_rad: the second signal is sin(phase + this).
+        noise: of each signal, white, over its mean amplitude.
+        bits: of the converter; 0 leaves the signals as they are.
+        dropouts: number of light losses in a record, each for ``dropout_s``.
+        drift: offsets and ratio of the amplitudes change by this part of the amplitude over the
+            record.
+        fading: the common amplitude changes by this part over the record, as by speckle.
+        cyclic_rad: amplitudes of the cyclic error, first, second and fourth harmonic of the phase.
+        table_m: rms of the motion of the optical table against the sensor, 0.5 to 10 Hz.
+        delay_s: the optical channel comes later than the response; stated in the file unless
+            ``hidden_delay``.
+        hidden_delay: the file states no delay.
+        carrier_drift_hz: change of the carrier over the record.
+        random: draws offsets, amplitudes and quadrature error anew, one ellipse for all records.
+    """
+
+    setting: Interferometer = field(
+        default_factory=lambda: Interferometer("quadrature", 632.991e-9, direction=1)
+    )
     rate_hz: float | None = None
-    # offsets, amplitudes: of both signals (heterodyne: the first), V
     offsets: tuple[float, float] = (0.06, -0.04)
     amplitudes: tuple[float, float] = (1.0, 0.92)
-    quadrature_error_rad: float = 0.06  # the second signal is sin(phase + this)
-    noise: float = 0.01  # of each signal, white, over its mean amplitude
-    bits: int = 14  # of the converter; 0 leaves the signals as they are
-    dropouts: int = 0  # number of light losses in a record, each for ``dropout_s``
+    quadrature_error_rad: float = 0.06
+    noise: float = 0.01
+    bits: int = 14
+    dropouts: int = 0
     dropout_s: float = 2e-5
-    drift: float = 0.0  # offsets and ratio of the amplitudes change by this part of the amplitude over the record
-    fading: float = 0.0  # the common amplitude changes by this part over the record, as by speckle
-    # amplitudes of the cyclic error, first, second and fourth harmonic of the phase
+    drift: float = 0.0
+    fading: float = 0.0
     cyclic_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    table_m: float = 0.0  # rms of the motion of the optical table against the sensor, 0.5 to 10 Hz
-    # the optical channel comes later than the response; stated in the file unless ``hidden_delay``
+    table_m: float = 0.0
     delay_s: float = 0.0
-    hidden_delay: bool = False  # the file states no delay
-    carrier_drift_hz: float = 0.0  # change of the carrier over the record
-    random: bool = False  # draws offsets, amplitudes and quadrature error anew, one ellipse for all records
+    hidden_delay: bool = False
+    carrier_drift_hz: float = 0.0
+    random: bool = False
 
     @property
     def full_scale(self) -> float:
-        """Largest magnitude that the converter holds, V."""
+        """Return the largest magnitude that the converter holds, V."""
         largest = max(abs(o) + a for o, a in zip(self.offsets, self.amplitudes, strict=True))
         mean = float(np.mean(self.amplitudes))
-        return (largest + mean * (5.0 * self.noise + abs(self.drift) + abs(self.fading))) / USED
+        return (
+            largest + mean * (5.0 * self.noise + abs(self.drift) + abs(self.fading))
+        ) / USED_RANGE
 
     @property
     def volts_per_code(self) -> float:
-        """One step of the converter, V; 1 without a converter."""
+        """Return a step of the converter, V; 1 without a converter."""
         return self.full_scale / 2.0 ** (self.bits - 1) if self.bits else 1.0
 
 
 def optical_signals(
     motion: Motion, optics: Optics, rate_hz: float, samples: int, seed: Seed, record: int
 ) -> FloatArray:
-    """The signals of one record, in codes of the converter (or V without one): shape (2 or 1, samples).
+    """Return the signals of a record, shape (2 or 1, samples).
 
-    ``motion``: of the sensor's base; ``rate_hz``: of the signals; ``seed``: of the calibration; ``record``: index of
-    the record.
+    They are in codes of the converter, or V without one.
+
+    ``motion``: of the sensor's base; ``rate_hz``: of the signals; ``seed``: of the calibration;
+    ``record``: index of the record.
     """
     random = stream(seed, record, "optics")
     time = np.arange(samples) / rate_hz
     moved = displacement_on(motion, SampleGrid(-optics.delay_s, rate_hz, samples))
     moved = moved + _table(optics, time, random)
     phase = moved / optics.setting.metres_per_radian + random.uniform(0.0, 2.0 * np.pi)
-    for order, size in zip(ORDERS, optics.cyclic_rad, strict=True):
+    for order, size in zip(CYCLIC_ORDERS, optics.cyclic_rad, strict=True):
         if size:
             phase = phase + size * np.sin(order * phase + 0.7 * order)
     light = _light(optics, time, random)
@@ -92,16 +119,26 @@ def optical_signals(
     return np.clip(np.rint(signals / optics.volts_per_code), -top, top - 1)
 
 
-def _quadrature(optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray) -> FloatArray:
+def _quadrature(
+    optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray
+) -> FloatArray:
     part = time / max(float(time[-1]), 1e-300) - 0.5
-    (p, q), (a, b) = optics.offsets, optics.amplitudes
-    mean, moved = 0.5 * (a + b), optics.drift * part
+    p, q = optics.offsets
+    a, b = optics.amplitudes
+    mean = 0.5 * (a + b)
+    moved = optics.drift * part
     first = p + mean * moved + a * (1.0 + 0.5 * moved) * light * np.cos(phase)
-    second = q - mean * moved + b * (1.0 - 0.5 * moved) * light * np.sin(phase + optics.quadrature_error_rad)
+    second = (
+        q
+        - mean * moved
+        + b * (1.0 - 0.5 * moved) * light * np.sin(phase + optics.quadrature_error_rad)
+    )
     return np.stack([first, second])
 
 
-def _heterodyne(optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray) -> FloatArray:
+def _heterodyne(
+    optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray
+) -> FloatArray:
     carrier = optics.setting.carrier_hz or 0.0
     turns = carrier * time + 0.5 * optics.carrier_drift_hz * time**2 / max(float(time[-1]), 1e-300)
     angle = 2.0 * np.pi * np.mod(turns, 1.0) + phase
@@ -109,7 +146,7 @@ def _heterodyne(optics: Optics, phase: FloatArray, light: FloatArray, time: Floa
 
 
 def _light(optics: Optics, time: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Amplitude over its nominal value: fading, and stretches without light."""
+    """Return the amplitude over its nominal value: fading, and stretches without light."""
     span = max(float(time[-1]), 1e-300)
     light = 1.0 + optics.fading * 0.5 * np.sin(2.0 * np.pi * (1.3 * time / span + random.uniform()))
     for middle in random.uniform(0.1, 0.9, optics.dropouts) * span:
@@ -120,13 +157,14 @@ def _light(optics: Optics, time: FloatArray, random: np.random.Generator) -> Flo
 def _table(optics: Optics, time: FloatArray, random: np.random.Generator) -> FloatArray:
     if optics.table_m == 0.0:
         return np.zeros(time.shape)
-    tones, angles = random.uniform(0.5, 10.0, 8), random.uniform(0.0, 2.0 * np.pi, 8)
+    tones = random.uniform(0.5, 10.0, 8)
+    angles = random.uniform(0.0, 2.0 * np.pi, 8)
     waves = sum(np.cos(2.0 * np.pi * f * time + a) for f, a in zip(tones, angles, strict=True))
     return np.asarray(optics.table_m * waves / 2.0)
 
 
 def drawn(optics: Optics, seed: int) -> Optics:
-    """The optics, with a random ellipse if requested."""
+    """Return the optics, with a random ellipse if requested."""
     if not optics.random:
         return optics
     random = np.random.default_rng([seed, 13])
@@ -148,19 +186,21 @@ def write_optical_calibration(
     seed: Seed = 0,
     **settings: Any,
 ) -> Calibration:
-    """Simulate a calibration and write it with an interferometer's raw signals in place of its reference.
+    """Simulate a calibration and write it with raw optical signals as its reference.
 
-    A record becomes an HDF5 file with the signals (up to 16 bit as int16) and the response. Signals that are sampled
-    faster than the response get their own file.
+    A record becomes an HDF5 file with the signals (up to 16 bit as int16) and the response. Signals
+    that are sampled faster than the response get their own file.
 
-    ``sensor``, ``excitation`` and ``settings`` are those of ``simulate``; ``optics``: the interferometer and its
-    faults; the folder is created if it does not exist.
+    ``sensor``, ``excitation`` and ``settings`` are those of ``simulate``; ``optics``: the
+    interferometer and its faults; the folder is created if it does not exist.
 
     Returns:
         The calibration with the true displacement as its reference.
     """
     takes: list[Take] = []
-    truth = simulate(sensor, excitation, quantity="displacement", seed=seed, keep_takes=takes, **settings)
+    truth = simulate(
+        sensor, excitation, quantity="displacement", seed=seed, keep_takes=takes, **settings
+    )
     optics = _fast_enough(optics, truth)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -183,17 +223,22 @@ def write_optical_calibration(
                 "name": record.name,
                 "excitation": record.excitation,
                 "frequency_hz": record.frequency_hz,
-                "rate_hz": record.sampling_rate_hz if record.sampling_rate_hz != takes[0].sampling_rate_hz else None,
+                "rate_hz": record.sampling_rate_hz
+                if record.sampling_rate_hz != takes[0].sampling_rate_hz
+                else None,
             }
         )
-    (target / "calibration.toml").write_text(_toml(truth, optics, entries, takes[0]), encoding="utf-8")
+    (target / "calibration.toml").write_text(
+        _toml(truth, optics, entries, takes[0]), encoding="utf-8"
+    )
     return truth
 
 
 def _fast_enough(optics: Optics, truth: Calibration) -> Optics:
-    """The optics with a rate at which the phase of this motion can be followed, a multiple of the response's.
+    """Return the optics with a rate at which the phase of a motion can be followed.
 
-    A carrier at its default part of the response's rate scales with it.
+    It is a multiple of the response's. A carrier at its default part of the response's rate scales
+    with it.
     """
     if optics.rate_hz is not None:
         return optics
@@ -203,12 +248,14 @@ def _fast_enough(optics: Optics, truth: Calibration) -> Optics:
         for record in truth.records
         if record.reference is not None
     ]
-    times = int(np.ceil(max(turns) / optics.setting.metres_per_radian / LARGEST_TURN / rate))
+    times = int(np.ceil(max(turns) / optics.setting.metres_per_radian / MAX_TURN_RAD / rate))
     carrier = optics.setting.carrier_hz
-    if carrier is not None and carrier != CARRIER * rate:
-        times = max(times, int(np.ceil(carrier / CARRIER / rate)))
+    if carrier is not None and carrier != CARRIER_RATIO * rate:
+        times = max(times, int(np.ceil(carrier / CARRIER_RATIO / rate)))
     elif carrier is not None:
-        optics = replace(optics, setting=replace(optics.setting, carrier_hz=CARRIER * rate * max(times, 1)))
+        optics = replace(
+            optics, setting=replace(optics.setting, carrier_hz=CARRIER_RATIO * rate * max(times, 1))
+        )
     return optics if times <= 1 else replace(optics, rate_hz=rate * times)
 
 

@@ -1,6 +1,7 @@
-"""Classical Runge–Kutta (Kutta 1901) at a fixed step: the paper's way to simulate the sensor (section 4).
+"""Classical Runge–Kutta method (Kutta 1901) at a fixed step.
 
-All records advance together; the excitation is taken at its exact values at the begin, middle and end of every step.
+The paper simulates the sensor so (section 4). All records advance together; the excitation is taken
+at its exact values at the begin, middle and end of every step.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ def rk4_response(
     start: Start = "rest",
     substeps: int = 1,
 ) -> FloatArray:
-    """Response of one sensor to many motions by RK4, shape (records, samples), in response units.
+    """Return the response of a sensor to many motions, by RK4, shape (records, samples).
 
-    ``parameters``: name to value, SI units, frequencies in Hz; ``motions``: acceleration of the base, one a record,
-    with ``sampling_rates_hz``; ``samples``: of every record; ``start``: as for ``exact_response``; ``substeps``: steps
-    a sample.
+    ``parameters``: name to value, SI units, frequencies in Hz; ``motions``: acceleration of the
+    base, one a record, with ``sampling_rates_hz``; ``samples``: of every record; ``start``: as for
+    ``exact_response``; ``substeps``: steps a sample.
 
     Raises:
         InputError: the method diverges at this step, or ``substeps`` is below 1.
@@ -52,12 +53,15 @@ def rk4_response(
             where="simulate",
             remedy="leave the method at its default",
         )
-    system = LinearSystem.of(model.rational(parameters))
+    system = LinearSystem.from_rational(model.rational(parameters))
     delay = float(model.delay_s(parameters))
     grids = [SampleGrid(-delay, rate, samples) for rate in sampling_rates_hz]
     for rate in set(sampling_rates_hz):
         _refuse_divergence(system, 1.0 / (rate * substeps))
-    runs = [_begin(system, motion, grid, start, substeps) for motion, grid in zip(motions, grids, strict=True)]
+    runs = [
+        _begin(system, motion, grid, start, substeps)
+        for motion, grid in zip(motions, grids, strict=True)
+    ]
     fine = 2 * substeps * (samples - 1) + 1
     drive = np.stack(
         [
@@ -70,11 +74,13 @@ def rk4_response(
     states = classical_rk4(_derivative(system), first, drive, step)[:, ::substeps]
     response = np.tensordot(system.c, states, axes=1).T + system.d * drive[:, :: 2 * substeps]
     late = [np.full(run.held_samples, run.held) for run in runs]
-    return np.stack([np.concatenate([held, row])[:samples] for held, row in zip(late, response, strict=True)])
+    return np.stack(
+        [np.concatenate([held, row])[:samples] for held, row in zip(late, response, strict=True)]
+    )
 
 
 class _Run(NamedTuple):
-    """Where a record's integration begins: first instant, the state there, and the samples before it."""
+    """Begin of a record's integration: first instant, the state there, the samples before it."""
 
     origin_s: float
     state: FloatArray
@@ -82,8 +88,13 @@ class _Run(NamedTuple):
     held_samples: int
 
 
-def _begin(system: LinearSystem, motion: Motion, grid: SampleGrid, start: Start, substeps: int) -> _Run:
-    """Go from the instant where the state is known to the first sample after it, in steps of at most the usual one."""
+def _begin(
+    system: LinearSystem, motion: Motion, grid: SampleGrid, start: Start, substeps: int
+) -> _Run:
+    """Integrate from the instant where the state is known to the first sample after it.
+
+    The steps are at most the usual one.
+    """
     known_s = min(grid.start_s, 0.0) if start == "steady" and not isinstance(motion, Decay) else 0.0
     state = initial_state(system, motion, known_s, start)
     held = float(system.c @ state)
@@ -91,24 +102,31 @@ def _begin(system: LinearSystem, motion: Motion, grid: SampleGrid, start: Start,
     steps = math.ceil(way * grid.rate_hz * substeps)
     if steps:
         drive = acceleration_on(motion, SampleGrid(known_s, 2 * steps / way, 2 * steps + 1))
-        state = classical_rk4(_derivative(system), state[:, None], drive[None], np.array([way / steps]))[:, -1, 0]
+        state = classical_rk4(
+            _derivative(system), state[:, None], drive[None], np.array([way / steps])
+        )[:, -1, 0]
     return _Run(known_s + way, state, held, grid.first_from(known_s))
 
 
-def classical_rk4(derivative: Derivative, first: FloatArray, drive: FloatArray, step_s: FloatArray) -> FloatArray:
-    """States after every step, shape (n, steps + 1, records).
+def classical_rk4(
+    derivative: Derivative, first: FloatArray, drive: FloatArray, step_s: FloatArray
+) -> FloatArray:
+    """Return the states after every step, shape (n, steps + 1, records).
 
-    ``derivative``: (state (n, records), drive (records,)) → dstate/dt (n, records); ``first``: initial states, shape
-    (n, records); ``drive``: input at the begin, middle and end of every step, shape (records, 2 · steps + 1);
-    ``step_s``: step of every record, s, shape (records,).
+    ``derivative``: (state (n, records), drive (records,)) → dstate/dt (n, records); ``first``:
+    initial states, shape (n, records); ``drive``: input at the begin, middle and end of every step,
+    shape (records, 2 · steps + 1); ``step_s``: step of every record, s, shape (records,).
     """
     steps = (drive.shape[1] - 1) // 2
     states = np.empty((first.shape[0], steps + 1, first.shape[1]))
     states[:, 0] = state = first
     inputs = np.ascontiguousarray(drive.T)
-    half, sixth = 0.5 * step_s, step_s / 6.0
+    half = 0.5 * step_s
+    sixth = step_s / 6.0
     for k in range(steps):
-        begin, middle, end = inputs[2 * k], inputs[2 * k + 1], inputs[2 * k + 2]
+        begin = inputs[2 * k]
+        middle = inputs[2 * k + 1]
+        end = inputs[2 * k + 2]
         k1 = derivative(state, begin)
         k2 = derivative(state + half * k1, middle)
         k3 = derivative(state + half * k2, middle)
@@ -119,11 +137,14 @@ def classical_rk4(derivative: Derivative, first: FloatArray, drive: FloatArray, 
 
 
 def _derivative(system: LinearSystem) -> Derivative:
-    a, b = system.a, system.b[:, None]
+    """Return the derivative of a system's states."""
+    a = system.a
+    b = system.b[:, None]
     return lambda state, drive: a @ state + b * drive
 
 
 def _refuse_divergence(system: LinearSystem, step_s: float) -> None:
+    """Raise InputError where the method diverges at a step."""
     z = np.linalg.eigvals(system.a) * step_s
     growth = float(np.max(np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))))
     require(

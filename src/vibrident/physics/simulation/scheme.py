@@ -29,21 +29,24 @@ from vibrident.physics.simulation.excitation import (
 from vibrident.physics.simulation.motion import Motion, SampleGrid, Superposition, acceleration_on
 from vibrident.physics.simulation.noise import excitation_noise
 
-_LIMIT_TOLERANCE = 0.1  # a limit may be a nominal value, up to 1.2 % (0.05 steps) from the exact one
+#: A limit may be a nominal value, up to 1.2 % (0.05 steps) from the exact one.
+_LIMIT_TOLERANCE_STEPS = 0.1
 #: Streams of one record. The numbers define what a seed means; never reuse one.
 PURPOSES = {"excitation": 0, "excitation noise": 1, "reference": 2, "response": 3, "optics": 4}
 Seed = int | np.random.SeedSequence
 KINDS = ("sine", "multisine", "sweep", "random", "shock", "decay")
-_RANDOM_PERIOD = 1.25  # a random excitation repeats after this many times the record's length
-_SHOCK_SAMPLES = 4  # fewest samples of a shock's pulse
+#: Period of a random excitation over the length of the record.
+RANDOM_PERIOD_RATIO = 1.25
+#: Fewest samples of a shock's pulse.
+MIN_SHOCK_SAMPLES = 4
 
 
 def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
-    """Exact one-third-octave frequencies 10^(n/10) Hz from ``low_hz`` to ``high_hz``, both included.
+    """Return the exact one-third-octave frequencies 10^(n/10) Hz within limits.
 
     Args:
-        low_hz: lower limit, Hz, exact or nominal (12.5 means 12.589…).
-        high_hz: upper limit, Hz, exact or nominal.
+        low_hz: lower limit, included, Hz, exact or nominal (12.5 means 12.589…).
+        high_hz: upper limit, included, Hz, exact or nominal.
 
     Returns:
         Ascending, shape (points,): 21 for 10 to 1000 Hz, 41 for 0.1 to 1000 Hz.
@@ -52,8 +55,8 @@ def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
         InputError: a limit is not positive, or no frequency lies between them.
     """
     require_positive("one_third_octave", low_hz=low_hz, high_hz=high_hz)
-    first = math.ceil(10.0 * math.log10(low_hz) - _LIMIT_TOLERANCE)
-    last = math.floor(10.0 * math.log10(high_hz) + _LIMIT_TOLERANCE)
+    first = math.ceil(10.0 * math.log10(low_hz) - _LIMIT_TOLERANCE_STEPS)
+    last = math.floor(10.0 * math.log10(high_hz) + _LIMIT_TOLERANCE_STEPS)
     require(
         first <= last,
         "No one-third-octave frequency lies in this range.",
@@ -66,24 +69,28 @@ def one_third_octave(low_hz: float, high_hz: float) -> FloatArray:
 
 
 def nominal_frequency_name(frequency_hz: float) -> str:
-    """Nominal name of an exact one-third-octave frequency; any other frequency as it is."""
+    """Return the nominal name of an exact one-third-octave frequency, any other as it is."""
     return nominal_name(frequency_hz) or f"{frequency_hz:.6g}"
 
 
 def stream(seed: int | np.random.SeedSequence, record: int, purpose: str) -> np.random.Generator:
-    """Generator of one record's stream, as ``SeedSequence(seed).spawn`` would give it: added records change no other.
+    """Return the generator of a record's stream, as ``SeedSequence(seed).spawn`` would give it.
 
-    ``seed``: of the whole calibration; for Monte Carlo one seed (or spawned sequence) a run; ``record``: index of the
-    record; ``purpose``: key of ``PURPOSES``.
+    Added records change no other.
+
+    ``seed``: of the whole calibration; for Monte Carlo one seed (or spawned sequence) a run;
+    ``record``: index of the record; ``purpose``: key of ``PURPOSES``.
     """
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     key = (*root.spawn_key, record, PURPOSES[purpose])
-    return np.random.default_rng(np.random.SeedSequence(root.entropy, spawn_key=key, pool_size=root.pool_size))
+    return np.random.default_rng(
+        np.random.SeedSequence(root.entropy, spawn_key=key, pool_size=root.pool_size)
+    )
 
 
 @dataclass(frozen=True)
 class Take:
-    """One record to be made: name, motion and sampling."""
+    """Record to be made: name, motion and sampling."""
 
     name: str
     motion: Motion
@@ -92,11 +99,11 @@ class Take:
 
     @property
     def duration_s(self) -> float:
-        """Length of the record, s."""
+        """Return the length of the record, s."""
         return self.samples / self.sampling_rate_hz
 
     def checked(self) -> Take:
-        """The take itself, if its sampling resolves its motion."""
+        """Return the take itself, if its sampling resolves its motion."""
         where = f"record {self.name!r}"
         half = 0.5 * self.sampling_rate_hz
         require(
@@ -119,9 +126,9 @@ class Take:
         if isinstance(self.motion, HalfSineShock):
             across = self.motion.duration_s * self.sampling_rate_hz
             require(
-                across >= _SHOCK_SAMPLES,
+                across >= MIN_SHOCK_SAMPLES,
                 "The shock is too short for the sampling rate.",
-                expected=f"at least {_SHOCK_SAMPLES} samples a pulse",
+                expected=f"at least {MIN_SHOCK_SAMPLES} samples a pulse",
                 found=f"{across:.3g} samples in {self.motion.duration_s:g} s",
                 where=where,
                 remedy="lengthen the pulse, or raise sampling_rate_hz",
@@ -143,32 +150,41 @@ class Plan:
     def __post_init__(self) -> None:
         require_positive("simulate", sampling_rate_hz=self.sampling_rate_hz)
         require_finite("simulate", amplitude=self.amplitude)
-        whole = isinstance(self.samples, int | np.integer) and self.samples >= 8
-        require_usable(whole, "samples", self.samples, "a whole number from 8", "simulate")
+        is_usable = isinstance(self.samples, int | np.integer) and self.samples >= 8
+        require_usable(is_usable, "samples", self.samples, "a whole number from 8", "simulate")
 
     @property
     def duration_s(self) -> float:
-        """Length of a record, s."""
+        """Return the length of a record, s."""
         return self.samples / self.sampling_rate_hz
 
     def takes(self, excitation: str | Motion | Sequence[Motion], repeats: int) -> list[Take]:
-        """The records to be made, each motion ``repeats`` times in turn."""
+        """Return the records to be made, each motion ``repeats`` times in turn."""
         require_usable(repeats >= 1, "repeats", repeats, "a whole number from 1", "simulate")
         if isinstance(excitation, str):
             require_choice("The excitation", excitation, KINDS)
-            motions = [motion for turn in range(repeats) for motion in self._named(excitation, turn)]
+            motions = [
+                motion for turn in range(repeats) for motion in self._named(excitation, turn)
+            ]
         else:
-            given = list(excitation) if isinstance(excitation, Sequence) else [excitation]
-            motions = given * repeats
+            motions = list(excitation) if isinstance(excitation, Sequence) else [excitation]
+            motions = motions * repeats
         names = [
-            f"{nominal_frequency_name(motion.frequency_hz)} Hz" if isinstance(motion, Sine) else motion.kind
+            f"{nominal_frequency_name(motion.frequency_hz)} Hz"
+            if isinstance(motion, Sine)
+            else motion.kind
             for motion in motions
         ]
         pairs = zip(_distinct(names), motions, strict=True)
-        return [Take(name, motion, self.sampling_rate_hz, self.samples).checked() for name, motion in pairs]
+        return [
+            Take(name, motion, self.sampling_rate_hz, self.samples).checked()
+            for name, motion in pairs
+        ]
 
     def _named(self, kind: str, turn: int) -> list[Motion]:
-        low, high = float(np.min(self.frequencies_hz)), float(np.max(self.frequencies_hz))
+        """Return the motions of a kind of excitation; ``turn``: which of the repeats."""
+        low = float(np.min(self.frequencies_hz))
+        high = float(np.max(self.frequencies_hz))
         rms = self.amplitude / np.sqrt(2.0)
         if kind == "sine":
             return [Sine(float(f), self.amplitude, -0.5 * np.pi) for f in self.frequencies_hz]
@@ -181,7 +197,11 @@ class Plan:
             return [Sweep(low, high, self.duration_s, self.amplitude, law="log")]
         if kind == "random":
             phases_seed = int(stream(self.seed, turn, "excitation").integers(2**63))
-            return [BandLimitedRandom(low, high, rms, phases_seed, _RANDOM_PERIOD * self.duration_s)]
+            return [
+                BandLimitedRandom(
+                    low, high, rms, phases_seed, RANDOM_PERIOD_RATIO * self.duration_s
+                )
+            ]
         if kind == "shock":
             pulse = max(1.0 / self.natural_frequency_hz, 20.0 / self.sampling_rate_hz)
             return [HalfSineShock(self.amplitude, pulse, 0.1 * self.duration_s)]
@@ -191,7 +211,7 @@ class Plan:
 def with_excitation_noise(
     take: Take, rng: np.random.Generator, snr_db: float, band_hz: tuple[float, float] | None
 ) -> Take:
-    """The take with noise motion on top of its excitation; arguments as of ``simulate``.
+    """Return the take with noise motion on top of its excitation; arguments as of ``simulate``.
 
     Raises:
         InputError: the record is a free decay, which has no reference, or the noise cannot be made.
@@ -205,7 +225,8 @@ def with_excitation_noise(
         where=f"record {take.name!r}",
         remedy="leave excitation_snr_db out, or use response_noise",
     )
-    rate, samples = take.sampling_rate_hz, take.samples
+    rate = take.sampling_rate_hz
+    samples = take.samples
     clean = acceleration_on(take.motion, SampleGrid(0.0, rate, samples))
     rms = float(np.sqrt(np.mean(np.square(clean)))) * 10.0 ** (-snr_db / 20.0)
     noise = excitation_noise(rms, sampling_rate_hz=rate, samples=samples, rng=rng, band_hz=band_hz)
@@ -213,10 +234,10 @@ def with_excitation_noise(
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """Names, repeated ones with a number."""
-    seen: dict[str, int] = {}
+    """Return the names, repeated ones with a number."""
+    counts: dict[str, int] = {}
     distinct = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        counts[name] = counts.get(name, 0) + 1
+        distinct.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
     return distinct

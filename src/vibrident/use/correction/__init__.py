@@ -1,4 +1,4 @@
-"""Acceleration from a measured response: the sensor's dynamics compensated in a stated band, with uncertainty."""
+"""Acceleration from a measured response: the sensor's dynamics compensated in a stated band."""
 
 from vibrident.use.correction.acceleration import Correction, Corrections, correct
 from vibrident.use.correction.band import Band

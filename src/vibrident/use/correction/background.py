@@ -1,7 +1,7 @@
-"""A corrected record at rest: hum, drift, a shifted zero.
+"""Background of a corrected record, from its parts at rest: hum, drift, a shifted zero.
 
-A record that begins and ends at rest should end without acceleration. Acceleration there beyond the uncertainty found
-so far is an uncertainty of every sample.
+A record that begins and ends at rest should end without acceleration. Acceleration there beyond the
+uncertainty so far is an uncertainty of every sample.
 """
 
 from __future__ import annotations
@@ -14,81 +14,99 @@ import numpy as np
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.screening import Finding
 from vibrident.use.correction.band import Band
-from vibrident.use.correction.quiet import Surroundings
+from vibrident.use.correction.quiet import Baseline
 
-PARTS = 16  # parts in which a record is examined
-FEWEST = 16  # fewest samples of a part
-LAST_PARTS = 4  # number of them from the end
-STILL = 0.05  # a part is at rest if its scatter about a line is below this part of the largest deviation
-BEYOND = 6.0  # a mean square is significant beyond so many of its standard deviations
-SHIFTED = 0.5  # a mean is a shift if it is this part of the mean square
-CUT_OFF = 0.01  # motion is cut off if the last swing is above this part of the largest deviation
-ABOVE_NOISE = 5.0  # it must also exceed this multiple of the noise
+RECORD_PARTS = 16  # into which a record is divided
+MIN_PART_SAMPLES = 16
+MAX_LAST_PARTS = 4  # parts at the end that are tested for rest
+#: Largest scatter about a line of a part at rest, in units of the record's largest deviation.
+MAX_REST_DEVIATION = 0.05
+SIGNIFICANT_DEVIATIONS = 6.0  # of a mean square, in its standard deviations
+MIN_SHIFT_SHARE = 0.5  # part of the mean square that the square of a mean must be to be a shift
+#: Smallest last swing of a motion that is cut off, in units of the largest deviation.
+MIN_CUT_OFF_SWING = 0.01
+MIN_SWING_OVER_NOISE = 5.0  # of such a motion
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """Signal beside the motion."""
+    """Signal in addition to the motion."""
 
-    deviation: FloatArray  # its standard uncertainty at every sample, shape (samples,)
-    findings: tuple[Finding, ...]  # warnings about it
+    deviation: FloatArray  # standard uncertainty of every sample by it, shape (samples,)
+    findings: tuple[Finding, ...]
 
 
-def background(
+def measure_background(
     record: Record,
     values: FloatArray,
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
     band: Band,
-    around: Surroundings,
+    baseline: Baseline,
     unit: str,
 ) -> Background:
     """Compare the acceleration in the record's parts at rest with its uncertainty.
 
-    ``values``: its response less the offset, shape (samples,); ``acceleration``: shape (samples,); ``components``: its
-    standard uncertainty by origin, each of shape (samples,); ``band``: restored; ``around``: rest, offset and noise;
-    ``unit``: of the acceleration.
+    Args:
+        record: the record.
+        values: its response less the offset, shape (samples,).
+        acceleration: shape (samples,).
+        components: standard uncertainty of the acceleration by origin, each of shape (samples,).
+        band: the restored band.
+        baseline: rest, offset and noise.
+        unit: of the acceleration.
     """
     noise = components["noise"]
     u = np.sqrt(sum(series**2 for series in components.values()))
     nothing = Background(np.zeros(values.size), ())
-    if around.rest_samples == 0:
+    if baseline.rest_samples == 0:
         return nothing
-    worst, at = 0.0, slice(0, 0)
-    parts = _still_parts(values, around.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
+    worst = 0.0
+    worst_part = slice(0, 0)
+    parts = _still_parts(values, baseline.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
     for part in parts:
-        there, expected = float(np.mean(acceleration[part] ** 2)), float(np.mean(u[part] ** 2))
-        independent = max(1.0, 2.0 * acceleration[part].size * band.high_hz / record.sampling_rate_hz)
-        excess = there - expected
-        if excess > expected * BEYOND * np.sqrt(2.0 / independent) and excess > worst:
-            worst, at = excess, part
+        power = float(np.mean(acceleration[part] ** 2))
+        expected = float(np.mean(u[part] ** 2))
+        independent = max(
+            1.0, 2.0 * acceleration[part].size * band.high_hz / record.sampling_rate_hz
+        )
+        excess = power - expected
+        if (
+            excess > expected * SIGNIFICANT_DEVIATIONS * np.sqrt(2.0 / independent)
+            and excess > worst
+        ):
+            worst = excess
+            worst_part = part
     if worst == 0.0:
         return nothing
-    level = float(np.sqrt(np.mean(noise[at] ** 2)))
+    level = float(np.sqrt(np.mean(noise[worst_part] ** 2)))
     profile = noise / level if level > 0 else np.ones(values.size)
     after = acceleration[parts[-1]] if parts[-1].start > 0 else np.zeros(1)
     mean = float(np.mean(after))
-    shifted = mean**2 > SHIFTED * float(np.mean(after**2))  # mains hum has no mean
+    shifted = mean**2 > MIN_SHIFT_SHARE * float(np.mean(after**2))  # mains hum has no mean
     findings = (_shift(record.name, mean, unit),) if shifted else ()
     return Background(np.sqrt(worst) * profile, findings)
 
 
-def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]:
-    """The rest before the motion, and the last parts at rest together, with or without offset.
+def _still_parts(values: FloatArray, rest_samples: int, inner: BoolArray) -> list[slice]:
+    """Return the rest before the motion, and the last parts at rest together.
 
-    Only the last: motion after a shock decays, a disturbance stays.
+    Only the last parts count: motion after a shock decays, a disturbance stays.
 
-    ``values``: response, shape (samples,); ``rest``: samples at rest before the motion; ``inner``: away from the
-    record's ends, shape (samples,).
+    Args:
+        values: response, shape (samples,).
+        rest_samples: number of samples at rest before the motion.
+        inner: samples away from the record's ends, shape (samples,).
     """
-    count = max(FEWEST, values.size // PARTS)
-    largest, index = float(np.max(np.abs(values))), np.arange(count)
-    before = [slice(0, rest)] if rest >= FEWEST else []
+    count = max(MIN_PART_SAMPLES, values.size // RECORD_PARTS)
+    largest = float(np.max(np.abs(values)))
+    index = np.arange(count)
+    before = [slice(0, rest_samples)] if rest_samples >= MIN_PART_SAMPLES else []
     after: list[slice] = []
-    for last in range(values.size, rest + count, -count):
+    for last in range(values.size, rest_samples + count, -count):
         part = values[last - count : last]
         line = np.polyval(np.polyfit(index, part, 1), index)
-        if np.std(part - line) > STILL * largest or len(after) == LAST_PARTS:
+        if np.std(part - line) > MAX_REST_DEVIATION * largest or len(after) == MAX_LAST_PARTS:
             break
         if inner[last - count : last].all():
             after.append(slice(last - count, last))
@@ -98,54 +116,59 @@ def _still_parts(values: FloatArray, rest: int, inner: BoolArray) -> list[slice]
 def _shift(name: str, mean: float, unit: str) -> Finding:
     text = (
         f"{name}: the acceleration comes to {mean:.3g} {unit} on average after the motion: the "
-        "response's zero has drifted or shifted since the beginning. The uncertainty of every sample holds that."
+        "response's zero has drifted or shifted since the beginning. The uncertainty of every "
+        "sample holds that."
     )
     return Finding("drift", text)
 
 
-def at_the_ends(record: Record, values: FloatArray, around: Surroundings) -> list[Finding]:
-    """Motion at a record's first or last sample, of a record that should begin and end at rest."""
+def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[Finding]:
+    """Return the findings of a shock that does not begin and end at rest."""
     findings = []
     if record.excitation != "shock":
         return findings
-    if around.rest_samples == 0:
+    if baseline.rest_samples == 0:
         text = (
-            f"{record.name}: the record begins in the middle of the motion. The motion before is unknown; near the "
-            "beginning the uncertainty is a guess from the rest of the record. Record some rest before the motion."
+            f"{record.name}: the record begins in the middle of the motion. The motion before is "
+            "unknown; near the beginning the uncertainty is a guess from the rest of the record. "
+            "Record some rest before the motion."
         )
         findings.append(Finding("short_record", text))
-    block = max(FEWEST, values.size // 50)
+    block = max(MIN_PART_SAMPLES, values.size // 50)
     index = np.arange(block)
     last = values[-block:] - np.polyval(np.polyfit(index, values[-block:], 1), index)
     swing = float(np.std(last))
-    if swing > max(CUT_OFF * float(np.max(np.abs(values))), ABOVE_NOISE * around.noise_deviation):
+    if swing > max(
+        MIN_CUT_OFF_SWING * float(np.max(np.abs(values))),
+        MIN_SWING_OVER_NOISE * baseline.noise_deviation,
+    ):
         text = (
-            f"{record.name}: the record ends in the middle of the motion; near its end the uncertainty is a guess from "
-            "the rest of the record. Record longer."
+            f"{record.name}: the record ends in the middle of the motion; near its end the "
+            "uncertainty is a guess from the rest of the record. Record longer."
         )
         findings.append(Finding("short_record", text))
     return findings
 
 
-def begins_at_once(name: str) -> Finding:
-    """The warning of a motion that begins with the record."""
+def starts_in_motion(name: str) -> Finding:
+    """Return the finding of a motion that begins with the record."""
     text = (
-        f"{name}: the motion begins at the record's first sample. The sensor is taken to have been at rest "
-        "before, as it is at the end. Record some rest before the motion."
+        f"{name}: the motion begins at the record's first sample. The sensor is taken to have been "
+        "at rest before, as it is at the end. Record some rest before the motion."
     )
     return Finding("short_record", text)
 
 
-def preceded(record: Record, samples: int) -> Record:
-    """The record with its last samples, at rest, prepended in reverse."""
+def with_rest_prepended(record: Record, samples: int) -> Record:
+    """Return the record with its last samples, at rest, prepended in reverse."""
 
-    def longer(values: np.ndarray) -> np.ndarray:
+    def extended(values: np.ndarray) -> np.ndarray:
         return np.concatenate([values[: -samples - 1 : -1], values])
 
     return replace(
         record,
-        response=longer(record.response),
-        reference=None if record.reference is None else longer(record.reference),
-        valid=longer(record.mask),
-        reference_valid=longer(record.reference_mask),
+        response=extended(record.response),
+        reference=None if record.reference is None else extended(record.reference),
+        valid=extended(record.mask),
+        reference_valid=extended(record.reference_mask),
     )

@@ -1,12 +1,14 @@
-"""The filter L(f)/H(f) on a whole record, with zero phase, and its response to noise and to the record's ends.
+"""Filter L(f)/H(f) on a whole record, with its response to noise and to the record's ends.
 
-Where the sensor has no response to constant acceleration (a velocity pickup, a charge amplifier), 1/H has poles at
-frequency zero. A record that begins at rest is then integrated from its first sample on, as many times as there are
-poles, and the rest of the inverse is regular; the trapezoidal rule's own response is divided out, so the integral
-is that of the band-limited signal. Other records keep a lower edge of the band.
+Where the sensor has no response to constant acceleration (a velocity pickup, a charge amplifier),
+1/H has poles at frequency zero. A record that begins at rest is then integrated from its first
+sample on, as many times as there are poles, and the rest of the inverse is regular; the trapezoidal
+rule's own response is divided out, so the integral is that of the band-limited signal. Other
+records keep a lower edge of the band.
 
-Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise. The error of that
-continuation is a sum over the response's own samples, so its variance follows from the response's autocovariance.
+Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise.
+The error of that continuation is a sum over the response's own samples, so its variance follows
+from the response's autocovariance.
 """
 
 from __future__ import annotations
@@ -24,61 +26,69 @@ from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.band import Band
-from vibrident.use.correction.quiet import Surroundings, periodogram
+from vibrident.use.correction.quiet import Baseline, periodogram
 
-KERNEL_PERIODS = 8.0  # length of the filter's kernel on either side, in periods of the narrowest slope of L
-DECAY = 8.0  # time constants of 1/H's poles that the kernel covers
-EDGE_POINTS = 48  # instants near an end with a computed error of the continuation; interpolated between
-COLOUR = 256  # reach of the noise's autocovariance, samples on either side
-NEAR = 2  # the response near an end is that within so many lengths of the continuation …
-FEWEST_NEAR = 64  # … and at least so many samples
-REACHED = 0.99  # part of the kernel's sum of magnitudes within its reach
+#: Length of the filter's kernel on either side, in periods of the narrowest slope of L.
+KERNEL_PERIODS = 8.0
+POLE_TIME_CONSTANTS = 8.0  # of 1/H's poles that the kernel covers
+EDGE_POINTS = 48  # instants near an end with a computed error of the continuation
+MAX_NOISE_LAG_SAMPLES = 256  # of the noise's autocovariance
+#: The response near an end is that within so many lengths of the continuation …
+NEAR_END_LENGTHS = 2
+MIN_NEAR_END_SAMPLES = 64  # … and at least so many samples
+KERNEL_SHARE = 0.99  # part of the kernel's sum of magnitudes within its reach
 
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """One record's compensation."""
+    """Compensation of one record."""
 
-    sensor: IdentifiedSensor  # the sensor
-    band: Band  # the restored band
+    sensor: IdentifiedSensor
+    band: Band  # to restore
     rate: float  # samples per second
     samples: int  # of the record
     integrations: int  # from rest, before the filter: 0, 1 or 2
-    around: Surroundings  # at rest, the record is continued by rest before its first sample and after its last
+    baseline: Baseline  # where the record begins or ends at rest, it is continued by rest
 
     @classmethod
-    def of(cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, around: Surroundings) -> Compensation:
-        """The compensation for a record in its surroundings."""
+    def from_baseline(
+        cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, baseline: Baseline
+    ) -> Compensation:
+        """Return the compensation for a record with its baseline."""
         poles = sensor.zeros_at_rest if band.low_hz == 0.0 else 0
-        return cls(sensor, band, rate, samples, poles, around)
+        return cls(sensor, band, rate, samples, poles, baseline)
 
     @cached_property
     def pad(self) -> int:
-        """Samples by which the record is continued on either side."""
-        model, values = self.sensor.model, self.sensor.values
+        """Return the number of samples by which the record is continued on either side."""
+        model = self.sensor.model
+        values = self.sensor.values
         slope = min(self.band.high_hz, 0.5 * self.band.low_hz or np.inf)
         reach = KERNEL_PERIODS * self.rate / slope + abs(float(model.delay_s(values))) * self.rate
         numerator = np.trim_zeros(np.array(model.rational(values).numerator, dtype=float), "f")
         roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
         if roots.size:  # the inverse rings at the sensor's zeros
-            reach += DECAY * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
+            reach += POLE_TIME_CONSTANTS * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
         return int(np.clip(np.ceil(reach), 16, self.samples - 1))
 
     @cached_property
     def size(self) -> int:
-        """Length of the transform."""
+        """Return the length of the transform."""
         return fast_length(self.samples + 2 * self.pad)
 
     @cached_property
     def frequency_hz(self) -> FloatArray:
-        """Of the transform's lines; the first is slightly above zero, where 1/H may have a pole."""
+        """Return the frequencies of the transform's lines.
+
+        The first is slightly above zero, where 1/H may have a pole.
+        """
         frequency = np.array(fft.rfftfreq(self.size, 1.0 / self.rate), dtype=float)
         frequency[0] = 1e-6 * frequency[1]
         return frequency
 
     @cached_property
     def lowpass(self) -> FloatArray:
-        """L at the lines."""
+        """Return L at the lines."""
         return self.band.passed(self.frequency_hz)
 
     @cached_property
@@ -87,25 +97,30 @@ class Compensation:
 
     @cached_property
     def total(self) -> ComplexArray:
-        """L/H at the lines."""
+        """Return L/H at the lines."""
         gain = np.zeros(self.frequency_hz.shape, dtype=complex)
         inside = self._within
-        gain[inside] = self.lowpass[inside] / self.sensor.frequency_response(self.frequency_hz[inside])
+        gain[inside] = self.lowpass[inside] / self.sensor.frequency_response(
+            self.frequency_hz[inside]
+        )
         return gain
 
     @cached_property
     def rule(self) -> ComplexArray:
-        """One over the response of the integrations, by the trapezoidal rule, at the lines."""
+        """Return one over the response of the trapezoidal integrations, at the lines."""
         return (2j * self.rate * np.tan(np.pi * self.frequency_hz / self.rate)) ** self.integrations
 
     @cached_property
     def after_integration(self) -> ComplexArray:
-        """L/H at the lines, divided by the response of the integrations."""
+        """Return L/H at the lines, divided by the response of the integrations."""
         return self.total * self.rule
 
     @cached_property
     def slopes(self) -> ComplexArray:
-        """Derivative of ``after_integration`` by each parameter, shape (parameters, lines): −G H'/H."""
+        """Return the derivative of ``after_integration`` by each parameter: −G H'/H.
+
+        Its shape is (parameters, lines).
+        """
         gain = np.zeros((len(self.sensor.model.parameters), self.frequency_hz.size), dtype=complex)
         inside = self.frequency_hz[self._within]
         relative = self.sensor.slopes(inside) / self.sensor.frequency_response(inside)
@@ -113,79 +128,100 @@ class Compensation:
         return gain
 
     def spectrum(self, values: FloatArray) -> ComplexArray:
-        """Transform of the record, integrated and continued, shape (lines,); ``values`` without its offset."""
+        """Return the transform of the record, integrated and continued, shape (lines,).
+
+        ``values``: the response without its offset.
+        """
         for _ in range(self.integrations):
             values = (np.cumsum(values) - 0.5 * values) / self.rate
         return np.asarray(fft.rfft(self._continued(values), self.size))
 
     def restored(self, spectrum: ComplexArray, gain: ComplexArray | None = None) -> FloatArray:
-        """Acceleration at the record's samples, shape (samples,) (or (rows, samples) for rows of gains)."""
-        whole = np.asarray(fft.irfft(spectrum * (self.after_integration if gain is None else gain), self.size, axis=-1))
-        return whole[..., self.pad : self.pad + self.samples]
+        """Return the acceleration at the record's samples, shape (samples,).
+
+        For rows of gains its shape is (rows, samples).
+        """
+        series = np.asarray(
+            fft.irfft(
+                spectrum * (self.after_integration if gain is None else gain), self.size, axis=-1
+            )
+        )
+        return series[..., self.pad : self.pad + self.samples]
 
     def _continued(self, values: FloatArray) -> FloatArray:
-        left = right = np.zeros(self.pad)
-        if not self.around.rest_samples:
-            left = (2.0 * values[0] - values[self.pad : 0 : -1]) * self._taper[::-1]
-        if not self.around.rests_at_end or self.integrations:  # the integral of a rest continues by reflection
-            right = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * self._taper
-        return np.concatenate([left, values, right])
+        before = after = np.zeros(self.pad)
+        if not self.baseline.rest_samples:
+            before = (2.0 * values[0] - values[self.pad : 0 : -1]) * self._taper[::-1]
+        # the integral of a rest continues by reflection
+        if not self.baseline.rests_at_end or self.integrations:
+            after = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * self._taper
+        return np.concatenate([before, values, after])
 
     @cached_property
     def _taper(self) -> FloatArray:
-        """One beside the record, falling to zero over the outer half of the continuation; shape (pad,)."""
+        """Return a taper, shape (pad,): 1 next to the record, falling to 0 over the outer half."""
         x = np.clip(2.0 * np.arange(1, self.pad + 1) / self.pad - 1.0, 0.0, 1.0)
         return 0.5 + 0.5 * np.cos(np.pi * x)
 
     @cached_property
     def kernel(self) -> FloatArray:
-        """Impulse response of the filter after the integrations, shape (size,), its middle at index 0, circular."""
+        """Return the impulse response after the integrations, shape (size,).
+
+        Its middle is at index 0, and it is circular.
+        """
         return np.asarray(fft.irfft(self.after_integration, self.size))
 
     @cached_property
     def reach(self) -> int:
-        """Samples on either side beyond which the kernel is negligible."""
+        """Return the number of samples on either side beyond which the kernel is negligible."""
         index = np.arange(self.size)
         folded = np.bincount(np.minimum(index, self.size - index), weights=np.abs(self.kernel))
         share = np.cumsum(folded) / np.sum(folded)
-        return int(np.searchsorted(share, REACHED))
+        return int(np.searchsorted(share, KERNEL_SHARE))
 
     def line_mean(self, power: FloatArray) -> float:
-        """Mean over all frequencies, both signs, of a power given at the lines."""
+        """Return the mean over all frequencies, both signs, of a power at the lines."""
         return float(np.sum(power * line_counts(self.size)) / self.size)
 
     @cached_property
     def noise_deviation(self) -> FloatArray:
-        """Standard deviation of the noise in the acceleration, shape (samples,).
+        """Return the standard deviation of the noise in the acceleration, shape (samples,).
 
-        Constant for a plain filter; growing from the first sample on where the response is integrated.
+        It is constant for a plain filter, and grows from the first sample on where the response is
+        integrated.
         """
-        power = self.around.noise(self.frequency_hz)
+        power = self.baseline.noise(self.frequency_hz)
         if self.integrations == 0:
             return np.full(self.samples, np.sqrt(self.line_mean(np.abs(self.total) ** 2 * power)))
         impulse = np.zeros(self.samples)
         impulse[0] = 1.0
-        whole = np.asarray(fft.irfft(self.spectrum(impulse) * self.after_integration, self.size))
-        kernel = whole[: self.pad + self.samples]  # from pad samples before the impulse on
-        reach = min(COLOUR, (self.size - 1) // 2)
+        impulse_response = np.asarray(
+            fft.irfft(self.spectrum(impulse) * self.after_integration, self.size)
+        )
+        kernel = impulse_response[
+            : self.pad + self.samples
+        ]  # from pad samples before the impulse on
+        reach = min(MAX_NOISE_LAG_SAMPLES, (self.size - 1) // 2)
         colour = np.roll(np.asarray(fft.irfft(np.sqrt(power), self.size)), reach)[: 2 * reach + 1]
         coloured = _convolved(kernel, colour) if np.ptp(power) > 0 else kernel * np.sqrt(power[0])
         return np.sqrt(np.cumsum(coloured**2)[self.pad :])
 
     def end_deviation(self, values: FloatArray) -> FloatArray:
-        """Standard deviation of the continuation's error, shape (samples,).
+        """Return the standard deviation of the continuation's error, shape (samples,).
 
-        ``values``: response without its offset.
+        ``values``: the response without its offset.
         """
         total = np.zeros(self.samples)
-        rests = self.around.rest_samples > 0, self.around.rests_at_end
+        rests = self.baseline.rest_samples > 0, self.baseline.rests_at_end
         if all(rests):
             return total
-        whole, length = self._autocovariance(values), max(NEAR * self.pad, FEWEST_NEAR)
-        for at_left, rest in zip((True, False), rests, strict=True):
-            if not rest:
-                side = self._edge(whole, at_left=at_left)
-                if not self.integrations:  # what is near the end may be faster than the rest of the record
+        covariance = self._autocovariance(values)
+        length = max(NEAR_END_LENGTHS * self.pad, MIN_NEAR_END_SAMPLES)
+        for at_left, at_rest in zip((True, False), rests, strict=True):
+            if not at_rest:
+                side = self._edge(covariance, at_left=at_left)
+                if not self.integrations:
+                    # The response near the end may be faster than the rest of the record.
                     near = values[:length] if at_left else values[-length:]
                     side = np.maximum(side, self._edge(self._autocovariance(near), at_left=at_left))
                 inwards = total if at_left else total[::-1]
@@ -193,17 +229,22 @@ class Compensation:
         return np.sqrt(total)
 
     def _autocovariance(self, values: FloatArray) -> FloatArray:
-        """Of the filter's input, lags 0 … 2 pad: of the response, or formally of its integrals."""
+        """Return the autocovariance of the filter's input, lags 0 … 2 pad.
+
+        The input is the response or, formally, its integrals.
+        """
         window = np.hanning(values.size) if self.integrations else np.ones(values.size)
         size = fast_length(values.size + 2 * self.pad + 1)
         power = periodogram(values, window, size)
         if self.integrations:
             power[0] = 0.0
-            power[1:] /= (2.0 * self.rate * np.sin(np.pi * np.arange(1, power.size) / size)) ** (2 * self.integrations)
+            power[1:] /= (2.0 * self.rate * np.sin(np.pi * np.arange(1, power.size) / size)) ** (
+                2 * self.integrations
+            )
         return np.asarray(fft.irfft(power, size))[: 2 * self.pad + 1]
 
     def _edge(self, covariance: FloatArray, *, at_left: bool) -> FloatArray:
-        """Variance of the continuation's error in the first samples from an end inwards, shape (pad,)."""
+        """Return the variance of the continuation's error from an end inwards, shape (pad,)."""
         kernel = self.kernel if at_left else np.concatenate([self.kernel[:1], self.kernel[:0:-1]])
         pad = self.pad
         # An integral drifts; only its second difference, without the taper, has a variance.
@@ -214,23 +255,28 @@ class Compensation:
         circular[-2 * pad :] = covariance[:0:-1]
         weight = np.maximum(np.real(np.asarray(fft.rfft(circular))), 0.0) * line_counts(size)
         steps = np.unique(np.concatenate([[0], np.geomspace(1, pad, EDGE_POINTS).astype(int)]))
-        kept = steps[steps < pad]
+        computed = steps[steps < pad]
         beyond = np.arange(1, pad + 1)
         variances = []
-        for step in kept:
-            reached = np.where(step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0)
+        for step in computed:
+            reached = np.where(
+                step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0
+            )
             weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
             weights[pad - beyond] = reached
             weights[pad + beyond] = reached * taper
             weights[pad] = -2.0 * np.sum(reached * taper)
             power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
             variances.append(float(np.sum(power * weight)) / size)
-        return np.interp(np.arange(pad), kept, variances)
+        return np.interp(np.arange(pad), computed, variances)
 
 
 def _convolved(values: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Convolution with a kernel of odd length, its middle at each sample; shape of ``values``."""
-    whole = len(values) + len(kernel) - 1
-    size = fast_length(whole)
+    """Convolve values with a kernel of odd length, its middle at each sample.
+
+    The result has the shape of ``values``.
+    """
+    length = len(values) + len(kernel) - 1
+    size = fast_length(length)
     product = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(kernel, size))
     return np.asarray(fft.irfft(product, size))[len(kernel) // 2 :][: len(values)]

@@ -1,6 +1,6 @@
-"""The peak of a compensated record: between the samples, corrected for the bias by noise, with its interval.
+"""Peak of a compensated record, and the agreement of the record with a reference in the same band.
 
-And the compensated acceleration against a reference's, in the same band.
+The peak is that between the samples, corrected for the bias by noise, with its interval.
 """
 
 from __future__ import annotations
@@ -18,15 +18,17 @@ from vibrident.physics.models.slopes import ComplexArray
 from vibrident.use.correction.compensation import Compensation
 from vibrident.use.correction.quiet import bridged
 
-STEPS = 6  # Newton steps for the instant of the peak
-COMPETES = 3.0  # maxima within this many standard deviations of the largest compete with it
+NEWTON_STEPS = 6  # for the instant of the peak
+#: Maxima within so many standard deviations of the noise of the largest compete with it.
+COMPETING_DEVIATIONS = 3.0
 COVERAGE = 0.95
-ENDS = 2.0  # a peak near a record's end counts if it is larger by so many standard deviations of the error at the end
+#: A peak near a record's end must be larger by so many standard deviations of the error there.
+END_ERROR_DEVIATIONS = 2.0
 
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest magnitude of the acceleration."""
+    """Largest magnitude of the acceleration."""
 
     value: float  # signed, m/s²
     time_s: float  # from the record's first sample
@@ -39,17 +41,25 @@ class Peak:
 
 
 def find_peak(
-    acceleration: FloatArray, spectrum: ComplexArray, compensation: Compensation, components: Mapping[str, FloatArray]
+    acceleration: FloatArray,
+    spectrum: ComplexArray,
+    compensation: Compensation,
+    components: Mapping[str, FloatArray],
 ) -> Peak | None:
-    """The peak of a record; None if no sample is known.
+    """Return the peak of a record, or None if no sample is known.
 
-    ``acceleration``: shape (samples,), NaN where it is not known; ``spectrum``: transform of the acceleration,
-    continued beyond the record's ends; ``components``: standard uncertainty of every sample by origin.
+    Args:
+        acceleration: shape (samples,), NaN where it is not known.
+        spectrum: transform of the acceleration, continued beyond the record's ends.
+        compensation: of the record.
+        components: standard uncertainty of every sample by origin.
     """
     known = np.isfinite(acceleration)
     if not known.any():
         return None
-    inner = known & (components["ends"] <= sum(components[name] for name in components if name != "ends"))
+    inner = known & (
+        components["ends"] <= sum(components[name] for name in components if name != "ends")
+    )
     index = _top(acceleration, known, inner if inner.any() else known, components["ends"])
     sign = 1.0 if acceleration[index] >= 0 else -1.0
     position, top, curvature = _refined(spectrum, compensation, index, sign)
@@ -57,7 +67,10 @@ def find_peak(
     bias = _noise_bias(sign * acceleration, index, parts.get("noise", 0.0), curvature, compensation)
     value = sign * (top - bias)
     u = float(np.sqrt(sum(part**2 for part in parts.values())))
-    freedoms = {"model": compensation.sensor.degrees_of_freedom, "noise": compensation.around.degrees_of_freedom}
+    freedoms = {
+        "model": compensation.sensor.degrees_of_freedom,
+        "noise": compensation.baseline.degrees_of_freedom,
+    }
     share = sum(parts.get(name, 0.0) ** 4 / freedom for name, freedom in freedoms.items())
     freedom = min(u**4 / share, 1e9) if share > 0 else 1e9
     k = float(stdtrit(freedom, 0.5 + COVERAGE / 2))
@@ -66,21 +79,36 @@ def find_peak(
 
 
 def _top(acceleration: FloatArray, known: BoolArray, inner: BoolArray, ends: FloatArray) -> int:
-    """The largest sample; near the record's ends only if it is larger beyond the error there."""
+    """Return the index of the largest sample.
+
+    One near the record's ends counts only if it is larger by more than the error there.
+    """
     size = np.abs(acceleration)
     inside = int(np.argmax(np.where(inner, size, -1.0)))
-    anywhere = int(np.argmax(np.where(known, size - ENDS * np.nan_to_num(ends), -1.0)))
-    return anywhere if size[anywhere] - ENDS * ends[anywhere] > size[inside] else inside
+    anywhere = int(
+        np.argmax(np.where(known, size - END_ERROR_DEVIATIONS * np.nan_to_num(ends), -1.0))
+    )
+    return (
+        anywhere
+        if size[anywhere] - END_ERROR_DEVIATIONS * ends[anywhere] > size[inside]
+        else inside
+    )
 
 
-def _refined(spectrum: ComplexArray, compensation: Compensation, index: int, sign: float) -> tuple[float, float, float]:
-    """Position (in samples), height and curvature (1/s², negative) of the band-limited maximum near a sample."""
+def _refined(
+    spectrum: ComplexArray, compensation: Compensation, index: int, sign: float
+) -> tuple[float, float, float]:
+    """Refine the band-limited maximum near a sample.
+
+    Returns:
+        Position in samples, height, and curvature (1/s², negative).
+    """
     lines = np.arange(spectrum.size)
     weights = sign * spectrum * line_counts(compensation.size) / compensation.size
     phase = 2j * np.pi * lines / compensation.size
     omega = 2.0 * np.pi * lines / compensation.size * compensation.rate
     position = float(index)
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         turned = weights * np.exp(phase * (position + compensation.pad))
         slope = float(np.sum(np.real(1j * omega * turned)))
         curvature = float(np.sum(np.real(-(omega**2) * turned)))
@@ -92,24 +120,31 @@ def _refined(spectrum: ComplexArray, compensation: Compensation, index: int, sig
         if abs(step) < 1e-6:
             break
     turned = weights * np.exp(phase * (position + compensation.pad))
-    height, curvature = float(np.sum(np.real(turned))), float(np.sum(np.real(-(omega**2) * turned)))
+    height = float(np.sum(np.real(turned)))
+    curvature = float(np.sum(np.real(-(omega**2) * turned)))
     return position, height, curvature
 
 
-def _noise_bias(upright: FloatArray, index: int, noise: float, curvature: float, compensation: Compensation) -> float:
-    """Bias of the maximum by noise, to first order: slope of the noise over the curvature, or many maxima.
+def _noise_bias(
+    upright: FloatArray, index: int, noise: float, curvature: float, compensation: Compensation
+) -> float:
+    """Return the bias of the maximum by noise, to first order.
 
-    Near a maximum a(t) = a₀ − c t²/2, noise n shifts it by n'/c and raises it by n'²/(2 c); of m equal maxima, the
-    largest of m draws is taken.
+    Near a maximum a(t) = a₀ − c t²/2, noise n shifts it by n'/c and raises it by n'²/(2 c); of m
+    equal maxima, the largest of m draws is taken.
     """
     if noise == 0.0:
         return 0.0
     omega = 2.0 * np.pi * compensation.frequency_hz
-    power = np.abs(compensation.total) ** 2 * compensation.around.noise(compensation.frequency_hz)
+    power = np.abs(compensation.total) ** 2 * compensation.baseline.noise(compensation.frequency_hz)
     slope = compensation.line_mean(omega**2 * power)
     bias = min(slope / (2.0 * -curvature), noise) if curvature < 0 else 0.0
     inner = upright[1:-1]
-    tops = (inner >= upright[:-2]) & (inner > upright[2:]) & (inner > upright[index] - COMPETES * noise)
+    tops = (
+        (inner >= upright[:-2])
+        & (inner > upright[2:])
+        & (inner > upright[index] - COMPETING_DEVIATIONS * noise)
+    )
     places = np.flatnonzero(tops) + 1
     apart = max(1.0, 0.5 * compensation.rate / compensation.band.high_hz)
     rivals = 1 + int(np.sum(np.diff(places) > apart)) if places.size else 1
@@ -120,42 +155,54 @@ def _noise_bias(upright: FloatArray, index: int, noise: float, curvature: float,
 
 @dataclass(frozen=True)
 class Agreement:
-    """The compensated acceleration against the reference's, away from the record's ends."""
+    """Compensated acceleration against the reference's, away from the record's ends."""
 
     rmse: float  # against the reference in the same band, m/s²
     nrmse: float | None  # that over the reference's standard deviation
-    rmse_unfiltered: float | None  # against the reference as it is; None if the reference is no acceleration
+    # against the reference as it is; None if the reference is no acceleration
+    rmse_unfiltered: float | None
     reference_peak: float  # the reference's sample of largest magnitude, filtered to the band, m/s²
-    within_95_percent: float  # part of these samples whose deviation lies within k = 1.96 of its uncertainty
+    # part of these samples whose deviation lies within k = 1.96 of its uncertainty
+    within_95_percent: float
 
 
-def reference_in_band(record: Record, quantity: Quantity, compensation: Compensation) -> FloatArray | None:
-    """The reference as acceleration in the band, shape (samples,)."""
+def reference_in_band(
+    record: Record, quantity: Quantity, compensation: Compensation
+) -> FloatArray | None:
+    """Return the reference as acceleration in the band, shape (samples,), or None."""
     if record.reference is None or not record.reference_mask.any():
         return None
-    values, around = bridged(record.reference, record.reference_mask), compensation.around
-    if around.rest_samples:
-        values -= np.mean(values[: around.rest_samples])
+    values = bridged(record.reference, record.reference_mask)
+    baseline = compensation.baseline
+    if baseline.rest_samples:
+        values -= np.mean(values[: baseline.rest_samples])
     else:
         values -= np.average(values, weights=np.hanning(values.size))
     order = DERIVATIVES[quantity]
-    rests = replace(around, rests_at_end=around.rests_at_end and order == 0)
-    plain = replace(compensation, integrations=0, around=rests)
+    rests = replace(baseline, rests_at_end=baseline.rests_at_end and order == 0)
+    plain = replace(compensation, integrations=0, baseline=rests)
     gain = plain.lowpass * (2j * np.pi * plain.frequency_hz) ** order
     return plain.restored(plain.spectrum(values), gain)
 
 
-def agreement_with(
+def compare_with_reference(
     record: Record,
     quantity: Quantity,
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
     reference: FloatArray,
 ) -> Agreement | None:
-    """Compare where both are known; None if they never are.
+    """Compare the acceleration with the reference where both are known.
 
-    ``acceleration``: compensated, shape (samples,), NaN where it is not known; ``components``: its standard uncertainty
-    by origin; ``reference``: as acceleration in the same band, shape (samples,).
+    Args:
+        record: the record.
+        quantity: of its reference.
+        acceleration: compensated, shape (samples,), NaN where it is not known.
+        components: its standard uncertainty by origin.
+        reference: as acceleration in the same band, shape (samples,).
+
+    Returns:
+        The agreement; None if they are never known together.
     """
     known = np.isfinite(acceleration) & record.mask & record.reference_mask
     if not known.any():

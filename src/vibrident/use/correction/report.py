@@ -1,4 +1,4 @@
-"""The plain values of ``correction.json``."""
+"""Document of a correction: the plain values of ``correction.json``."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from vibrident.use.correction.acceleration import ORIGINS, Correction, Correctio
 
 
 def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[str, Any]:
-    """The content of ``correction.json``: plain values.
+    """Return the plain values of ``correction.json``.
 
-    ``corrections``: of :func:`correct`; ``files``: name of each correction's own file.
+    ``corrections``: of :func:`correct`; ``files``: name of each correction's file.
     """
     return {
         "model": corrections.model,
@@ -26,9 +26,12 @@ def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[
 
 
 def _row(correction: Correction, file: str) -> dict[str, Any]:
-    around, peak, known = correction.surroundings, correction.peak, np.isfinite(correction.acceleration)
+    baseline = correction.baseline
+    peak = correction.peak
+    known = np.isfinite(correction.acceleration)
     typical = {
-        name: float(np.median(series[known])) if known.any() else None for name, series in correction.components.items()
+        name: float(np.median(series[known])) if known.any() else None
+        for name, series in correction.components.items()
     }
     return {
         "name": correction.record.name,
@@ -44,12 +47,12 @@ def _row(correction: Correction, file: str) -> dict[str, Any]:
             "largest_removed": correction.bound,
         },
         "noise": {
-            "assumption": around.noise_from,
-            "standard_deviation": around.noise_deviation,
-            "offset": around.offset,
-            "offset_standard_uncertainty": around.offset_uncertainty,
-            "offset_from": around.offset_from,
-            "samples_at_rest": around.rest_samples,
+            "assumption": baseline.noise_from,
+            "standard_deviation": baseline.noise_deviation,
+            "offset": baseline.offset,
+            "offset_standard_uncertainty": baseline.offset_uncertainty,
+            "offset_from": baseline.offset_from,
+            "samples_at_rest": baseline.rest_samples,
         },
         "median_standard_uncertainty": typical,
         "peak": None

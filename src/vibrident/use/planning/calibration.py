@@ -13,18 +13,25 @@ from vibrident.base.errors import InputError, unknown
 from vibrident.base.memory import in_one_thread
 from vibrident.data.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.fit.information import inverse_normal
-from vibrident.fit.uncertainty import correlation, curve, parameter_table, weakly_determined, with_reference
+from vibrident.fit.uncertainty import (
+    correlation,
+    curve,
+    parameter_table,
+    weakly_determined,
+    with_reference,
+)
 from vibrident.fit.uncertainty.curve import with_resonances
 from vibrident.fit.uncertainty.parameters import fields_of_units, sizes_of
 from vibrident.physics.models import parse
 from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.result.document import plain
+from vibrident.result.given import GivenResult, as_result
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total
 from vibrident.use.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
 
-#: Neighbours on either side over which the noise of a result's own points is averaged: it is estimated, and the choice
-#: must not favour points with a low estimate.
+#: Neighbours on either side over which the noise of a result's own points is averaged: it is
+#: estimated, and the choice must not favour points with a low estimate.
 NEIGHBOURS = 2
 CURVE_POINTS = 101  # points of the sensitivity curve
 LEAST_SIZE = 1e-3  # of a coordinate, where its uncertainty is taken relative to it
@@ -37,17 +44,20 @@ class Plan:
     model: str  # name of the sensor model
     frequency_hz: FloatArray  # of the points, shape (n,)
     uses: tuple[int, ...]  # how often each is measured, shape (n,)
-    relative_deviation: FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
+    relative_deviation: (
+        FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
+    )
     parameters: Mapping[str, Parameter]  # with expected standard uncertainty, estimated and derived
     correlation: Correlation  # of the estimated parameters
     response: Curve  # the sensitivity curve with its uncertainty
     warnings: tuple[str, ...]  # as of an identification, and doubts about the plan
     criterion: Criterion | None  # of the choice; None if all are measured
     candidates_hz: FloatArray  # from which the points were chosen
-    # of the choice, relative to the best design of the same measuring time; None if all are measured
-    efficiency: float | None
-    # standard uncertainty by parameter of as many points spread evenly over the candidates; empty where all are
+    # of the choice, relative to the best design of the same measuring time; None if all are
     # measured
+    efficiency: float | None
+    # standard uncertainty by parameter of as many points spread evenly over the candidates; empty
+    # where all are measured
     spread: Mapping[str, float]
     all_points: Mapping[str, float]  # standard uncertainty by parameter of all candidates
 
@@ -56,7 +66,7 @@ class Plan:
 
 @in_one_thread
 def plan(
-    sensor: str | Result,
+    sensor: GivenResult,
     parameters: Mapping[str, float] | None = None,
     *,
     frequencies_hz: Sequence[float] | FloatArray | None = None,
@@ -74,31 +84,37 @@ def plan(
 ) -> Plan:
     """Predict the uncertainties of a calibration with sines.
 
-    The points' uncertainty comes from ``recording`` (noise and length of records), from ``magnitude_uncertainty`` and
-    ``phase_uncertainty_rad`` (a table), or, with neither, from the result: points as good as those of its own
-    calibration, interpolated over frequency.
+    The points' uncertainty comes from ``recording`` (noise and length of records), from
+    ``magnitude_uncertainty`` and ``phase_uncertainty_rad`` (a table), or, with neither, from the
+    result: points as good as those of its own calibration, interpolated over frequency.
 
     Args:
-        sensor: name of a model, or the result of an identification.
+        sensor: name of a model; or the result of an identification, or the path of its ``result.json``.
         parameters: of the model, SI units, frequencies in Hz; None takes the result's.
-        frequencies_hz: planned, or the candidates of which ``best`` are chosen; None takes the result's.
+        frequencies_hz: planned, or the candidates of which ``best`` are chosen; None takes the
+            result's.
         amplitude: peak of the acceleration, m/s², one or one a frequency.
         recording: how sines are recorded.
-        magnitude_uncertainty: relative standard uncertainty of a tabulated magnitude, one or one a frequency.
-        phase_uncertainty_rad: standard uncertainty of a tabulated phase; None: no phase is measured.
+        magnitude_uncertainty: relative standard uncertainty of a tabulated magnitude, one or one a
+            frequency.
+        phase_uncertainty_rad: standard uncertainty of a tabulated phase; None: no phase is
+            measured.
         times_as_long: with a result's own points: factor of the records' length.
         quantity: of the reference; None takes the result's, or acceleration.
-        reference_uncertainty: relative, systematic: the calibration of the reference; None takes the result's gains.
+        reference_uncertainty: relative, systematic: the calibration of the reference; None takes
+            the result's gains.
         response_unit: for a model; a result has its own.
         best: choose so many frequencies; None: measure all.
-        criterion: ``D`` (smallest ellipsoid of all parameters) or ``A`` (smallest sum of squared relative
-            uncertainties; of a delay: in radians at the highest frequency).
+        criterion: ``D`` (smallest ellipsoid of all parameters) or ``A`` (smallest sum of squared
+            relative uncertainties; of a delay: in radians at the highest frequency).
         repeats: whether a frequency may be chosen several times.
 
     Raises:
         InputError: a setting cannot be used; the message says which.
         ModelError: the model is unknown.
     """
+    if not isinstance(sensor, str) or sensor.lower().endswith(".json"):
+        sensor = as_result(sensor)
     model, values = _sensor(sensor, parameters)
     source = sensor if isinstance(sensor, Result) else None
     frequency = _frequencies(frequencies_hz, source)
@@ -106,7 +122,10 @@ def plan(
     peaks = _each("amplitude", amplitude, frequency)
     magnitude, phase = (
         None if u is None else _each(label, u, frequency)
-        for label, u in (("magnitude uncertainty", magnitude_uncertainty), ("phase uncertainty", phase_uncertainty_rad))
+        for label, u in (
+            ("magnitude uncertainty", magnitude_uncertainty),
+            ("phase uncertainty", phase_uncertainty_rad),
+        )
     )
     if recording is not None and magnitude is None:
         points = of_records(subject, peaks, recording)
@@ -116,7 +135,12 @@ def plan(
         points = _of_result(subject, source, times_as_long, twice=recording is not None)
     if criterion not in CRITERIA:
         raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
-    _enough(points, best if best is not None else frequency.size, repeats=repeats, chosen=best is not None)
+    _enough(
+        points,
+        best if best is not None else frequency.size,
+        repeats=repeats,
+        chosen=best is not None,
+    )
     unit = source.response_unit if source is not None else response_unit
     gain, findings = _systematic(source)
     points = replace(points, findings=points.findings + findings)
@@ -133,10 +157,15 @@ def _plan(
     criterion: Criterion,
     repeats: bool,
 ) -> Plan:
-    coordinates, z, frequency = points.coordinates, points.coordinates.first, points.subject.frequency_hz
+    coordinates = points.coordinates
+    z = points.coordinates.first
+    frequency = points.subject.frequency_hz
     count = frequency.size
-    model, scale = coordinates.model, sizes_of(coordinates.model, points.coordinates.first, LEAST_SIZE, ratios=True)
-    uses, reached, spread = np.ones(count, dtype=int), None, {}
+    model = coordinates.model
+    scale = sizes_of(coordinates.model, points.coordinates.first, LEAST_SIZE, ratios=True)
+    uses = np.ones(count, dtype=int)
+    reached = None
+    spread = {}
     if best is not None:
         uses = best_points(points.information, best, criterion, scale, repeats=repeats)
         reached = efficiency(uses, points.information, criterion, scale)
@@ -146,10 +175,13 @@ def _plan(
     weak, warnings = weakly_determined(coordinates, z, covariance)
     covariance = with_reference(covariance, z, model, reference_uncertainty)
     drive = points.subject.quantity == "drive"
-    reference = (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
+    reference = (
+        (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
+    )
     fields = fields_of_units(unit, reference, drive=drive)
     table = parameter_table(coordinates, z, covariance, freedom, fields, weak)
-    low, high = float(frequency.min()), float(frequency.max())
+    low = float(frequency.min())
+    high = float(frequency.max())
     band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])
     band = with_resonances(band, model.rational(coordinates.values(z)))
     kept = np.flatnonzero(uses)
@@ -177,9 +209,16 @@ def _systematic(source: Result | None) -> tuple[float, tuple[str, ...]]:
     rows = source.settings.get("uncertainty_budget", ())
     gains = [row["standard_uncertainty"] for row in rows if row["kind"] == "gain"]
     others = [row["source"] for row in rows if row["type"] == "B" and row["kind"] != "gain"]
-    said = [f"The plan leaves out systematic effects of the calibration: {', '.join(others)}."] if others else []
+    said = (
+        [f"The plan leaves out systematic effects of the calibration: {', '.join(others)}."]
+        if others
+        else []
+    )
     if not source.fit.adequate:
-        said.append("The calibration rejected the model: the plan is of noise alone, its misfit is left out.")
+        said.append(
+            "The calibration rejected the model: the plan is of noise alone, its misfit is left "
+            "out."
+        )
     return float(np.linalg.norm(gains)), tuple(said)
 
 
@@ -190,16 +229,26 @@ def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, fl
     return inverse_normal(total(uses, points.information)) * known, float(np.sum(freedom))
 
 
-def _deviations(points: PlannedPoints, uses: np.ndarray, reference_uncertainty: float) -> dict[str, float]:
+def _deviations(
+    points: PlannedPoints, uses: np.ndarray, reference_uncertainty: float
+) -> dict[str, float]:
     """Standard uncertainty of each estimated parameter, physical units."""
-    coordinates, z = points.coordinates, points.coordinates.first
+    coordinates = points.coordinates
+    z = points.coordinates.first
     covariance, freedom = _covariance(points, uses)
     covariance = with_reference(covariance, z, coordinates.model, reference_uncertainty)
-    table = parameter_table(coordinates, z, covariance, freedom, fields_of_units("1", "1", drive=True), {})
-    return {name: float(table[name].standard_uncertainty or 0.0) for name in coordinates.model.parameter_names}
+    table = parameter_table(
+        coordinates, z, covariance, freedom, fields_of_units("1", "1", drive=True), {}
+    )
+    return {
+        name: float(table[name].standard_uncertainty or 0.0)
+        for name in coordinates.model.parameter_names
+    }
 
 
-def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tuple[SensorModel, dict[str, float]]:
+def _sensor(
+    sensor: str | Result, parameters: Mapping[str, float] | None
+) -> tuple[SensorModel, dict[str, float]]:
     if isinstance(sensor, Result) and parameters is None:
         sensor.require_linear()
         known = sensor.to_sensor("a plan")
@@ -210,22 +259,34 @@ def _sensor(sensor: str | Result, parameters: Mapping[str, float] | None) -> tup
     names = model.parameter_names
     linear = model.is_linear
     usable = set(given) == set(names) and all(np.isfinite(value) for value in given.values())
-    positive = usable and all(given[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration"))
+    positive = usable and all(
+        given[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration")
+    )
     if not (linear and positive and given[model.gain_name] != 0):
         raise InputError(
             "The sensor cannot be planned for."
             if linear
             else "A nonlinear sensor has no transfer function to plan with.",
-            expected=f"for {model.name!r}: finite {', '.join(names)}; frequencies above 0, a gain that is not 0",
-            found=", ".join(f"{key} = {value:g}" for key, value in given.items()) or "no parameters",
+            expected=(
+                f"for {model.name!r}: finite {', '.join(names)}; frequencies above 0, a gain that "
+                "is not 0"
+            ),
+            found=", ".join(f"{key} = {value:g}" for key, value in given.items())
+            or "no parameters",
             where="plan, parameters",
-            remedy="give every parameter of the model, and no other" if linear else "plan without 'cubic'",
+            remedy="give every parameter of the model, and no other"
+            if linear
+            else "plan without 'cubic'",
         )
     return model, {name: float(given[name]) for name in names}
 
 
 def _quantity(quantity: Quantity | None, source: Result | None) -> Quantity:
-    found: Any = quantity or (source.reference.get("quantity") if source is not None else None) or "acceleration"
+    found: Any = (
+        quantity
+        or (source.reference.get("quantity") if source is not None else None)
+        or "acceleration"
+    )
     if found not in QUANTITIES:
         raise unknown("The reference quantity is not known.", found, QUANTITIES, "plan, quantity")
     return found
@@ -235,7 +296,12 @@ def _frequencies(given: Sequence[float] | FloatArray | None, source: Result | No
     if given is None and source is not None:
         given = np.unique(source.measured.frequency_hz)
     frequency = np.atleast_1d(np.asarray([] if given is None else given, dtype=float))
-    if not (frequency.ndim == 1 and frequency.size and np.isfinite(frequency).all() and (frequency > 0).all()):
+    if not (
+        frequency.ndim == 1
+        and frequency.size
+        and np.isfinite(frequency).all()
+        and (frequency > 0).all()
+    ):
         raise InputError(
             "There are no frequencies to plan with.",
             expected="at least one finite frequency above 0 Hz",
@@ -259,13 +325,18 @@ def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> 
     return np.broadcast_to(values, frequency.shape).astype(float)
 
 
-def _of_result(subject: Subject, source: Result | None, times_as_long: float, *, twice: bool) -> PlannedPoints:
+def _of_result(
+    subject: Subject, source: Result | None, times_as_long: float, *, twice: bool
+) -> PlannedPoints:
     """Points as good as those of a result."""
     if twice or source is None or not source.measured.frequency_hz.size or times_as_long <= 0:
         raise InputError(
             "The uncertainty of the points is not given, or given twice.",
-            expected="noise with sampling rate and samples, or uncertainties of magnitude and phase, or a result "
-            "with measured points (and records at least as long as a part of its own)",
+            expected=(
+                "noise with sampling rate and samples, or uncertainties of magnitude and phase, "
+                "or a result with measured points (and records at least as long as a part of its "
+                "own)"
+            ),
             found="records and a table" if twice else "none of them",
             where="plan",
             remedy="give one of them",
@@ -274,16 +345,23 @@ def _of_result(subject: Subject, source: Result | None, times_as_long: float, *,
     return of_table(subject, magnitude, phase)
 
 
-def _like_before(source: Result, subject: Subject, longer: float) -> tuple[FloatArray, FloatArray | None]:
+def _like_before(
+    source: Result, subject: Subject, longer: float
+) -> tuple[FloatArray, FloatArray | None]:
     """Noise of a result's own points, smoothed, interpolated and scaled to the records' length."""
-    # Noise of a channel falls with the gain, over it, within a resonance or a high-pass. Smoothed is what the line
-    # log u = c + b log |H| leaves over: b is 0 of noise in proportion, and −1 of noise of one level.
-    measured, frequency = source.measured, subject.frequency_hz
+    # Noise of a channel falls with the gain, over it, within a resonance or a high-pass. Smoothed
+    # is what the line log u = c + b log |H| leaves over: b is 0 of noise in proportion, and −1 of
+    # noise of one level.
+    measured = source.measured
+    frequency = subject.frequency_hz
     order = np.argsort(measured.frequency_hz, kind="stable")
     f = measured.frequency_hz[order]
-    gain, planned_gain = (np.log(np.abs(replace(subject, frequency_hz=at).response())) for at in (f, frequency))
+    gain, planned_gain = (
+        np.log(np.abs(replace(subject, frequency_hz=at).response())) for at in (f, frequency)
+    )
     f = np.log(f)
-    noise, phase_noise = measured.magnitude_noise, measured.phase_deg_noise
+    noise = measured.magnitude_noise
+    phase_noise = measured.phase_deg_noise
     apart = np.isfinite(noise).any()  # else an older result, or a table
     u = ((noise if apart else measured.magnitude_uncertainty) / measured.magnitude)[order]
     u_phase = (phase_noise if apart else measured.phase_deg_uncertainty)[order]
@@ -292,13 +370,16 @@ def _like_before(source: Result, subject: Subject, longer: float) -> tuple[Float
         good = np.isfinite(values) & (values > 0)
         if not good.any():
             return np.full(frequency.shape, np.nan)
-        level, about = np.log(values[good]), gain[good] - np.mean(gain[good])
+        level = np.log(values[good])
+        about = gain[good] - np.mean(gain[good])
         slope = float(np.clip(about @ level / max(about @ about, 1e-12), -1.0, 0.0))
         level = level - slope * gain[good]
         index = np.arange(level.size)
         near = np.abs(index[:, None] - index) <= NEIGHBOURS
         smooth = (near @ level) / near.sum(axis=1)
-        return np.exp(np.interp(np.log(frequency), f[good], smooth) + slope * planned_gain) / np.sqrt(longer)
+        return np.exp(
+            np.interp(np.log(frequency), f[good], smooth) + slope * planned_gain
+        ) / np.sqrt(longer)
 
     phase = at(np.deg2rad(u_phase))
     return at(u), None if np.isnan(phase).any() else phase
@@ -313,7 +394,10 @@ def _enough(points: PlannedPoints, count: int, *, repeats: bool, chosen: bool) -
         "So many points cannot determine the parameters."
         if count <= most or repeats
         else "There are too few candidates.",
-        expected=f"at least {-(-needed // points.equations)} points for {needed} parameters, of {most} candidates",
+        expected=(
+            f"at least {-(-needed // points.equations)} points for {needed} parameters, of {most} "
+            "candidates"
+        ),
         found=f"{count} points",
         where="plan, best" if chosen else "plan, frequencies",
         remedy="choose another number, or give more frequencies",
@@ -322,12 +406,20 @@ def _enough(points: PlannedPoints, count: int, *, repeats: bool, chosen: bool) -
 
 def plan_document(planned: Plan) -> dict[str, Any]:
     """The content of ``plan.json``: plain values."""
-    points = zip(planned.frequency_hz.tolist(), planned.uses, planned.relative_deviation.tolist(), strict=True)
+    points = zip(
+        planned.frequency_hz.tolist(),
+        planned.uses,
+        planned.relative_deviation.tolist(),
+        strict=True,
+    )
     return {
         "model": planned.model,
         "parameters": {name: asdict(parameter) for name, parameter in planned.parameters.items()},
         "correlation": asdict(planned.correlation),
-        "points": [{"frequency_hz": f, "times": n, "relative_standard_uncertainty": u} for f, n, u in points],
+        "points": [
+            {"frequency_hz": f, "times": n, "relative_standard_uncertainty": u}
+            for f, n, u in points
+        ],
         "criterion": planned.criterion,
         "efficiency": planned.efficiency,
         "candidates_hz": planned.candidates_hz.tolist(),

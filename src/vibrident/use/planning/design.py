@@ -1,10 +1,11 @@
 """D- and A-optimal choices of points, by exchange, and their efficiency.
 
-With M the information of a design, the D-optimal one has the largest det M (the smallest ellipsoid of all
-parameters), the A-optimal one the smallest Σ (u_i/scale_i)² (the smallest variances). The choice of n out of many is
-found by exchanging points while that improves it (Fedorov 1972), from several starts. Its bound is the best design of
-the same total with arbitrary weights, characterised by the equivalence theorem of Kiefer and Wolfowitz and found by the
-multiplicative algorithm (Silvey, Titterington & Torsney 1978).
+With M the information of a design, the D-optimal one has the largest det M (the smallest ellipsoid
+of all parameters), the A-optimal one the smallest Σ (u_i/scale_i)² (the smallest variances). The
+choice of n out of many is found by exchanging points while that improves it (Fedorov 1972), from
+several starts. Its bound is the best design of the same total with arbitrary weights, characterised
+by the equivalence theorem of Kiefer and Wolfowitz and found by the multiplicative algorithm
+(Silvey, Titterington & Torsney 1978).
 """
 
 from __future__ import annotations
@@ -34,11 +35,17 @@ def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
 
 
 def best_points(
-    information: FloatArray, count: int, criterion: Criterion, scale: FloatArray, *, repeats: bool = False
+    information: FloatArray,
+    count: int,
+    criterion: Criterion,
+    scale: FloatArray,
+    *,
+    repeats: bool = False,
 ) -> np.ndarray:
     """Uses of each point, shape (n,): ``count`` in all, each at most once unless ``repeats``.
 
-    ``information``: of each point, shape (n, p, p); ``scale``: of each parameter, for the criterion A, shape (p,).
+    ``information``: of each point, shape (n, p, p); ``scale``: of each parameter, for the criterion
+    A, shape (p,).
     """
     rng = np.random.default_rng(0)
     points = information.shape[0]
@@ -71,7 +78,12 @@ def _greedy(
 
 
 def _exchanged(
-    uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray, *, repeats: bool
+    uses: np.ndarray,
+    information: FloatArray,
+    criterion: Criterion,
+    scale: FloatArray,
+    *,
+    repeats: bool,
 ) -> np.ndarray:
     uses = uses.copy()
     matrix = total(uses, information)
@@ -83,7 +95,8 @@ def _exchanged(
             for new in np.flatnonzero(repeats | (uses == 0)):
                 value = loss(without + information[new], criterion, scale)
                 if value < best - 1e-9 * max(abs(best), 1.0):
-                    best, step = value, (out, new)
+                    best = value
+                    step = (out, new)
         if step is None:
             return uses
         uses[step[0]] -= 1
@@ -93,7 +106,8 @@ def _exchanged(
 
 def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArray) -> FloatArray:
     """Arbitrary weights of the best design, of total one, shape (n,)."""
-    points, order = information.shape[0], information.shape[1]
+    points = information.shape[0]
+    order = information.shape[1]
     weights = np.full(points, 1.0 / points)
     for _ in range(MOST_ITERATIONS):
         inverse = inverse_normal(total(weights, information))
@@ -101,7 +115,9 @@ def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArra
             gain = np.einsum("kij,ji->k", information, inverse) / order
         else:
             middle = inverse @ np.diag(scale**-2.0) @ inverse
-            gain = np.einsum("kij,ji->k", information, middle) / np.trace(inverse @ np.diag(scale**-2.0))
+            gain = np.einsum("kij,ji->k", information, middle) / np.trace(
+                inverse @ np.diag(scale**-2.0)
+            )
         if float(np.max(gain)) < 1.0 + SETTLED:
             break
         weights = weights * (gain if criterion == "D" else np.sqrt(gain))
@@ -109,7 +125,9 @@ def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArra
     return weights
 
 
-def efficiency(uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
+def efficiency(
+    uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray
+) -> float:
     """Efficiency of a choice relative to the best design of the same total, 0 to 1.
 
     It is the part of the measuring time that the best design would need for the same criterion.
@@ -117,5 +135,6 @@ def efficiency(uses: np.ndarray, information: FloatArray, criterion: Criterion, 
     count = float(np.sum(uses))
     weights = best_weights(information, criterion, scale)
     ideal = count * total(weights, information)
-    own, best = loss(total(np.asarray(uses), information), criterion, scale), loss(ideal, criterion, scale)
+    own = loss(total(np.asarray(uses), information), criterion, scale)
+    best = loss(ideal, criterion, scale)
     return float(np.exp(best - own)) if criterion == "D" else best / own

@@ -1,13 +1,13 @@
 """The information of each planned point: its residual's derivative by the parameters, weighted by the expected noise.
 
-The residual is that of the estimator `ml`: a plan differs from a calibration only in that its noise is predicted. A
-tone of amplitude X in N samples of white noise has real and imaginary part with variance 2 σ²/N
-each; that of Y − H X follows from both channels,
+The residual is that of the estimator `ml`: a plan differs from a calibration only in that its noise
+is predicted. A tone of amplitude X in N samples of white noise has real and imaginary part with
+variance 2 σ²/N each; that of Y − H X follows from both channels,
 
     σ² = (2/N) (c σ_response² + |H|² σ_reference²).
 
-c is one except near a sharp resonance: there the sensor's free motion, of unknown initial state, is nearly collinear
-with the tone within the record.
+c is one except near a sharp resonance: there the sensor's free motion, of unknown initial state, is
+nearly collinear with the tone within the record.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import DERIVATIVES
 from vibrident.physics.models.slopes import ComplexArray
 
-FEWEST_PERIODS = 5.0  # fewest periods that separate a tone from offset, drift and the sensor's free motion
+FEWEST_PERIODS = (
+    5.0  # fewest periods that separate a tone from offset, drift and the sensor's free motion
+)
 HIGHEST = 0.45  # highest frequency over the sampling rate
 RINGS = 1.1  # the free motion is reported beyond this factor on a tone's variance
 
@@ -40,11 +42,15 @@ class Recording:
     samples: int  # of every record
     response_noise: float = 0.0  # white, as a fraction of the response's rms in each record
     response_noise_rms: float = 0.0  # white, in the response unit; added to the former
-    reference_noise: float = 0.0  # white, as a fraction of the reference's rms, not motion of the sensor
+    reference_noise: float = (
+        0.0  # white, as a fraction of the reference's rms, not motion of the sensor
+    )
     reference_noise_rms: float = 0.0  # white, in the reference's unit; added to the former
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0 and self.samples >= 16):
+        if not (
+            np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0 and self.samples >= 16
+        ):
             raise InputError(
                 "The recording cannot be planned.",
                 expected="a sampling rate above 0 and at least 16 samples",
@@ -52,7 +58,14 @@ class Recording:
                 where="plan, sampling rate and samples",
                 remedy="correct them",
             )
-        noise = np.array([self.response_noise, self.response_noise_rms, self.reference_noise, self.reference_noise_rms])
+        noise = np.array(
+            [
+                self.response_noise,
+                self.response_noise_rms,
+                self.reference_noise,
+                self.reference_noise_rms,
+            ]
+        )
         if not (np.isfinite(noise).all() and (noise >= 0).all() and noise.any()):
             raise InputError(
                 "The noise cannot be planned with.",
@@ -74,7 +87,10 @@ class Subject:
 
     def response(self) -> ComplexArray:
         """Complex response per unit of the reference, shape (n,)."""
-        return np.asarray(self.model.frequency_response(self.values, self.frequency_hz, self.quantity), dtype=complex)
+        return np.asarray(
+            self.model.frequency_response(self.values, self.frequency_hz, self.quantity),
+            dtype=complex,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +100,11 @@ class PlannedPoints:
     coordinates: Coordinates  # the map from z to parameters; the sensor is at its first
     subject: Subject  # sensor and frequencies
     information: FloatArray  # JᵀJ of each point, shape (n, p, p)
-    relative_deviation: FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
-    # degrees of freedom of each point's noise estimate, infinite where uncertainties are stated; shape (n,)
+    relative_deviation: (
+        FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
+    )
+    # degrees of freedom of each point's noise estimate, infinite where uncertainties are stated;
+    # shape (n,)
     freedom: FloatArray
     equations: int  # real residuals of a point
     findings: tuple[str, ...] = ()  # doubts in words
@@ -99,10 +118,17 @@ def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) ->
     """
     frequency_hz = subject.frequency_hz
     highest = HIGHEST * recording.sampling_rate_hz
-    if not ((amplitude > 0).all() and np.isfinite(amplitude).all() and float(frequency_hz.max()) <= highest):
+    if not (
+        (amplitude > 0).all()
+        and np.isfinite(amplitude).all()
+        and float(frequency_hz.max()) <= highest
+    ):
         raise InputError(
             "A point cannot be recorded.",
-            expected=f"amplitudes above 0, and frequencies up to {highest:g} Hz (0.45 of the sampling rate)",
+            expected=(
+                f"amplitudes above 0, and frequencies up to {highest:g} Hz (0.45 of the sampling "
+                "rate)"
+            ),
             found=f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz",
             where="plan",
             remedy="correct the amplitude, lower the frequency, or raise the sampling rate",
@@ -120,19 +146,25 @@ def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) ->
     findings: tuple[str, ...] = ()
     if few.size:
         findings = (
-            f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to {few.max():.4g} Hz): offset, drift "
-            "and the sensor's free motion will increase their uncertainty beyond this plan.",
+            (
+                f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to "
+                f"{few.max():.4g} Hz): offset, drift and the sensor's free motion will increase "
+                "their uncertainty beyond this plan."
+            ),
         )
     findings += _sharp(subject, beside)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
     return _points(subject, data, False, True, deviation / response, freedom, findings)
 
 
-def of_table(subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | None) -> PlannedPoints:
+def of_table(
+    subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | None
+) -> PlannedPoints:
     """Points with stated uncertainties.
 
-    ``magnitude``: relative standard uncertainty of the magnitude at each, shape (n,); ``phase_rad``: standard
-    uncertainty of the phase at each, rad, shape (n,); None: no phase is measured.
+    ``magnitude``: relative standard uncertainty of the magnitude at each, shape (n,);
+    ``phase_rad``: standard uncertainty of the phase at each, rad, shape (n,); None: no phase is
+    measured.
 
     Raises:
         InputError: an uncertainty is not above zero.
@@ -147,7 +179,8 @@ def of_table(subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | No
                 remedy="give a standard uncertainty (k = 1)",
             )
     gain = subject.response()
-    size, phase = np.abs(gain), np.angle(gain)
+    size = np.abs(gain)
+    phase = np.angle(gain)
     u_phase = np.ones_like(size) if phase_rad is None else phase_rad
     data = (subject.frequency_hz, size, phase, magnitude * size, u_phase)
     freedom = np.full(size.shape, np.inf)
@@ -164,17 +197,24 @@ def _points(
     findings: tuple[str, ...],
 ) -> PlannedPoints:
     frequency = subject.frequency_hz
-    coordinates = Coordinates.at(subject.model, subject.values, (float(frequency.min()), float(frequency.max())))
+    coordinates = Coordinates.at(
+        subject.model, subject.values, (float(frequency.min()), float(frequency.max()))
+    )
     z = coordinates.first
-    rows = FrequencyProblem(subject.model, subject.quantity, data, polar, has_phase).jacobian(z, coordinates)
+    rows = FrequencyProblem(subject.model, subject.quantity, data, polar, has_phase).jacobian(
+        z, coordinates
+    )
     parts = rows.reshape(-1, frequency.size, z.size)
     information = np.einsum("rki,rkj->kij", parts, parts)
-    return PlannedPoints(coordinates, subject, information, relative, freedom, parts.shape[0], findings)
+    return PlannedPoints(
+        coordinates, subject, information, relative, freedom, parts.shape[0], findings
+    )
 
 
 def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
     """Effects of a sharp resonance that a plan does not include."""
-    oscillator, frequency_hz = subject.model.core.oscillator, subject.frequency_hz
+    oscillator = subject.model.core.oscillator
+    frequency_hz = subject.frequency_hz
     if oscillator is None:
         return ()
     natural, damping = (subject.values[name] for name in oscillator)
@@ -183,13 +223,18 @@ def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
     findings = []
     if np.any(beside > RINGS):
         findings.append(
-            f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near {natural:.4g} Hz is "
-            "hardly separable from the tone: estimates may scatter up to twice as much as planned. Record for longer."
+            f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near "
+            f"{natural:.4g} Hz is hardly separable from the tone: estimates may scatter up to "
+            "twice as much as planned. Record for longer."
         )
-    if frequency_hz.min() < natural < frequency_hz.max() and np.min(np.abs(frequency_hz - natural)) > width:
+    if (
+        frequency_hz.min() < natural < frequency_hz.max()
+        and np.min(np.abs(frequency_hz - natural)) > width
+    ):
         findings.append(
-            f"No point lies within the resonance, {width:.3g} Hz wide at {natural:.5g} Hz: the identification may "
-            "settle on another optimum, and the plan holds for the right one only. Plan points within it."
+            f"No point lies within the resonance, {width:.3g} Hz wide at {natural:.5g} Hz: the "
+            "identification may settle on another optimum, and the plan holds for the right one "
+            "only. Plan points within it."
         )
     return tuple(findings)
 
@@ -216,5 +261,7 @@ def _freedom(frequency: float, recording: Recording) -> float:
     time = np.arange(recording.samples) / recording.sampling_rate_hz
     noise = np.random.default_rng(0).standard_normal((2, recording.samples))
     tone = np.sin(2.0 * np.pi * frequency * time)
-    record = Record("planned", tone + 1e-3 * noise[0], tone + 1e-3 * noise[1], recording.sampling_rate_hz)
+    record = Record(
+        "planned", tone + 1e-3 * noise[0], tone + 1e-3 * noise[1], recording.sampling_rate_hz
+    )
     return float(measure_tones([record], [frequency]).degrees_of_freedom[0])

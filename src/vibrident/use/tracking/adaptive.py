@@ -1,4 +1,4 @@
-"""Adaptive correction: each record with the parameters that the sensor has at its end, and their uncertainty."""
+"""Adaptive correction: each record is corrected with the parameters of the sensor at its end."""
 
 from __future__ import annotations
 
@@ -14,25 +14,41 @@ from vibrident.use.tracking.state import Settings
 
 
 def correct_tracked(
-    result: Result, calibration: Calibration, *, band_hz: tuple[float, float] | None, noise: float | None
+    result: Result,
+    calibration: Calibration,
+    *,
+    band_hz: tuple[float, float] | None,
+    noise: float | None,
 ) -> Corrections:
     """Restore the acceleration of records, tracking the sensor through them.
 
-    Tracking starts from the result of an identification. The calibration's records are in the order of time, each with
-    a reference; ``band_hz`` and ``noise`` are those of ``correct``.
+    Args:
+        result: of an identification; the tracking starts from it.
+        calibration: records in the order of time, each with a reference.
+        band_hz: as of ``correct``.
+        noise: as of ``correct``.
 
     Raises:
-        InputError: a record lacks a reference, rates differ, or as of ``correct`` and a tracking session.
+        InputError: a record lacks a reference, rates differ, or an error of ``correct`` or of a
+            tracking session.
     """
     calibration.require_response(result.response_unit, "A table holds no response in time.")
     chunks = list(chunks_of(calibration))
     settings = Settings(reference_uncertainty=calibration.reference_standard_uncertainty)
-    session = Session.of(result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings)
+    session = Session.from_result(
+        result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings
+    )
     parts = []
     for record, chunk in zip(calibration.records, chunks, strict=True):
         session.take(chunk)
         session.finish()
         now = tracked_result(result, session)
-        parts.append(correct(now, replace(calibration, records=(record,)), band_hz=band_hz, noise=noise))
+        parts.append(
+            correct(now, replace(calibration, records=(record,)), band_hz=band_hz, noise=noise)
+        )
     findings = tuple(finding for part in parts for finding in part.findings)
-    return replace(parts[0], corrections=tuple(one for part in parts for one in part.corrections), findings=findings)
+    return replace(
+        parts[0],
+        corrections=tuple(correction for part in parts for correction in part.corrections),
+        findings=findings,
+    )

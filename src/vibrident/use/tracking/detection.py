@@ -1,14 +1,16 @@
-"""Score tests of a change, run forward: the latest 2^j blocks against all that was known before them.
+"""Score tests of a change, run forward: the latest 2^j blocks against all that precedes them.
 
-With I, b information and right-hand side before and within a segment, and Δ a change of the parameters at its start,
+With I, b information and right-hand side before and within a segment, and Δ a change of the
+parameters at its start,
 
     v = b_w − I_wφ (I_0 + I_w)⁻¹ (b_0 + b_w),   V = I_w − I_wφ (I_0 + I_w)⁻¹ I_φw,   T = vᵀ V⁻¹ v,
 
-the score (Lagrange-multiplier) test of Δ = 0 (Rao 1948); the segments of all lengths together are a generalised
-likelihood ratio over the time of change (Willsky & Jones 1976). A segment's own noise is tested against the noise
-before it by the ratio of variances. Every length has the same share of the stated rate of false alarms, so a
-threshold follows from that rate and the length alone. Within a block the segments of 1, 2, 4, … samples are the digits
-of a binary counter; one is tested where the score of a single parameter, or its power, is beyond the threshold.
+the score (Lagrange-multiplier) test of Δ = 0 (Rao 1948); the segments of all lengths together are a
+generalised likelihood ratio over the time of change (Willsky & Jones 1976). A segment's own noise
+is tested against the noise before it by the ratio of variances. Every length has the same share of
+the stated rate of false alarms, so a threshold follows from that rate and the length alone. Within
+a block the segments of 1, 2, 4, … samples are the digits of a binary counter; one is tested where
+the score of a single parameter, or its power, is beyond the threshold.
 """
 
 from __future__ import annotations
@@ -19,226 +21,324 @@ import numpy as np
 
 from vibrident.data.records import FloatArray
 from vibrident.use.tracking import information
-from vibrident.use.tracking.information import WITHIN
+from vibrident.use.tracking.information import MIN_INDEPENDENT_PART
 
 SECONDS_A_DAY = 86400.0
-#: Chance below which a further parameter has changed as well, once a change is certain.
-FURTHER = 0.01
-#: Kurtosis of normal noise; a smaller one is taken for it.
-NORMAL = 3.0
+#: Chance below which a further parameter has changed as well, once one change is certain.
+FURTHER_CHANGE_CHANCE = 0.01
+#: Kurtosis of normal noise; a smaller kurtosis is taken as this.
+NORMAL_KURTOSIS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Thresholds:
-    """From a rate of false alarms: of T by its degrees of freedom, and of the deviate of a ratio of variances."""
+    """Thresholds of the tests, from a rate of false alarms.
 
-    # of segments of 1, 2, 4, … samples, then blocks; shape (parts + levels, P), of 1 … P degrees of freedom
+    They are those of T by its degrees of freedom, and of the normal deviate of a ratio of
+    variances.
+    """
+
+    # T of segments of 1, 2, 4, … samples, then blocks, with 1 … P degrees of freedom; shape
+    # (parts + levels, P)
     change: FloatArray
-    noise: FloatArray  # shape (parts + levels,)
-    # sum of squares that a segment within a block has at least to be louder, in units of the variance; shape (parts,)
+    noise: FloatArray  # deviate of each segment's noise, shape (parts + levels,)
+    # smallest sum of squares of a segment within a block that is louder than the noise, in units of
+    # the variance; shape (parts,)
     louder: FloatArray
-    # of T, with 1 … P degrees of freedom, of what is left beside the parameters already named; shape (P,)
+    # T, with 1 … P degrees of freedom, that the parameters named so far leave where a further one
+    # has changed; shape (P,)
     further: FloatArray
 
     @classmethod
-    def of(cls, per_day: float, sample_s: float, parts: int, levels: int, parameters: int) -> Thresholds:
-        """``per_day``: false alarms a day that are expected; ``sample_s``: time of a sample, s."""
+    def from_alarm_rate(
+        cls, per_day: float, sample_s: float, parts: int, levels: int, parameters: int
+    ) -> Thresholds:
+        """Return the thresholds of an expected rate of false alarms.
+
+        Args:
+            per_day: false alarms a day.
+            sample_s: sampling interval, s.
+            parts: number of lengths within a block.
+            levels: number of lengths of whole blocks.
+            parameters: number of parameters P.
+        """
         from scipy.stats import chi2, norm
 
         length = 2.0 ** np.arange(parts + levels)
-        chance = -np.expm1(-per_day * sample_s * length / SECONDS_A_DAY / (2 * len(length)))  # of one or more
+        # of one false alarm or more
+        chance = -np.expm1(-per_day * sample_s * length / SECONDS_A_DAY / (2 * len(length)))
         freedom = np.arange(1, parameters + 1)
-        change, noise = chi2.isf(chance[:, None], freedom[None, :]), np.asarray(norm.isf(chance))
+        change = chi2.isf(chance[:, None], freedom[None, :])
+        noise = np.asarray(norm.isf(chance))
         a = 2.0 / 9.0 / length
-        louder = (length * (1.0 - a + noise * np.sqrt(a)) ** 3)[:parts]  # by Wilson & Hilferty, of normal noise
-        return cls(change, noise, louder, np.asarray(chi2.isf(FURTHER, freedom)))
+        # by Wilson & Hilferty, of normal noise
+        louder = (length * (1.0 - a + noise * np.sqrt(a)) ** 3)[:parts]
+        return cls(change, noise, louder, np.asarray(chi2.isf(FURTHER_CHANGE_CHANCE, freedom)))
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A tested change."""
+    """Outcome of a score test of a change."""
 
     order: list[int]  # parameters in the order in which they explain most
-    increments: list[float]  # of T, what each explains
+    increments: list[float]  # part of T that each explains
     table: FloatArray  # information about the changes and their score, shape (P, P + 1)
-    # coordinates before, relative to the point of linearisation, and what a change takes from them, shape (P, P + 1)
+    # coordinates before the change, relative to the point of linearisation, and their slopes by
+    # the changes; shape (P, P + 1)
     before: FloatArray
 
     @property
     def statistic(self) -> float:
-        """T, with a degree of freedom for each parameter of the order."""
+        """Return T, which has one degree of freedom for each parameter of the order."""
         return sum(self.increments)
 
-    def least(self, further: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Coordinates before, and the change of the fewest parameters that explain it, shape (P,) each."""
-        amount = amounts(self.table, fewest(self.order, self.increments, further))
+    def smallest(self, further: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the coordinates before, and the change of the fewest parameters that explain it.
+
+        Both have shape (P,); ``further`` is as of :func:`fewest_changes`.
+        """
+        amount = solve_changes(self.table, fewest_changes(self.order, self.increments, further))
         return self.before[:, 0] - self.before[:, 1:] @ amount, amount
 
 
-def change(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
-    """Test of a change at the start of a segment.
+def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
+    """Test a change at the start of a segment.
 
-    ``known``: square-root information before it, shape (m, m + 1); ``segment``: products of its whitened rows, shape
-    (m + 1, m + 1); ``nuisances``: columns before the parameters.
+    Args:
+        known: square-root information before it, shape (m, m + 1).
+        segment: products of its whitened rows, shape (m + 1, m + 1).
+        nuisances: number of columns before the parameters.
     """
     m = known.shape[0]
     prior = known.T @ known
-    both = prior[:m, :m] + segment[:m, :m]
-    size = np.sqrt(np.maximum(both.diagonal(), np.finfo(float).tiny))
-    wanted = segment[:m, nuisances - 1 : m].copy()
-    wanted[:, 0] = prior[:m, m] + segment[:m, m]
-    solved = np.linalg.solve(both / (size * size[:, None]), wanted / size[:, None]) / size[:, None]
-    across = segment[nuisances:m, :m] @ solved
+    total = prior[:m, :m] + segment[:m, :m]
+    size = np.sqrt(np.maximum(total.diagonal(), np.finfo(float).tiny))
+    right_sides = segment[:m, nuisances - 1 : m].copy()
+    right_sides[:, 0] = prior[:m, m] + segment[:m, m]
+    responses = (
+        np.linalg.solve(total / (size * size[:, None]), right_sides / size[:, None]) / size[:, None]
+    )
+    projected = segment[nuisances:m, :m] @ responses
     p = m - nuisances
     table = np.empty((p, p + 1))
-    table[:, :p] = segment[nuisances:m, nuisances:m] - across[:, 1:]
-    table[:, p] = segment[nuisances:m, m] - across[:, 0]
-    return Change(*swept(table, segment.diagonal()[nuisances:m]), table, solved[nuisances:])
+    table[:, :p] = segment[nuisances:m, nuisances:m] - projected[:, 1:]
+    table[:, p] = segment[nuisances:m, m] - projected[:, 0]
+    return Change(
+        *order_by_score(table, segment.diagonal()[nuisances:m]), table, responses[nuisances:]
+    )
 
 
-def swept(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float]]:
-    """Parameters in the order in which they explain most, and what each explains.
+def order_by_score(table: FloatArray, size: FloatArray) -> tuple[list[int], list[float]]:
+    """Return the parameters in the order in which they explain most, and what each explains.
 
-    ``table``: information about the changes and score, shape (P, P + 1); ``size``: of its diagonal before anything
-    was projected out, shape (P,).
+    Args:
+        table: information about the changes and their score, shape (P, P + 1).
+        size: diagonal of the information before anything was projected out, shape (P,).
     """
     p = len(size)
-    left, least = table.copy(), WITHIN * size
+    remaining = table.copy()
+    smallest = MIN_INDEPENDENT_PART * size
     order: list[int] = []
     increments: list[float] = []
     for _ in range(p):
-        best, most = -1, -1.0
+        best = -1
+        largest = -1.0
         for k in range(p):
-            if k not in order and left[k, k] > least[k] and left[k, p] ** 2 > most * left[k, k]:
-                best, most = k, float(left[k, p] ** 2 / left[k, k])
+            if (
+                k not in order
+                and remaining[k, k] > smallest[k]
+                and remaining[k, p] ** 2 > largest * remaining[k, k]
+            ):
+                best = k
+                largest = float(remaining[k, p] ** 2 / remaining[k, k])
         if best < 0:
             break
         order.append(best)
-        increments.append(most)
-        left -= left[:, best, None] * (left[best] / left[best, best])
+        increments.append(largest)
+        remaining -= remaining[:, best, None] * (remaining[best] / remaining[best, best])
     return order, increments
 
 
-def fewest(order: list[int], increments: list[float], further: FloatArray) -> list[int]:
-    """The first of an order of parameters that explain a change.
+def fewest_changes(order: list[int], increments: list[float], further: FloatArray) -> list[int]:
+    """Return the first parameters of an order, as many as are needed to explain a change.
 
-    ``further``: T from which one more has changed, by the degrees of freedom that are left, shape (P,).
+    ``further``: T from which a further parameter has changed, by the degrees of freedom that
+    remain, shape (P,).
     """
-    left, count = sum(increments), 0
-    while count < len(order) and left > further[len(order) - count - 1]:
-        left -= increments[count]
+    unexplained = sum(increments)
+    count = 0
+    while count < len(order) and unexplained > further[len(order) - count - 1]:
+        unexplained -= increments[count]
         count += 1
     return order[:count]
 
 
-def amounts(table: FloatArray, order: list[int]) -> FloatArray:
-    """Changes of these parameters, where they alone have changed; zero for the others, shape (P,)."""
-    found = np.zeros(len(table))
-    found[order] = np.linalg.solve(table[np.ix_(order, order)], table[order, -1])
-    return found
+def solve_changes(table: FloatArray, order: list[int]) -> FloatArray:
+    """Return the changes of the parameters where only those of ``order`` changed, shape (P,).
+
+    The other parameters' changes are zero.
+    """
+    changes = np.zeros(len(table))
+    changes[order] = np.linalg.solve(table[np.ix_(order, order)], table[order, -1])
+    return changes
 
 
-def named(
+def changed_coordinates(
     before: FloatArray, after: FloatArray, covariance: FloatArray, further: FloatArray
 ) -> list[tuple[int, float, float]]:
-    """Which coordinates differ: place, change and its standard uncertainty, the most certain first.
+    """Return the coordinates that differ: index, change and standard uncertainty of each.
 
-    ``before``, ``after``: shape (P,); ``covariance``: of their difference, shape (P, P); ``further``: as of
-    :func:`fewest`.
+    The most certain comes first.
+
+    Args:
+        before: coordinates before, shape (P,).
+        after: coordinates after, shape (P,).
+        covariance: of their difference, shape (P, P).
+        further: as of :func:`fewest_changes`.
     """
     inverse: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=float)
     table = np.column_stack([inverse, inverse @ (after - before)])
-    chosen = fewest(*swept(table, inverse.diagonal()), further)
+    chosen = fewest_changes(*order_by_score(table, inverse.diagonal()), further)
     if not chosen:
         return []
     u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
-    changed = amounts(table, chosen)
-    return [(place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)]
+    changed = solve_changes(table, chosen)
+    return [
+        (place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)
+    ]
 
 
 def likelihood_ratio(statistic: float, freedom: float) -> float:
-    """T where the noise is known by ``freedom`` degrees of freedom, to be held against χ² (exact for two columns)."""
+    """Return T for noise that is known by ``freedom`` degrees of freedom.
+
+    It is to be held against χ², which is exact for two columns.
+    """
     return float(freedom * np.log1p(statistic / freedom))
 
 
 def variance_deviate(ratio: float, above: float, below: float) -> float:
-    """Normal deviate of a ratio of variances with these degrees of freedom (Wilson & Hilferty 1931)."""
-    root, a, b = float(np.cbrt(ratio)), 2.0 / (9.0 * above), 2.0 / (9.0 * below)
+    """Return the normal deviate of a ratio of variances (Wilson & Hilferty 1931).
+
+    ``above`` and ``below`` are the degrees of freedom of the two variances.
+    """
+    root = float(np.cbrt(ratio))
+    a = 2.0 / (9.0 * above)
+    b = 2.0 / (9.0 * below)
     return ((1.0 - b) * root - (1.0 - a)) / float(np.sqrt(b * root**2 + a))
 
 
-def stretch(part: FloatArray, count: int, rows: FloatArray, first: int, end: int) -> FloatArray:
-    """Products of rows ``first`` … ``end`` of a block.
+def segment_products(
+    part: FloatArray, count: int, rows: FloatArray, first: int, end: int
+) -> FloatArray:
+    """Return the products of rows ``first`` … ``end`` of a block, shape (m + 1, m + 1).
 
-    ``part``: those of its segments that make its first ``count`` rows, at the binary digits of that number; ``rows``:
-    those that follow, shape (…, m + 1).
+    Args:
+        part: products of the segments that make up its first ``count`` rows, at the binary digits
+            of that number.
+        count: number of rows in the segments.
+        rows: rows that follow, shape (…, m + 1).
+        first: first row.
+        end: row after the last.
     """
     new = rows[max(0, first - count) : end - count]
-    found = new.T @ new
+    products = new.T @ new
     for level in range(count.bit_length()):
         if count >> level & 1 and (count >> (level + 1)) << (level + 1) >= first:
-            found += part[level]
-    return found
+            products += part[level]
+    return products
 
 
-def extend(part: FloatArray, count: int, rows: FloatArray) -> None:
-    """The segments of a block of ``count`` rows with further ones."""
+def extend_segments(part: FloatArray, count: int, rows: FloatArray) -> None:
+    """Add rows to the segments of a block of ``count`` rows, in place."""
     total = count + len(rows)
     for level in range(len(part) - 1, -1, -1):
         first = (total >> (level + 1)) << (level + 1)
         if not total >> level & 1:
             part[level] = 0.0
         elif first + (1 << level) > count:
-            part[level] = stretch(part, count, rows, first, first + (1 << level))
+            part[level] = segment_products(part, count, rows, first, first + (1 << level))
 
 
-def suspects(
-    part: FloatArray, count: int, rows: FloatArray, nuisances: int, limit: FloatArray, louder: FloatArray
+def suspect_segments(
+    part: FloatArray,
+    count: int,
+    rows: FloatArray,
+    nuisances: int,
+    limit: FloatArray,
+    louder: FloatArray,
 ) -> list[tuple[int, int]]:
-    """End and level of each segment that ends in these rows and is to be tested, in the order of time.
+    """Return end and level of each segment to be tested that ends in these rows, in time order.
 
-    ``part``, ``count``, ``rows``: as of :func:`stretch`; ``nuisances``: columns before the parameters; ``limit``: of
-    the squared score of a parameter over its information, shape (parts,); ``louder``: of the sum of squares, likewise.
+    Args:
+        part: as of :func:`segment_products`.
+        count: as of :func:`segment_products`.
+        rows: as of :func:`segment_products`.
+        nuisances: number of columns before the parameters.
+        limit: of the squared score of a parameter over its information, shape (parts,).
+        louder: of the sum of squares, shape (parts,).
     """
-    e, slopes, p = rows[:, -1:], rows[:, nuisances:-1], rows.shape[1] - 1 - nuisances
+    e = rows[:, -1:]
+    slopes = rows[:, nuisances:-1]
+    p = rows.shape[1] - 1 - nuisances
     sums = np.concatenate([slopes * e, slopes**2, e**2], axis=1).T
-    found: list[tuple[int, int]] = []
+    segments: list[tuple[int, int]] = []
     for level in range(len(limit)):
         tested = sums[-1] > min(limit[level], louder[level])  # no score is larger
         if tested.any():
-            tested &= (sums[-1] > louder[level]) | (sums[:p] ** 2 > limit[level] * sums[p:-1]).any(axis=0)
-            found += [(int(count + place + 1) << level, level) for place in np.flatnonzero(tested)]
-        if count & 1:  # the first of these segments has its other half in the block so far
+            tested &= (sums[-1] > louder[level]) | (sums[:p] ** 2 > limit[level] * sums[p:-1]).any(
+                axis=0
+            )
+            segments += [
+                (int(count + place + 1) << level, level) for place in np.flatnonzero(tested)
+            ]
+        if count & 1:  # the first half of the first segment is in the block so far
             gram = part[level, nuisances:, nuisances:]
             head = np.concatenate([gram[:p, p], gram.diagonal()])
-            sums, count = np.concatenate([head[:, None], sums], axis=1), count - 1
-        whole = sums.shape[1] // 2 * 2
-        if not whole:
+            sums = np.concatenate([head[:, None], sums], axis=1)
+            count = count - 1
+        paired = sums.shape[1] // 2 * 2
+        if not paired:
             break
-        sums, count = sums[:, :whole:2] + sums[:, 1:whole:2], count >> 1
-    return sorted(found)
+        sums = sums[:, :paired:2] + sums[:, 1:paired:2]
+        count = count >> 1
+    return sorted(segments)
 
 
 @dataclass(eq=False)
 class Ladder:
-    """The segments under way, one of each length."""
+    """Segments under way, one of each length."""
 
-    known: FloatArray  # what was known at each one's start, shape (levels, m, m + 1)
-    gram: FloatArray  # products of its rows, shape (levels, m + 1, m + 1)
-    # of each, shape (levels, 7): blocks, squares and degrees of freedom of its noise; variance of the noise before it,
-    # its degrees of freedom and its spread; time of its start, s
+    # square-root information at the start of each segment, shape (levels, m, m + 1)
+    known: FloatArray
+    gram: FloatArray  # products of the rows of each segment, shape (levels, m + 1, m + 1)
+    # of each segment: blocks, squares and degrees of freedom of its noise; variance of the noise
+    # before it, its degrees of freedom and its spread; time of its start, s; shape (levels, 7)
     meta: FloatArray
 
     @classmethod
     def empty(cls, levels: int, columns: int) -> Ladder:
-        """Nothing under way."""
-        known, gram = np.zeros((levels, columns, columns + 1)), np.zeros((levels, columns + 1, columns + 1))
+        """Return a ladder without a segment under way."""
+        known = np.zeros((levels, columns, columns + 1))
+        gram = np.zeros((levels, columns + 1, columns + 1))
         return cls(known, gram, np.zeros((levels, 7)))
 
-    def add(self, known: FloatArray, gram: FloatArray, noise: tuple[float, ...], time_s: float, blocks: int) -> None:
-        """A block that began at ``time_s`` after ``blocks`` others; ``known``, ``noise``: as they were before it.
+    def add(
+        self,
+        known: FloatArray,
+        gram: FloatArray,
+        noise: tuple[float, ...],
+        time_s: float,
+        blocks: int,
+    ) -> None:
+        """Add a block to every segment, and begin those whose length has come round.
 
-        ``noise``: squares and degrees of freedom of the block; of the noise before it variance, degrees, spread.
+        Args:
+            known: square-root information before the block, shape (m, m + 1).
+            gram: products of its rows, shape (m + 1, m + 1).
+            noise: squares and degrees of freedom of the block; variance, degrees of freedom and
+                spread of the noise before it.
+            time_s: time of its start, s.
+            blocks: number of blocks before it.
         """
         starting = blocks % (1 << np.arange(len(self.meta))) == 0
         self.known[starting] = known
@@ -248,12 +348,12 @@ class Ladder:
         self.meta[:, :3] += (1.0, noise[0], noise[1])
 
     def shift(self, move: FloatArray) -> None:
-        """The unknowns are counted from a point moved by this, shape (m,)."""
+        """Count the unknowns from a point that has moved by ``move``, shape (m,)."""
         self.known[:, :, -1] -= self.known[:, :, :-1] @ move
         self.gram[:] = information.shifted(self.gram, move)
 
     def drop(self, nuisances: int) -> None:
-        """The nuisances are those of another run."""
+        """Forget the nuisances, where another run begins."""
         self.known[:, :nuisances] = 0.0
         for level in range(len(self.gram)):
             if self.meta[level, 0] > 0.0:

@@ -1,8 +1,8 @@
-"""The stated effects of a calibration, in what a session tells anew.
+"""Systematic effects that a calibration stated, carried into the estimates of a session.
 
-Samples that are tracked average their noise out, yet the measuring chain's systematic effects stay. Of
-each parameter the calibration's part w = min(u²/u₀², 1) carries them within its u₀; the part that the
-samples tell, √(1 − w²) of each effect, gets them added.
+Tracking averages the noise of the samples out, but not the systematic effects of the measuring
+chain. In each parameter the calibration's share w = min(u²/u₀², 1) contains them within its u₀; to
+the share of the samples, √(1 − w²) of each effect is added.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SCATTER = "noise, and the calibration that the session began with"
 
 @dataclass(frozen=True, eq=False)
 class CarriedEffects:
-    """The effects of type B that a calibration stated."""
+    """Effects of type B that a calibration stated."""
 
     rows: tuple[Mapping[str, Any], ...]  # of its budget
     contributions: FloatArray  # standard uncertainty of each in each parameter, (rows, parameters)
@@ -32,7 +32,9 @@ class CarriedEffects:
     reference: FloatArray  # relative u of the session's own reference, at the gain, (parameters,)
 
     @classmethod
-    def of(cls, result: Result, start: FloatArray, reference: FloatArray) -> CarriedEffects:
+    def from_result(
+        cls, result: Result, start: FloatArray, reference: FloatArray
+    ) -> CarriedEffects:
         """Collect the effects of a result.
 
         Args:
@@ -46,23 +48,26 @@ class CarriedEffects:
         rows = tuple(
             row
             for row in result.settings.get("uncertainty_budget") or ()
-            if row.get("type") == "B" and not (own_reference and row.get("source") == REFERENCE_SOURCE)
+            if row.get("type") == "B"
+            and not (own_reference and row.get("source") == REFERENCE_SOURCE)
         )
-        parts = [[(row.get("contributions") or {}).get(name) or 0.0 for name in names] for row in rows]
+        parts = [
+            [(row.get("contributions") or {}).get(name) or 0.0 for name in names] for row in rows
+        ]
         return cls(rows, np.array(parts).reshape(len(rows), len(names)), start, reference)
 
-    def _own(self, read: Estimate) -> FloatArray:
-        """Return the variances of an estimate but for its reference's, (parameters,)."""
+    def _variances(self, read: Estimate) -> FloatArray:
+        """Return the variances of an estimate without its reference's, (parameters,)."""
         values = np.array(list(read.values.values()))
         return np.diag(read.covariance) - (self.reference * values) ** 2
 
     def fresh(self, read: Estimate) -> FloatArray:
-        """Return which part of each effect the samples bring anew, (parameters,)."""
-        own = np.clip(self._own(read) / np.diag(self.start), 0.0, 1.0)
-        return np.sqrt(1.0 - own**2)
+        """Return the part of each effect that the samples bring anew, (parameters,)."""
+        calibrated = np.clip(self._variances(read) / np.diag(self.start), 0.0, 1.0)
+        return np.sqrt(1.0 - calibrated**2)
 
     def added(self, read: Estimate) -> Estimate:
-        """Return an estimate with the effects in its covariance, correlated as in the calibration."""
+        """Return an estimate with the effects in its covariance, correlated as calibrated."""
         variance = np.sum(self.contributions**2, axis=0)
         share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
         covariance = read.covariance + self.start * np.outer(share, share)
@@ -71,18 +76,21 @@ class CarriedEffects:
         return replace(read, uncertainty=named, covariance=covariance)
 
     def budget(self, read: Estimate, freedom: float) -> list[dict[str, Any]]:
-        """Return the budget of an estimate that has no effects in it yet.
+        """Return the uncertainty budget of an estimate to which no effects are added yet.
 
-        Its rows: the estimate's own, the session's reference, and each effect carried.
+        Its rows: the estimate's scatter, the session's reference, and each effect carried.
         """
         fresh = self.fresh(read)
-        own = {"source": SCATTER, "type": "A", "kind": DATA, "standard_uncertainty": None}
-        own |= {"unit": "", "degrees_of_freedom": freedom}
-        rows = [(own, np.sqrt(np.maximum(self._own(read), 0.0)))]
+        scatter = {"source": SCATTER, "type": "A", "kind": DATA, "standard_uncertainty": None}
+        scatter |= {"unit": "", "degrees_of_freedom": freedom}
+        rows = [(scatter, np.sqrt(np.maximum(self._variances(read), 0.0)))]
         if relative := float(self.reference.max()):
             known = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
             known |= {"standard_uncertainty": relative, "unit": "", "degrees_of_freedom": None}
             rows.append((known, self.reference * np.abs(list(read.values.values()))))
         carried = zip(self.rows, fresh * self.contributions, strict=True)
         rows += [(dict(row), part) for row, part in carried]
-        return [{**row, "contributions": dict(zip(read.values, part.tolist(), strict=True))} for row, part in rows]
+        return [
+            {**row, "contributions": dict(zip(read.values, part.tolist(), strict=True))}
+            for row, part in rows
+        ]

@@ -1,4 +1,4 @@
-"""What is known of the unknowns at a point of linearisation, and how the point moves."""
+"""Knowledge of the unknowns at a point of linearisation, and moves of that point."""
 
 from __future__ import annotations
 
@@ -14,28 +14,33 @@ SECONDS_A_YEAR = 365.25 * 86400.0
 
 
 class Knowledge:
-    """State of a tracker, with what is fixed of it."""
+    """State of a tracker, with its network, settings and thresholds."""
 
     def __init__(self, network: Network, settings: Settings) -> None:
-        self.network, self.settings = network, settings
+        self.network = network
+        self.settings = settings
         lengths = settings.parts, settings.levels
-        self.thresholds = Thresholds.of(settings.false_alarms_per_day, network.interval_s, *lengths, network.parameters)
+        self.thresholds = Thresholds.from_alarm_rate(
+            settings.false_alarms_per_day, network.interval_s, *lengths, network.parameters
+        )
         self.state = State.empty(network, settings)
 
     @property
     def time_s(self) -> float:
-        """Time of the next step, s: samples before it are taken."""
+        """Return the time of the next step, s: samples before it are taken."""
         return float(self.state.clock[0] + self.state.clock[2] * self.network.interval_s)
 
     @property
     def before(self) -> FloatArray:
-        """What was known before a change that is not named yet, shape (m, m + 1)."""
+        """Return the information before a change that is not named yet, shape (m, m + 1)."""
         return self.state.pending[7:].reshape(self.state.known.shape)
 
     def free_run(self) -> None:
-        """State and offset of what follows are unknown."""
-        s, net = self.state, self.network
-        n, p = net.order, net.parameters
+        """Begin a run whose initial states and offset are unknown."""
+        s = self.state
+        net = self.network
+        n = net.order
+        p = net.parameters
         s.cell[:] = 0.0
         s.cell[n * (1 + p) :] = np.eye(n).ravel()
         s.rows[:] = 0.0
@@ -47,8 +52,9 @@ class Knowledge:
         s.clock[6] = 1.0
 
     def walked(self) -> FloatArray:
-        """What is known now, the random walk since the last time included."""
-        s, net = self.state, self.network
+        """Return the information now, the random walk since the last time included."""
+        s = self.state
+        net = self.network
         k = net.nuisances
         rate = np.square(self.settings.drift_per_year) / SECONDS_A_YEAR
         size = np.where([spec.kind == "time" for spec in net.model.parameters], 1.0, s.point[k:])
@@ -56,12 +62,16 @@ class Knowledge:
         return information.walk(s.known, variance, k)
 
     def move(self, move: FloatArray) -> None:
-        """Move the point of linearisation, shape (m,); states and what is known move with it."""
-        s, net = self.state, self.network
-        n, p, k = net.order, net.parameters, net.nuisances
+        """Move the point of linearisation by ``move``, shape (m,), with states and information."""
+        s = self.state
+        net = self.network
+        n = net.order
+        p = net.parameters
+        k = net.nuisances
         move[k:] = net.moved(s.point[k:], move[k:]) - s.point[k:]
         s.point[n:] += move[n:]
-        free, slopes = s.cell[n * (1 + p) :].reshape(n, n), s.cell[n : n * (1 + p)].reshape(p, n)
+        free = s.cell[n * (1 + p) :].reshape(n, n)
+        slopes = s.cell[n : n * (1 + p)].reshape(p, n)
         s.cell[:n] += move[:n] @ free + move[k:] @ slopes
         for known in (s.known, self.before):
             known[:, -1] -= known[:, :-1] @ move

@@ -1,4 +1,4 @@
-"""What a tracker is set to, carries from sample to sample, and says."""
+"""Settings, state and estimates of a tracker."""
 
 from __future__ import annotations
 
@@ -11,83 +11,99 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
-from vibrident.use.tracking.detection import Ladder, stretch
+from vibrident.use.tracking.detection import Ladder, segment_products
 from vibrident.use.tracking.network import Network
 
-TAG = b"VTR2"
-HEAD = 16  # bytes before the numbers
-#: A change that is not named yet: its rows are still to come, or it is being learned.
-SEEN, OPENED = 1.0, 2.0
+FORMAT_TAG = b"VTR2"
+HEADER_BYTES = 16  # before the numbers
+#: Stages of a change that is not named yet: its rows are still to come, or it is being learned.
+CHANGE_DETECTED = 1.0
+CHANGE_BEING_LEARNED = 2.0
 #: Standard uncertainties from which something is certain.
-CERTAIN = 3.0
-INNOVATION = "innovation"  # what an alarm names instead of a parameter where the noise changed
-WAITING = ("reference", "response")  # samples that wait for others
+CERTAIN_IN_U = 3.0
+INNOVATION = "innovation"  # stands for the parameter in an alarm where the noise changed
+WAITING_CHANNELS = ("reference", "response")  # fields whose samples wait for others
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a sensor is tracked."""
+    """Settings of a tracker."""
 
-    false_alarms_per_day: float = 0.01  # expected of noise alone, in a day of motion
-    # random walk of the parameters, relative, in one year, of each or of all: their u grows by it where nothing is seen
+    false_alarms_per_day: float = 0.01  # expected from noise alone, in a day of motion
+    # relative random walk of the parameters in one year, of each or of all: their u grows by it
+    # while they are not observed
     drift_per_year: float | tuple[float, ...] = 0.01
     # relative standard uncertainty of the reference, systematic; part of the gain's u
     reference_uncertainty: float = 0.0
-    model_error: float = 0.0  # relative error of the model at a tone beside the noise, as the certificate states it
+    # relative error of the model at a tone, in addition to the noise, as the certificate states it
+    model_error: float = 0.0
     block: int = 1024  # steps in a block, a power of two
     order: int = 8  # of the autoregression of the residual
-    levels: int = 16  # lengths of segments that are tested for a change, 1, 2, 4, … blocks
+    levels: int = 16  # number of lengths of segments tested for a change: 1, 2, 4, … blocks
 
     @property
     def parts(self) -> int:
-        """Lengths of segments within a block, 1, 2, 4, … samples."""
+        """Return the number of lengths of segments within a block: 1, 2, 4, … samples."""
         return self.block.bit_length() - 1
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """A change."""
+    """A change of the sensor or of its noise."""
 
     time_s: float  # estimated time of the change
     detected_s: float  # time of the sample at which it was certain
     parameter: str  # name of the parameter, or ``innovation``
-    before: float  # value before, in the parameter's unit; of the innovation its rms, in that of the response
+    # value before, in the parameter's unit; of the innovation its rms, in that of the response
+    before: float
     after: float  # value after
     u: float  # standard uncertainty of the change
     what: str  # what changed, in words
 
-    def document(self) -> dict[str, float | str]:
-        """As in ``track.json``."""
-        return {{"before": "from", "after": "to"}.get(name, name): value for name, value in vars(self).items()}
+    def as_document(self) -> dict[str, float | str]:
+        """Return the alarm as it stands in ``track.json``."""
+        return {
+            {"before": "from", "after": "to"}.get(name, name): value
+            for name, value in vars(self).items()
+        }
 
 
 @dataclass(eq=False)
 class State:
-    """All that a tracker carries from sample to sample; arrays of float64, in the order in which they are saved."""
+    """State that a tracker carries from sample to sample.
 
-    point: FloatArray  # unknowns at the point of linearisation, shape (m,); zero for the initial states
-    known: FloatArray  # square-root information about the unknowns less the point, shape (m, m + 1)
-    own: FloatArray  # of the block under way: steps, rows, fourth powers; autocovariance; shape (3 + order + 1,)
+    The fields are arrays of float64, in the order in which they are saved.
+    """
+
+    # unknowns at the point of linearisation, shape (m,); zero for the initial states
+    point: FloatArray
+    # square-root information about the unknowns less the point, shape (m, m + 1)
+    known: FloatArray
+    # of the block under way: steps, rows, fourth powers; autocovariance; shape (3 + order + 1,)
+    block: FloatArray
     whitening: FloatArray  # autoregression of the residual, shape (order,)
-    # of the whitened residual: squares, degrees of freedom, fourth powers, rows; squares² over degrees of freedom of
-    # each block, blocks; shape (6,)
+    # of the whitened residual: squares, degrees of freedom, fourth powers, rows; squares² over
+    # degrees of freedom of each block, blocks; shape (6,)
     noise: FloatArray
     lags: FloatArray  # number of residuals, blocks; their autocovariance, shape (2 + order + 1,)
-    # time of the run's first sample, s; samples fed and steps taken in it; time of the last random walk, s; blocks
-    # since the start or the last alarm; rows that whitening may look back to; whether the run's nuisances are all
-    # unknown; samples of reference and response still to be left out; whether the point is settled; the parts of
-    # blocks that have set it in this run; shape (11,)
+    # time of the run's first sample, s; samples fed and steps taken in it; time of the last random
+    # walk, s; blocks since the start or the last alarm; rows that whitening may look back to;
+    # whether the run's nuisances are all unknown; samples of reference and response still to be
+    # left out; whether the point is settled; the parts of blocks that have set it in this run;
+    # shape (11,)
     clock: FloatArray
-    row: FloatArray  # products since the last row that was read, shape (m + 1, m + 1); its squares and rows behind
-    # a change that is not named yet: SEEN or OPENED, its time and that of its detection, s; variance of the noise
-    # before it, its degrees of freedom and spread; blocks that its naming may take; then what was known before it,
-    # shape (7 + m (m + 1),); before any, the time of the first part that set the point
+    # products since the estimate was last read, shape (m + 1, m + 1), then their squares and rows
+    row: FloatArray
+    # a change that is not named yet: CHANGE_DETECTED or CHANGE_BEING_LEARNED, its time and that of
+    # its detection, s; variance of the noise before it, its degrees of freedom and spread; blocks
+    # that its naming may take; then the information before it, shape (7 + m (m + 1),); before any
+    # change, the time of the first part that set the point
     pending: FloatArray
     ladder: Ladder
     cell: FloatArray  # states and their sensitivities, shape (S,)
     rows: FloatArray  # the last rows before whitening, shape (order, m + 1)
-    # products of the whitened rows of the block under way, in its segments of 1, 2, 4, … rows at the binary digits of
-    # their number, shape (parts + 1, m + 1, m + 1)
+    # products of the whitened rows of the block under way, in its segments of 1, 2, 4, … rows at
+    # the binary digits of their number, shape (parts + 1, m + 1, m + 1)
     part: FloatArray
     # samples that wait for others
     reference: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -95,8 +111,10 @@ class State:
 
     @classmethod
     def empty(cls, network: Network, settings: Settings) -> State:
-        """Nothing known, at rest."""
-        m, n, p = network.columns, network.order, network.parameters
+        """Return the state of a sensor at rest of which nothing is known."""
+        m = network.columns
+        n = network.order
+        p = network.parameters
         return cls(
             np.zeros(m),
             np.zeros((m, m + 1)),
@@ -115,63 +133,86 @@ class State:
 
     @property
     def gram(self) -> FloatArray:
-        """Products of the whitened rows of the block under way, shape (m + 1, m + 1)."""
-        count = int(self.own[1])
-        return stretch(self.part, count, np.zeros((0, len(self.part.T))), 0, count)
+        """Return the products of the whitened rows of the block under way, shape (m + 1, m + 1)."""
+        count = int(self.block[1])
+        return segment_products(self.part, count, np.zeros((0, len(self.part.T))), 0, count)
 
     def drop_block(self) -> None:
-        """Leave the rows of the block under way out, and what whitening would look back to."""
-        self.own[:], self.part[:], self.clock[5] = 0.0, 0.0, 0.0
+        """Drop the rows of the block under way, and what whitening would look back to."""
+        self.block[:] = 0.0
+        self.part[:] = 0.0
+        self.clock[5] = 0.0
 
     @property
     def parts(self) -> list[FloatArray]:
-        """All numbers but waiting samples, in the order in which they are saved; to be written in place."""
-        own = [getattr(self, each.name) for each in fields(self) if each.name not in ("ladder", *WAITING)]
-        own[9:9] = self.ladder.known, self.ladder.gram, self.ladder.meta
-        return own
+        """Return views of all numbers but waiting samples, in the order in which they are saved."""
+        views = [
+            getattr(self, each.name)
+            for each in fields(self)
+            if each.name not in ("ladder", *WAITING_CHANNELS)
+        ]
+        views[9:9] = self.ladder.known, self.ladder.gram, self.ladder.meta
+        return views
 
     def save(self) -> bytes:
-        """Little-endian: a tag, the counts of numbers and of samples of either channel, they, and a CRC-32."""
-        waiting = [getattr(self, name) for name in WAITING]
+        """Return the state as little-endian bytes.
+
+        They are a tag, the counts of numbers and of waiting samples of either channel, the numbers
+        and samples, and a CRC-32.
+        """
+        waiting = [getattr(self, name) for name in WAITING_CHANNELS]
         numbers = [np.ravel(part) for part in (*self.parts, *waiting)]
         counts = sum(part.size for part in self.parts), *(len(each) for each in waiting)
-        body = struct.pack("<4sIII", TAG, *counts) + np.concatenate(numbers).astype("<f8").tobytes()
+        body = (
+            struct.pack("<4sIII", FORMAT_TAG, *counts)
+            + np.concatenate(numbers).astype("<f8").tobytes()
+        )
         return body + struct.pack("<I", binascii.crc32(body))
 
     def restore(self, saved: bytes) -> None:
         """Take over what :meth:`save` wrote.
 
         Raises:
-            InputError: it is damaged, or of another model, other settings or another version.
+            InputError: the bytes are damaged, or of another model, other settings or another
+                version.
         """
-        whole = len(saved) > HEAD and binascii.crc32(saved[:-4]) == struct.unpack("<I", saved[-4:])[0]
-        tag, *counts = struct.unpack("<4sIII", saved[:HEAD]) if whole else (b"", 0, 0, 0)
+        intact = (
+            len(saved) > HEADER_BYTES
+            and binascii.crc32(saved[:-4]) == struct.unpack("<I", saved[-4:])[0]
+        )
+        tag, *counts = struct.unpack("<4sIII", saved[:HEADER_BYTES]) if intact else (b"", 0, 0, 0)
         wanted = sum(part.size for part in self.parts)
-        if not whole or tag != TAG or counts[0] != wanted or len(saved) != HEAD + 8 * sum(counts) + 4:
+        size = HEADER_BYTES + 8 * sum(counts) + 4
+        if not intact or tag != FORMAT_TAG or counts[0] != wanted or len(saved) != size:
             raise InputError(
                 "The saved state of the tracker cannot be used.",
-                expected=f"{wanted} numbers, saved by this version with the same model and settings",
-                found=f"{counts[0]} numbers" if whole else "damaged data",
+                expected=(
+                    f"{wanted} numbers, saved by this version with the same model and settings"
+                ),
+                found=f"{counts[0]} numbers" if intact else "damaged data",
                 remedy="start anew in another folder",
             )
-        numbers = np.frombuffer(saved[HEAD:-4], dtype="<f8").astype(float)
+        numbers = np.frombuffer(saved[HEADER_BYTES:-4], dtype="<f8").astype(float)
         at = 0
         for part in self.parts:
             part[...] = numbers[at : at + part.size].reshape(part.shape)
             at += part.size
-        for name, count in zip(WAITING, counts[1:], strict=True):
+        for name, count in zip(WAITING_CHANNELS, counts[1:], strict=True):
             setattr(self, name, numbers[at : at + count].copy())
             at += count
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known at a moment."""
+    """Parameters of a sensor at a moment."""
 
     time_s: float  # of the moment
     values: Mapping[str, float]  # name → value
     uncertainty: Mapping[str, float]  # name → standard uncertainty
-    covariance: FloatArray  # of the values in the model's order, the reference's uncertainty included, shape (P, P)
-    innovation: float  # rms of the whitened residual since the last reading, response unit; NaN where nothing moved
-    # names of the parameters that the motion since then tells by itself, apart from the others and better than ± 100 %
+    # of the values in the model's order, the reference's uncertainty included, shape (P, P)
+    covariance: FloatArray
+    # rms of the whitened residual since the last reading, response unit; NaN where nothing moved
+    innovation: float
+    # names of the parameters that the motion since the last reading determines by itself, apart
+    # from the other parameters and better than ± 100 %
     excited: tuple[str, ...]

@@ -1,9 +1,10 @@
-"""A known tone in recursive Fourier form: what the two channels have at its frequency, stretch by stretch.
+"""A known tone, fitted stretch by stretch: the amplitudes of both channels at its frequency.
 
-Each stretch of some periods is fitted in both channels by the tone, its harmonics, a mean and a trend (IEEE Std
-1057-2017), so that harmonics of sensor and drive do not count. The response less the model's, at the tone alone, is a
-measurement of two numbers; its uncertainty is from its scatter between stretches, in which noise of the reference is
-contained, and from the relative model error that the certificate states, which all stretches share.
+Each stretch of some periods is fitted in both channels by the tone, its harmonics, a mean and a
+trend (IEEE Std 1057-2017), so that harmonics of sensor and drive do not count. The response less
+the model's, at the tone alone, is a measurement of two numbers; its uncertainty is from its scatter
+between stretches, which contains the noise of the reference, and from the relative model error
+that the certificate states, which all stretches share.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.models.slopes import response_and_slopes
 from vibrident.use.tracking.network import Network
 
-#: Periods and samples of a stretch, at least: mean, trend and tone are told apart.
-PERIODS, SAMPLES = 2.0, 64
-#: Highest harmonic's part of the sampling rate.
-HIGHEST = 0.45
+#: A stretch of this length tells mean, trend and tone apart.
+MIN_STRETCH_PERIODS = 2.0
+MIN_STRETCH_SAMPLES = 64
+#: Frequency of the highest harmonic, as a part of the sampling rate.
+MAX_HARMONIC_OF_RATE = 0.45
 
 
 @dataclass(eq=False)
@@ -30,34 +32,41 @@ class Tone:
 
     frequency_hz: float  # of the tone
     length: int  # samples of a stretch
-    taken: int  # samples of the run so far
-    amplitudes: list[tuple[complex, complex]]  # of reference and response of each stretch, complex, at the run's start
+    samples: int  # of the run so far
+    # complex amplitudes of reference and response, one pair a stretch, referred to the run's start
+    amplitudes: list[tuple[complex, complex]]
 
     @classmethod
-    def of(cls, frequency_hz: float, interval_s: float) -> Tone:
-        """Nothing taken yet."""
-        return cls(frequency_hz, max(SAMPLES, int(np.ceil(PERIODS / frequency_hz / interval_s))), 0, [])
+    def from_frequency(cls, frequency_hz: float, interval_s: float) -> Tone:
+        """Return a tone without samples."""
+        periods = int(np.ceil(MIN_STRETCH_PERIODS / frequency_hz / interval_s))
+        return cls(frequency_hz, max(MIN_STRETCH_SAMPLES, periods), 0, [])
 
     def take(self, reference: FloatArray, response: FloatArray, interval_s: float) -> None:
-        """A stretch, shape (length,) each; samples that are not numbers are left out."""
+        """Fit a stretch, shape (length,) each; samples that are not numbers are left out."""
         turns = self.frequency_hz * interval_s
         good = np.isfinite(reference) & np.isfinite(response)
-        t = self.taken + np.flatnonzero(good)
-        self.taken += len(response)
-        orders = np.arange(1, max(1, min(HARMONICS, int(HIGHEST / turns))) + 1)
+        t = self.samples + np.flatnonzero(good)
+        self.samples += len(response)
+        orders = np.arange(1, max(1, min(HARMONICS, int(MAX_HARMONIC_OF_RATE / turns))) + 1)
         if len(t) < 4 * len(orders) + 4:
             return
         waves: ComplexArray = np.exp(2j * np.pi * turns * orders[:, None] * t)
         basis = np.vstack([waves.real, waves.imag, np.ones(len(t)), (t - t.mean()) / len(t)])
-        found, _, rank, _ = np.linalg.lstsq(basis.T, np.column_stack([reference[good], response[good]]), rcond=None)
+        coefficients, _, rank, _ = np.linalg.lstsq(
+            basis.T, np.column_stack([reference[good], response[good]]), rcond=None
+        )
         if rank == len(basis):
-            u, y = found[0] - 1j * found[len(orders)]
+            u, y = coefficients[0] - 1j * coefficients[len(orders)]
             self.amplitudes.append((complex(u), complex(y)))
 
-    def rows(self, network: Network, point: FloatArray, model_error: float) -> tuple[FloatArray, float]:
-        """The tone as two rows of unit variance, shape (2, P + 1), and the degrees of freedom of that variance.
+    def rows(
+        self, network: Network, point: FloatArray, model_error: float
+    ) -> tuple[FloatArray, float]:
+        """Return the tone as two rows of unit variance, and that variance's degrees of freedom.
 
-        ``point``: coordinates of linearisation, shape (P,). No degree of freedom: it is not known.
+        The rows have shape (2, P + 1); ``point`` holds the coordinates of linearisation, shape
+        (P,). Zero degrees of freedom: the variance is not known.
         """
         u, y = np.array(self.amplitudes, dtype=complex).reshape(-1, 2).T
         freedom = 2.0 * (len(y) - 1)

@@ -9,7 +9,7 @@ from vibrident.app.cli.console import distinct_names, show_output, show_written
 from vibrident.app.cli.options import argument, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.estimators import estimators_with, misfit_error
-from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.app.workflow.folder import written_whole
 from vibrident.base.errors import InputError
 from vibrident.fit.registry import ESTIMATORS
 
@@ -84,12 +84,11 @@ def compare(
                         option_name, "a calibration file (.toml)", "results, which exist already"
                     )
             from vibrident.app.workflow.comparison import write_comparison
+            from vibrident.use.methods import compare as run
 
-            results = {
-                name: load_result(file)
-                for name, file in zip(distinct_names(files), files, strict=True)
-            }
-            comparison = write_comparison(results, output.path, known)
+            comparison = write_comparison(
+                run(dict(zip(distinct_names(files), files, strict=True)), truth=known), output.path
+            )
     show_output(comparison)
     show_written(output.files)
 

@@ -47,7 +47,9 @@ def correct(
     ),
     rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
     scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
-    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+    pictures: bool = flag(
+        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
+    ),
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 
@@ -72,7 +74,7 @@ def correct(
         from vibrident.app.workflow.uses import correct as run
 
         correction = run(known, data, output.path, band_hz=limits, noise=noise, track=track)
-        if not no_plots:
+        if pictures:
             from vibrident.show import plots
 
             plots.save(correction.figures[0], output.path / "correction.png")
@@ -81,7 +83,7 @@ def correct(
         [
             folder / "correction.json",
             folder / "*.csv",
-            *([] if no_plots else [folder / "correction.png"]),
+            *([folder / "correction.png"] if pictures else []),
         ]
     )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from vibrident.app.cli import options
 from vibrident.app.cli.console import show_written
 from vibrident.app.cli.options import choice, flag, option
-from vibrident.app.workflow.folder import load_result, written_whole
+from vibrident.app.workflow.folder import written_whole
 from vibrident.export.registry import EXPORTS
 
 
@@ -51,21 +51,19 @@ def export(
 
     What a format cannot hold is stated in the file, or refused with the reason.
     """
-    from vibrident.show.issue import issued
-
-    known, _ = issued(load_result(result), certificate or [])
     limits = options.band(band)
     from vibrident.export import export as run
 
     with written_whole(result.parent if folder is None else folder) as output:
         run(
-            known,
+            result,
             form,
             output.path,
             rate_hz=rate,
             band_hz=limits,
             without=list(without or ()),
             name=name,
+            certificate=certificate or (),
             schema=schema,
             country=country,
             channel=channel,

@@ -75,8 +75,6 @@ def identify(
     pictures: bool = flag(
         "--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True
     ),
-    # the older name
-    plots: bool | None = flag("--plots/--no-plots", help="", hidden=True, value=None),
     excerpts: bool = flag("--excerpts/--no-excerpts", help=_EXCERPTS, value=True),
     weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
@@ -145,8 +143,7 @@ def identify(
     )
     request.check(len(calibrations))
     with written_whole(folder) as output:
-        drawn = pictures if plots is None else plots
-        results = _identified(request, calibrations, output.path, drawn, excerpts)
+        results = _identified(request, calibrations, output.path, pictures, excerpts)
     _show(results, output.files, context, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
@@ -186,11 +183,11 @@ def _show(
         from vibrident.show.views import Sentence
 
         show(*methods.joint(results[0]), Sentence(""))
-    from vibrident.data.screening.copies import said_of_copies
+    from vibrident.data.screening.copies import notes_of_copies
 
     word = shell_word(context.find_root().command, "identify")
     for result in results:
-        for text in said_of_copies(
+        for text in notes_of_copies(
             (file["file"], file["history"]) for file in result.provenance.get("files", ())
         ):
             note(text)

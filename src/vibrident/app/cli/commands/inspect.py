@@ -53,10 +53,10 @@ def _screened(calibration: Calibration) -> tuple[Calibration, list[Finding]]:
     """
     from vibrident.base.errors import InputError
     from vibrident.data.screening import Finding, screen
-    from vibrident.data.screening.copies import said_of_copies, without_copies
+    from vibrident.data.screening.copies import notes_of_copies, without_copies
 
     once = without_copies(calibration.records)
-    for text in said_of_copies((record.name, record.provenance.history) for record in once):
+    for text in notes_of_copies((record.name, record.provenance.history) for record in once):
         note(text)
     optical = [
         finding

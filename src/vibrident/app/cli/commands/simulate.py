@@ -171,13 +171,13 @@ def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
     ``text``: KEY=VALUE joined by commas; ``rate_hz``: sampling rate of the response.
     """
     from vibrident.data.interferometer.setting import Interferometer
-    from vibrident.physics.simulation.optics import CARRIER, Optics, drawn
+    from vibrident.physics.simulation.optics import CARRIER_RATIO, Optics, drawn
 
     faults = _read_faults(text)
     passes = int(faults.pop("passes", 1))
     setting = Interferometer("quadrature", 632.991e-9, passes=passes, direction=1)
     if kind == "heterodyne":
-        carrier = faults.pop("carrier", CARRIER * faults.get("rate", rate_hz))
+        carrier = faults.pop("carrier", CARRIER_RATIO * faults.get("rate", rate_hz))
         setting = replace(setting, kind="heterodyne", carrier_hz=carrier)
     cyclic = tuple(faults.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
     if (hidden := faults.pop("hidden-delay", None)) is not None:

@@ -11,13 +11,9 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import note, output_console, show_output, show_written
 from vibrident.app.cli.options import between, flag, option
 from vibrident.app.workflow.made import ProgressReporter
-from vibrident.app.workflow.tracking import (
-    FALSE_ALARMS_PER_DAY,
-    RANDOM_WALK_PER_YEAR,
-    RECORDS,
-    ROW_INTERVAL_S,
-)
+from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
+from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -36,7 +32,7 @@ def track(
     ),
     stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
     source: str | None = option(
-        "--source", "NAME[=ADDRESS]", "Take them from tcp=HOST:PORT, or a plug-in."
+        "--source", "NAME[=ADDRESS]", "Take them from a source of another package."
     ),
     idle: float | None = between(
         "--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"
@@ -47,7 +43,7 @@ def track(
         "Time between rows.",
         1e-6,
         1e9,
-        default=f"{ROW_INTERVAL_S:g}, or a hundredth of the records",
+        default=f"{EVERY_S:g}, or a hundredth of the records",
     ),
     rate: float = between(
         "--false-alarms-per-day",
@@ -61,9 +57,11 @@ def track(
         "--store",
         "URL",
         "History of the sensor, by whose random walk u grows.",
-        default=f"{RANDOM_WALK_PER_YEAR:.0%} a year",
+        default=f"{DRIFT_PER_YEAR:.0%} a year",
     ),
-    no_plots: bool = flag("--no-pictures", "--no-plots", help="Draw no picture."),
+    pictures: bool = flag(
+        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
+    ),
 ) -> None:
     """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor \
 changes.
@@ -80,7 +78,7 @@ changes.
     with _live_table() as tell:
         output, written = run(request, tell)
     show_output(output)
-    if not no_plots:
+    if pictures:
         from vibrident.show import plots
 
         written.append(plots.save(output.figures[0], folder / "track.png"))

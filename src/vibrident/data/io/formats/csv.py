@@ -138,7 +138,7 @@ _NO_VALUE = frozenset({
 
 
 def _better_by_pandas(path: Path) -> bool:
-    """Whether pandas is faster: it is loaded already, or the file is large."""
+    """Return whether pandas is faster: it is loaded already, or the file is large."""
     return "pandas" in sys.modules or path.stat().st_size > LIGHT_BYTES
 
 
@@ -181,7 +181,7 @@ class CsvFile(ColumnFile):
         return changed
 
     def in_seconds(self, position: int) -> bool:
-        """Whether the column holds times of day, with or without dates."""
+        """Return whether the column holds times of day, with or without dates."""
         return position < len(self._first_row) and is_stamp(self._first_row[position])
 
     def start(self, position: int) -> Start | None:
@@ -231,7 +231,8 @@ class CsvFile(ColumnFile):
     def _span(self, position: int) -> slice:
         """Return the cells of a stamp: a date, the time, and AM, PM or a zone."""
         row = self._first_row
-        begin, end = position, position + 1
+        begin = position
+        end = position + 1
         if position and is_stamp(f"{row[position - 1]} {row[position]}"):
             begin -= 1
         if row[end:] and row[end].isalpha() and is_stamp(f"{row[position]} {row[end]}"):
@@ -281,7 +282,7 @@ class CsvFile(ColumnFile):
         return f"column {position + 1}" + (f" ({name!r})" if name else "")
 
     def _plain(self, positions: Sequence[int]) -> tuple[FloatArray, ...] | None:
-        """The columns of a small purely numeric file; None if it needs the parser."""
+        """Return the columns of a small purely numeric file; None if it needs the parser."""
         if (
             self._numbers is None
             or self._numbers.size != self._row_lines.size * self._layout.fields
@@ -292,7 +293,7 @@ class CsvFile(ColumnFile):
 
     @cached_property
     def _numbers(self) -> FloatArray | None:
-        """All numbers of the file in a row, without loading pandas."""
+        """Return all numbers of the file in a row, without loading pandas."""
         layout = self._layout
         if _better_by_pandas(self._path):
             return None
@@ -307,13 +308,11 @@ class CsvFile(ColumnFile):
         if data.translate(None, PLAIN + signs + blanks):
             return None
         # An empty cell shows in the count.
-        with contextlib.suppress(
-            ValueError, OverflowError
-        ):  # most are JSON's numbers, which are read in half the time
+        # most are JSON's numbers, which are read in half the time
+        with contextlib.suppress(ValueError, OverflowError):
             listed = data.strip().translate(bytes.maketrans(signs + b" \n", b",.,,"))
-            return np.array(
-                from_json(b"[%b]" % listed), dtype=float
-            )  # each is the nearest float, as in pandas
+            # each is the nearest float, as in pandas
+            return np.array(from_json(b"[%b]" % listed), dtype=float)
         try:
             # Delimiters become blanks, which no cell contains.
             return np.fromstring(data.translate(bytes.maketrans(signs, b" .")), sep=" ")  # so here

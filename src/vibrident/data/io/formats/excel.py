@@ -96,7 +96,7 @@ class ExcelFile(StatedFile):
 
     @property
     def numbered(self) -> tuple[int, ...]:
-        """The columns of the first sheet."""
+        """Return the columns of the first sheet."""
         return tuple(range(self._numbered))
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
@@ -147,7 +147,8 @@ def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_Co
     titles = _texts(head[-1]) if head else []
     units: list[str] = []
     if len(head) > 1 and _are_units(titles) and any(_texts(head[-2])):
-        units, titles = [unit.strip("[](){} ") for unit in titles], _texts(head[-2])
+        units = [unit.strip("[](){} ") for unit in titles]
+        titles = _texts(head[-2])
     columns: list[_Column] = []
     for count, row in enumerate(data):
         while len(columns) < len(row):

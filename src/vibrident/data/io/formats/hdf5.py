@@ -184,7 +184,7 @@ class Hdf5File(ArrayFile):
 
     @cached_property
     def _file(self) -> Any:
-        """The file, kept open from the first block on."""
+        """Return the file, kept open from the first block on."""
         import h5py
 
         with reading(self._path, _EXPECTED):

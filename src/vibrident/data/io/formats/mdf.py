@@ -131,7 +131,7 @@ def _collect_failed(error: BaseException) -> None:
 
 
 def _listed(file: Any) -> list[tuple[int, int, str]]:
-    """Group, index and name of every channel but the time stamps."""
+    """Return the group, index and name of every channel but the time stamps."""
     return [
         (group, index, channel.name)
         for group, content in enumerate(file.groups)

@@ -57,10 +57,11 @@ class MiniSeedFile(ColumnFile):
 
     def _traces(self, path: Path, *, headonly: bool) -> list[Any]:
         """Traces in the order of the file; obspy's warnings mean damage."""
+        # a name would be globbed, fetched or unpacked
         with (
             path.open("rb") as stream,
             warnings.catch_warnings(),
-        ):  # a name would be globbed, fetched or unpacked
+        ):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", DeprecationWarning)
             return [*self._obspy.read(stream, format="MSEED", headonly=headonly)]

@@ -125,7 +125,8 @@ def _start(properties: Mapping[str, Any]) -> Start | None:
 
     An offset without a date is on the file's own clock.
     """
-    date, offset_s = properties.get("wf_start_time"), properties.get("wf_start_offset")
+    date = properties.get("wf_start_time")
+    offset_s = properties.get("wf_start_offset")
     date = _plain(date)
     offset_s = offset_s if isinstance(offset_s, int | float) and np.isfinite(offset_s) else None
     if isinstance(date, np.datetime64) and date >= _NO_DATE:

@@ -31,7 +31,8 @@ class WavFile(ColumnFile):
             header = soundfile.info(str(path))
             if header.format not in _CONTAINERS or header.subtype not in _SAMPLES:
                 raise ValueError(f"{header.format} with samples of type {header.subtype}")
-        clock, self._frames = Clock(float(header.samplerate)), int(header.frames)
+        clock = Clock(float(header.samplerate))
+        self._frames = int(header.frames)
         numbers = range(1, int(header.channels) + 1)
         super().__init__(
             path, [Channel(f"channel {number}", number - 1, clock) for number in numbers], {}

@@ -14,7 +14,7 @@ from vibrident.data.sources.source import Chunk, Source, Wanted
 
 
 def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
-    """Each record as a chunk of its own. InputError: a record lacks a reference, or rates differ."""
+    """Yield each record as a chunk of its own. InputError: a record lacks a reference, or rates differ."""
     calibration.refuse_known_responses("Tracking")
     rates = {record.sampling_rate_hz for record in calibration.records}
     apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
@@ -31,7 +31,13 @@ def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
         overdriven = np.abs(record.response) >= (record.response_full_scale or np.inf)
         response = np.where(record.mask & ~overdriven, record.response, np.nan)
         reference = np.where(record.reference_mask, record.reference, np.nan)
-        yield Chunk(reference, response, record.start_time_s, separate=True, sine=record.excitation == "sine")
+        yield Chunk(
+            reference,
+            response,
+            record.start_time_s,
+            separate=True,
+            sine=record.excitation == "sine",
+        )
 
 
 def _open(wanted: Wanted) -> Iterator[Chunk]:

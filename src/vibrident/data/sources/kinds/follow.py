@@ -51,7 +51,11 @@ def _pieces(file: Path, wanted: Wanted) -> Iterator[bytes]:
                     return
                 else:
                     if file.stat().st_size < stream.tell():
-                        raise InputError("The file has become shorter.", where=str(file), remedy="begin a new folder")
+                        raise InputError(
+                            "The file has become shorter.",
+                            where=str(file),
+                            remedy="begin a new folder",
+                        )
                     time.sleep(WAIT_S)
     except OSError as error:
         raise InputError(
@@ -63,4 +67,9 @@ def _pieces(file: Path, wanted: Wanted) -> Iterator[bytes]:
         ) from error
 
 
-FOLLOW = Source("follow", "a file that grows: CSV, or raw float32 where it ends in .f32, .raw or .bin", _open, True)
+FOLLOW = Source(
+    "follow",
+    "a file that grows: CSV, or raw float32 where it ends in .f32, .raw or .bin",
+    _open,
+    True,
+)

@@ -38,11 +38,11 @@ class Drift(WithoutMotion):
 
         Of records with the nuisance tone there are none.
         """
-        if any(self.beside(record) is not record for record in group.records):
+        if any(self.with_nuisances(record) is not record for record in group.records):
             bins = group.bins_of(_polynomials(group.samples)[None])
             yield "", scale.motion * np.broadcast_to(bins, (len(group.records), *bins.shape[1:]))
 
-    def beside(self, record: Record) -> Record:
+    def with_nuisances(self, record: Record) -> Record:
         """Return the record with a slow tone whose size changes with time as a nuisance parameter.
 
         The tone makes half a turn over the record. With offset and leakage it stands for all smooth

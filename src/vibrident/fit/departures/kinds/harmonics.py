@@ -40,7 +40,7 @@ class Harmonic(Candidate):
 
 
 class Harmonics(WithoutMotion):
-    """What the response has at multiples of the tone beyond what the motion has there, or lacks."""
+    """Tones of the response at multiples of the excitation, beyond those of the motion."""
 
     name: ClassVar[str] = "harmonics"
     code: ClassVar[WarningCode] = "nonlinear"

@@ -15,7 +15,7 @@ from vibrident.fit.departures.score import Score
 
 
 class ReferenceDeadBand(OfReference):
-    """What the recorder of the reference leaves out around zero, and the sensor answers."""
+    """Motion around zero that the recorder of the reference leaves out, and the sensor answers."""
 
     name: ClassVar[str] = "reference-dead-band"
     code: ClassVar[WarningCode] = "nonlinear"

@@ -1,1 +1,4 @@
-"""Parts in series or parallel to a sensor, one a file; each holds a :class:`vibrident.physics.models.base.AddOn`."""
+"""Parts in series with or parallel to a sensor, one a file.
+
+Each file holds a :class:`vibrident.physics.models.base.AddOn`.
+"""

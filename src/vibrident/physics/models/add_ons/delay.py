@@ -1,4 +1,7 @@
-"""Delay of the response channel behind the reference channel: a factor e^{−jωτ}, τ > 0 when the response is late."""
+"""Delay of the response channel behind the reference channel.
+
+Its factor is e^{−jωτ}, τ > 0 where the response is late.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""First-order high-pass behind the sensor, as a charge amplifier or an AC-coupled input has: s/(s + 2π fh).
+"""First-order high-pass behind the sensor, as a charge amplifier or an AC-coupled input has.
 
-Behind an overdamped sensor (δ > 1, two real poles) the response does not say which of three real poles is the
-high-pass's: the lowest is. A pole p of the sensor for the corner c: ωn'² = c q with q the other pole,
-δ' = (c + q)/(2 ωn'), and the gain times ωn²/ωn'² where it is the static one. Beside a second mode the poles cannot be
-exchanged: the numerator would not fit.
+Its factor is s/(s + 2π fh). Behind an overdamped sensor (δ > 1, two real poles) the response does
+not say which of three real poles is the high-pass's: the lowest is. A pole p of the sensor for the
+corner c: ωn'² = c q with q the other pole, δ' = (c + q)/(2 ωn'), and the gain times ωn²/ωn'² where
+it is the static one. Beside a second mode the poles cannot be exchanged: the numerator would not
+fit.
 """
 
 from __future__ import annotations
@@ -12,23 +13,35 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.physics.models.base import AddOn, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+from vibrident.physics.models.base import (
+    AddOn,
+    Labels,
+    Parameters,
+    ParameterSpec,
+    Rational,
+    Relabelling,
+    Values,
+)
 from vibrident.physics.models.model import Model
 
 
 def _rational(parameters: Parameters, system: Rational) -> Rational:
+    """Return a system with the high-pass in series."""
     corner = 2.0 * np.pi * parameters[_CORNER]
     low = system.denominator
     product = [corner * low[0]]
     product += [corner * low[k] + low[k - 1] for k in range(1, len(low))]
-    return Rational(system.gain, (0.0, *system.numerator), (*product, low[-1]), system.angular_scale)
+    return Rational(
+        system.gain, (0.0, *system.numerator), (*product, low[-1]), system.angular_scale
+    )
 
 
 _CORNER = "highpass_frequency"
 _QUESTION = "which of its three real poles is the high-pass's; the lowest was taken"
 
 
-def _others(core: Model, values: Values) -> tuple[Relabelling, ...]:
+def _alternatives(core: Model, values: Values) -> tuple[Relabelling, ...]:
+    """Return the exchanges of the high-pass's pole for each real pole of the sensor."""
     if core.oscillator is None or core.output == "other" or not values[core.oscillator[1]] > 1.0:
         return ()
     return _exchanged(core, -1.0), _exchanged(core, 1.0)
@@ -42,14 +55,20 @@ def _exchanged(core: Model, side: float) -> Relabelling:
 
     def exchange(values: Values) -> dict[str, Any]:
         natural, damping, corner = (values[name] for name in (frequency, ratio, _CORNER))
-        ratio_up = damping + (damping * damping - 1.0) ** 0.5  # δ − √(δ² − 1) is one over it, and loses its digits
-        upper, lower = natural * ratio_up, natural / ratio_up
-        mine, other = (upper, lower) if side > 0.0 else (lower, upper)
-        now = (corner * other) ** 0.5
-        found = dict(values) | {frequency: now, ratio: (corner + other) / (2.0 * now), _CORNER: mine}
+        # δ − √(δ² − 1) is one over it, and loses its digits.
+        ratio_up = damping + (damping * damping - 1.0) ** 0.5
+        upper = natural * ratio_up
+        lower = natural / ratio_up
+        new_corner, remaining = (upper, lower) if side > 0.0 else (lower, upper)
+        new_natural = (corner * remaining) ** 0.5
+        exchanged = dict(values) | {
+            frequency: new_natural,
+            ratio: (corner + remaining) / (2.0 * new_natural),
+            _CORNER: new_corner,
+        }
         if gain is not None:
-            found[gain] = values[gain] * (natural / now) ** 2
-        return found
+            exchanged[gain] = values[gain] * (natural / new_natural) ** 2
+        return exchanged
 
     return exchange
 
@@ -70,5 +89,10 @@ HIGHPASS = AddOn(
     ),
     rational=_rational,
     corner=_CORNER,
-    labels=Labels(_others, lambda values, other: other[_CORNER] >= values[_CORNER], lambda values, u: True, _QUESTION),
+    labels=Labels(
+        _alternatives,
+        lambda values, alternative: alternative[_CORNER] >= values[_CORNER],
+        lambda values, u: True,
+        _QUESTION,
+    ),
 )

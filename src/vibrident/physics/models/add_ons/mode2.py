@@ -4,10 +4,10 @@
 
 g₂ is the second mode's share of the response at low frequency, of either sign.
 
-The response does not say which of two modes is the first: the main one is the one with the larger share of the static
-response, |g₂| ≤ 1. Exchanged, the modes swap frequency and damping, the gain becomes gain · g₂ and the share its
-inverse. (The modes of a displacement pickup only: those of a velocity pickup are no equals, its first one vanishes at
-low frequency.)
+The response does not say which of two modes is the first: the main one is the one with the larger
+share of the static response, |g₂| ≤ 1. Exchanged, the modes swap frequency and damping, the gain
+becomes gain · g₂ and the share its inverse. (The modes of a displacement pickup only: those of a
+velocity pickup are no equals, its first one vanishes at low frequency.)
 """
 
 from __future__ import annotations
@@ -17,41 +17,63 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.physics.models.base import AddOn, Labels, Parameters, ParameterSpec, Rational, Relabelling, Values
+from vibrident.physics.models.base import (
+    AddOn,
+    Labels,
+    Parameters,
+    ParameterSpec,
+    Rational,
+    Relabelling,
+    Values,
+)
 from vibrident.physics.models.model import Model
 
 
 def _rational(parameters: Parameters, system: Rational) -> Rational:
+    """Return a system with the second mode in parallel."""
     w2 = 2.0 * np.pi * parameters["mode2_frequency"]
     second = (w2 * w2, 2.0 * parameters["mode2_damping"] * w2, 1.0)
     return in_parallel(system, parameters["mode2_gain"] * w2 * w2, second)
 
 
 def in_parallel(system: Rational, share: Any, denominator: tuple[Any, ...]) -> Rational:
-    """The system gain · [N(s)/D(s) + share/denominator(s)], coefficients in ascending powers."""
-    own, added = _product(system.numerator, denominator), (share * c for c in system.denominator)
-    numerator = tuple(a + b for a, b in zip_longest(own, added, fillvalue=0.0))
-    return Rational(system.gain, numerator, _product(system.denominator, denominator), system.angular_scale)
+    """Return the system gain · [N(s)/D(s) + share/denominator(s)].
+
+    Coefficients are in ascending powers.
+    """
+    first = _product(system.numerator, denominator)
+    added = (share * c for c in system.denominator)
+    numerator = tuple(a + b for a, b in zip_longest(first, added, fillvalue=0.0))
+    return Rational(
+        system.gain, numerator, _product(system.denominator, denominator), system.angular_scale
+    )
 
 
-def _product(one: tuple[Any, ...], other: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Product of two polynomials, ascending coefficients."""
-    total: list[Any] = [0.0] * (len(one) + len(other) - 1)
-    for i, a in enumerate(one):
-        for j, b in enumerate(other):
+def _product(first: tuple[Any, ...], second: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the product of two polynomials, ascending coefficients."""
+    total: list[Any] = [0.0] * (len(first) + len(second) - 1)
+    for i, a in enumerate(first):
+        for j, b in enumerate(second):
             total[i + j] = total[i + j] + a * b
     return tuple(total)
 
 
 _MODE = ("mode2_frequency", "mode2_damping")
-_QUESTION = "which mode is the main one; the shares of the static response are equal within their uncertainty"
-UNDECIDED = 3.0  # shares nearer to equal than so many standard uncertainties leave open which mode is the main one
+_QUESTION = (
+    "which mode is the main one; "
+    "the shares of the static response are equal within their uncertainty"
+)
+#: Standard uncertainties by which the shares differ at least where the main mode is decided.
+MIN_SHARE_DISTANCE_U = 3.0
 
 
-def _others(core: Model, values: Values) -> tuple[Relabelling, ...]:
+def _alternatives(core: Model, values: Values) -> tuple[Relabelling, ...]:
+    """Return the exchange of the two modes."""
     if core.output != "displacement" or core.oscillator is None or values["mode2_gain"] == 0.0:
         return ()
-    gain, (frequency, damping), (frequency_2, damping_2) = core.parameters[0].name, core.oscillator, _MODE
+    gain = core.parameters[0].name
+    frequency, damping = core.oscillator
+    frequency_2, damping_2 = _MODE
 
     def exchange(values: Values) -> dict[str, Any]:
         return dict(values) | {
@@ -66,13 +88,17 @@ def _others(core: Model, values: Values) -> tuple[Relabelling, ...]:
     return (exchange,)
 
 
-def _in_order(values: Values, other: Values) -> bool:
+def _in_order(values: Values, exchanged: Values) -> bool:
+    """Return whether the first mode has the larger share, or the lower frequency of equal ones."""
     share = abs(values["mode2_gain"])
-    return not (share > 1.0 or (share == 1.0 and values["mode2_frequency"] < other["mode2_frequency"]))
+    return not (
+        share > 1.0 or (share == 1.0 and values["mode2_frequency"] < exchanged["mode2_frequency"])
+    )
 
 
 def _undecided(values: Values, uncertainty: Values) -> bool:
-    return abs(abs(values["mode2_gain"]) - 1.0) <= UNDECIDED * uncertainty["mode2_gain"]
+    """Return whether the shares are equal within their uncertainty."""
+    return abs(abs(values["mode2_gain"]) - 1.0) <= MIN_SHARE_DISTANCE_U * uncertainty["mode2_gain"]
 
 
 MODE2 = AddOn(
@@ -99,12 +125,17 @@ MODE2 = AddOn(
             describes="oscillator",
         ),
         ParameterSpec(
-            "mode2_gain", "1", "ratio", guesses=(-0.2, -0.02, 0.02, 0.2), words="second-mode gain", symbol="g2"
+            "mode2_gain",
+            "1",
+            "ratio",
+            guesses=(-0.2, -0.02, 0.02, 0.2),
+            words="second-mode gain",
+            symbol="g2",
         ),
     ),
     rational=_rational,
     in_series=False,
     oscillator=_MODE,
     share="mode2_gain",
-    labels=Labels(_others, _in_order, _undecided, _QUESTION),
+    labels=Labels(_alternatives, _in_order, _undecided, _QUESTION),
 )

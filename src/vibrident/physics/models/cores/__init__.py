@@ -1,1 +1,1 @@
-"""One sensor a file; each holds a :class:`vibrident.physics.models.Model` in the file's name."""
+"""Sensors, one a file, which holds a :class:`vibrident.physics.models.Model` of its name."""

@@ -2,8 +2,8 @@
 
     V̈ + 2 δ ωn V̇ + ωn² V = K a,   K = S0 ωn²            (PAPER eqs. 1–3; Li et al. 2025)
 
-Piezoelectric, capacitive and MEMS accelerometers below their electronics' limits, and any sensor whose output
-follows the displacement of its mass (a laser on a seismometer's mass, say).
+Piezoelectric, capacitive and MEMS accelerometers below their electronics' limits, and any sensor
+whose output follows the displacement of its mass (a laser on a seismometer's mass, say).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _response(s: Any, sensitivity: Any, natural_frequency: Any, damping_ratio: A
 
 
 def _resonance(parameters: Parameters) -> Any:
-    """Frequency of the largest |V/a|; there is no peak for δ ≥ 1/√2 (eq. 3)."""
+    """Return the frequency of the largest |V/a|; there is no peak for δ ≥ 1/√2 (eq. 3)."""
     return parameters["natural_frequency"] * (1.0 - 2.0 * parameters["damping_ratio"] ** 2) ** 0.5
 
 

@@ -32,7 +32,10 @@ def _response(s: Any, generator_constant: Any, natural_frequency: Any, damping_r
 
 
 def _resonance(parameters: Parameters) -> Any:
-    """Frequency of the largest |V/v|, the high-pass counterpart of an accelerometer's: fn/√(1 − 2 δ²)."""
+    """Return the frequency of the largest |V/v|, fn/√(1 − 2 δ²).
+
+    It is the high-pass counterpart of an accelerometer's.
+    """
     return parameters["natural_frequency"] / (1.0 - 2.0 * parameters["damping_ratio"] ** 2) ** 0.5
 
 
@@ -40,7 +43,9 @@ VELOCITY_PICKUP = Model(
     name="velocity-pickup",
     title="velocity pickup (electrodynamic coil, second order)",
     parameters=(
-        ParameterSpec("generator_constant", "{response}/({reference_integrated})", "gain", symbol="G"),
+        ParameterSpec(
+            "generator_constant", "{response}/({reference_integrated})", "gain", symbol="G"
+        ),
         NATURAL_FREQUENCY,
         DAMPING_RATIO,
     ),

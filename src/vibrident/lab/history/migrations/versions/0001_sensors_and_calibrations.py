@@ -14,9 +14,14 @@ def upgrade() -> None:
     op.create_table(
         "sensor",
         sa.Column("id", sa.Integer, primary_key=True),
-        *(sa.Column(name, sa.String(200), nullable=False) for name in ("manufacturer", "type", "serial_number")),
+        *(
+            sa.Column(name, sa.String(200), nullable=False)
+            for name in ("manufacturer", "type", "serial_number")
+        ),
         sa.Column("axis", sa.String(50), nullable=False),
-        sa.UniqueConstraint("serial_number", "manufacturer", "type", "axis", name="sensor_identity"),
+        sa.UniqueConstraint(
+            "serial_number", "manufacturer", "type", "axis", name="sensor_identity"
+        ),
     )
     op.create_table(
         "calibration",
@@ -29,7 +34,10 @@ def upgrade() -> None:
         sa.Column("estimator", sa.String(50), nullable=False),
         sa.Column("adequate", sa.Boolean, nullable=False),
         sa.Column("chi2_reduced", sa.Float),
-        *(sa.Column(name, sa.Text, nullable=False) for name in ("warnings", "laboratory", "certificate_number")),
+        *(
+            sa.Column(name, sa.Text, nullable=False)
+            for name in ("warnings", "laboratory", "certificate_number")
+        ),
         sa.Column("document", sa.LargeBinary, nullable=False),
     )
     op.create_table(

@@ -27,7 +27,9 @@ def upgrade() -> None:
         sa.Column("phase_deg", sa.Float),
         sa.Column("phase_deg_uncertainty", sa.Float),
     )
-    op.add_column("calibration", sa.Column("data_files", sa.Text, nullable=False, server_default="[]"))
+    op.add_column(
+        "calibration", sa.Column("data_files", sa.Text, nullable=False, server_default="[]")
+    )
     op.add_column("parameter", sa.Column("frequency_hz", sa.Float))
     op.add_column("parameter", sa.Column("shared", sa.Text, nullable=False, server_default="{}"))
     op.create_index("calibration_by_sensor", "calibration", ["sensor_id", "date"])
@@ -45,23 +47,36 @@ def _fill(connection: sa.Connection) -> None:
     from vibrident.show.history import date_of
 
     table = {name: sa.table(name, *map(sa.column, columns)) for name, columns in _COLUMNS.items()}
-    calibration, parameter = table["calibration"], table["parameter"]
+    calibration = table["calibration"]
+    parameter = table["parameter"]
     for (key,) in connection.execute(sa.select(calibration.c.id).order_by(calibration.c.id)).all():
-        packed = connection.execute(sa.select(calibration.c.document).where(calibration.c.id == key)).scalar_one()
+        packed = connection.execute(
+            sa.select(calibration.c.document).where(calibration.c.id == key)
+        ).scalar_one()
         result = Result.from_dict(json.loads(zlib.decompress(packed)))
-        unnamed = None if result.sensor.get("serial_number") else "unnamed"  # name and date may have been given with it
+        unnamed = (
+            None if result.sensor.get("serial_number") else "unnamed"
+        )  # name and date may have been given with it
         found = rows_of(result, unnamed, datetime.date.min if date_of(result) is None else None)
         files = {"data_files": found.calibration["data_files"]}
         connection.execute(sa.update(calibration).where(calibration.c.id == key).values(files))
         connection.execute(sa.delete(parameter).where(parameter.c.calibration_id == key))
         for name, rows in (("parameter", found.parameters), ("point", found.points)):
-            kept = [{k: row[k] for k in _COLUMNS[name] if k in row} | {"calibration_id": key} for row in rows]
+            kept = [
+                {k: row[k] for k in _COLUMNS[name] if k in row} | {"calibration_id": key}
+                for row in rows
+            ]
             if kept:
                 connection.execute(sa.insert(table[name]), kept)
 
 
-_PARAMETER = "calibration_id name value unit standard_uncertainty identifiable derived frequency_hz shared"
-_POINT = "calibration_id nominal_hz frequency_hz magnitude magnitude_uncertainty phase_deg phase_deg_uncertainty"
+_PARAMETER = (
+    "calibration_id name value unit standard_uncertainty identifiable derived frequency_hz shared"
+)
+_POINT = (
+    "calibration_id nominal_hz frequency_hz magnitude magnitude_uncertainty phase_deg "
+    "phase_deg_uncertainty"
+)
 _COLUMNS = {
     "calibration": ["id", "document", "data_files"],
     "parameter": _PARAMETER.split(),
@@ -69,8 +84,10 @@ _COLUMNS = {
 }
 
 _SAME_ROW = {
-    "sensor": "id = NEW.id OR (serial_number = NEW.serial_number AND manufacturer = NEW.manufacturer "
-    "AND type = NEW.type AND axis = NEW.axis)",
+    "sensor": (
+        "id = NEW.id OR (serial_number = NEW.serial_number AND manufacturer = NEW.manufacturer "
+        "AND type = NEW.type AND axis = NEW.axis)"
+    ),
     "calibration": "id = NEW.id OR sha256 = NEW.sha256",
     "parameter": "calibration_id = NEW.calibration_id AND name = NEW.name",
     "point": "calibration_id = NEW.calibration_id AND nominal_hz = NEW.nominal_hz",
@@ -87,8 +104,8 @@ def _triggers_of_sqlite() -> None:
             )
     for name, same in _SAME_ROW.items():  # INSERT OR REPLACE would remove a row without an error
         op.execute(
-            f"CREATE TRIGGER {name}_no_replace BEFORE INSERT ON {name} WHEN EXISTS (SELECT 1 FROM {name} WHERE {same}) "
-            f"BEGIN SELECT RAISE(IGNORE); END"
+            f"CREATE TRIGGER {name}_no_replace BEFORE INSERT ON {name} WHEN EXISTS (SELECT 1 FROM "
+            f"{name} WHERE {same}) BEGIN SELECT RAISE(IGNORE); END"
         )
 
 

@@ -11,8 +11,10 @@ down_revision = "0002"
 _SAME_ROW = {
     "draft": "id = NEW.id",
     "review": "id = NEW.id",
-    "certificate_number": "draft_id = NEW.draft_id OR number = NEW.number OR replaces = NEW.replaces "
-    "OR (year = NEW.year AND sequence = NEW.sequence)",
+    "certificate_number": (
+        "draft_id = NEW.draft_id OR number = NEW.number OR replaces = NEW.replaces OR (year = "
+        "NEW.year AND sequence = NEW.sequence)"
+    ),
     "certificate": "draft_id = NEW.draft_id",
 }
 
@@ -52,7 +54,10 @@ def upgrade() -> None:
         "certificate",
         sa.Column("draft_id", sa.Integer, sa.ForeignKey("draft.id"), primary_key=True),
         *_stamped(),
-        *(sa.Column(name, sa.LargeBinary, nullable=False) for name in ("result", "result_signature", "pdf", "dcc")),
+        *(
+            sa.Column(name, sa.LargeBinary, nullable=False)
+            for name in ("result", "result_signature", "pdf", "dcc")
+        ),
     )
     (_triggers_of_sqlite if op.get_bind().dialect.name == "sqlite" else _triggers_of_postgresql)()
 

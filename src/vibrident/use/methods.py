@@ -1,0 +1,295 @@
+"""Estimators, models and discretisations beside each other on the same data, or results beside each other."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from vibrident.base.brief import brief
+from vibrident.base.errors import InputError, ModelError, NotConverged, unknown
+from vibrident.data.io import GivenCalibration, as_calibration
+from vibrident.data.records import Calibration
+from vibrident.fit.estimators import Estimator, ranked
+from vibrident.fit.registry import ESTIMATORS
+from vibrident.result import Result
+from vibrident.result.given import GivenResult, as_result
+from vibrident.use.comparison import (
+    COVERAGE_FACTOR,
+    Recommendation,
+    document,
+    normalized_error,
+    not_comparable,
+    recommendation,
+    shared_covariance,
+    shared_sources,
+)
+from vibrident.use.identification import identify
+from vibrident.use.validation import cross_validate
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Listener(Protocol):
+    """A listener to the progress of a task."""
+
+    def step(self, words: str) -> None:
+        """Take the name of the step that begins."""
+
+    def __call__(self, iteration: int, most: int, cost: float) -> None:
+        """Take the progress of an optimiser; see ``vibrident.fit.optimise.Progress``."""
+
+    def note(self, words: str) -> None:
+        """Take a remark that is worth a line of its own."""
+
+
+class NoListener(Listener):
+    """A listener that ignores all."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to identify the same data; None: the model of the calibration, the usual discretisation."""
+
+    estimator: str
+    model: str | None = None
+    discretisation: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Return what distinguishes it, in a line."""
+        return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
+
+    @property
+    def chosen(self) -> str | Estimator:
+        """Return the estimator, with its setting where there is one."""
+        if self.discretisation is None:
+            return self.estimator
+        return ESTIMATORS[self.estimator].configured(discretisation=self.discretisation)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Results of one sensor beside each other.
+
+    Attributes:
+        results: by name: of the method, or as they were given.
+        truth: true values by parameter name; empty where they are not known.
+        cross_validations: by name of the method: how well it predicts records that it was not
+            fitted to.
+    """
+
+    results: Mapping[str, Result]
+    truth: Mapping[str, float] = field(default_factory=dict)
+    cross_validations: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    __repr__ = brief
+
+    @property
+    def recommendation(self) -> Recommendation:
+        """The method to take, and the reason in words, where all are of the same data."""
+        return recommendation(self.results)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return a row a result and parameter: ``value``, ``unit``, u and deviation from the truth or the first."""
+        import pandas as pd
+
+        methods = self.to_dict()["methods"]
+        rows = [
+            {"method": method["name"], "parameter": name, **values}
+            for method in methods
+            for name, values in method["parameters"].items()
+        ]
+        return pd.DataFrame(rows).set_index(["method", "parameter"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``comparison.json`` says: plain values."""
+        scores = {name: dict(score) for name, score in self.cross_validations.items()}
+        return document(dict(self.results), dict(self.truth), scores)
+
+    def normalized_error(self, parameter: str) -> dict[str, float | None]:
+        """Return E_n of each further result against the first one: two values agree where |E_n| ≤ 1.
+
+        E_n = (value − first)/√(U² + U_first² − 2 k² cov), k = 2 (ISO 13528, GUM 5.2.2); the
+        covariance is that of the stated sources that both share, such as the same reference.
+
+        Args:
+            parameter: name of a parameter of all results.
+
+        Returns:
+            By name of the result; None where E_n says nothing: of two evaluations of the same data, of
+            two sensors, or without an uncertainty.
+
+        Raises:
+            InputError: a result has no such parameter.
+        """
+        first, *others = self.results
+        values = {name: _value(result, name, parameter) for name, result in self.results.items()}
+        shared = {name: shared_sources(each, parameter=parameter) for name, each in self.results.items()}
+        errors: dict[str, float | None] = {}
+        for name in others:
+            pair = [values[name], values[first]]
+            stated = [expanded for _, expanded in pair if expanded is not None]
+            if len(stated) < 2 or not_comparable(self.results[name], self.results[first]):
+                errors[name] = None
+                continue
+            covariance = shared_covariance(shared[name], shared[first])
+            errors[name] = normalized_error(pair[0][0], stated[0], pair[1][0], stated[1], covariance)
+        return errors
+
+
+def compare(
+    given: GivenCalibration | Mapping[str, GivenResult] | Sequence[GivenResult],
+    *,
+    estimators: Sequence[str] = (),
+    models: Sequence[str] = (),
+    discretisations: Sequence[str] = (),
+    cross_validation: bool = False,
+    truth: Mapping[str, float] | None = None,
+) -> Comparison:
+    """Compare methods on the same data, or earlier results of one sensor.
+
+    Args:
+        given: a calibration, or the path of its file, to be identified by each method; or results, or
+            paths of their files, by name or in a sequence (then named "1", "2", …).
+        estimators: names of estimators for a calibration; none: those of vibrident that suit it.
+        models: names of sensor models for a calibration; none: its own.
+        discretisations: of estimators that have one; none: the usual one.
+        cross_validation: whether each fifth of the records is left out and predicted.
+        truth: true values by parameter name, from which deviations are taken; None: from the first.
+
+    Raises:
+        InputError: there is nothing to compare, or methods are named for results.
+        ModelError: a named estimator or model does not suit the data, or none does.
+        NotConverged: no start of a fit leads to a finite one.
+    """
+    if isinstance(given, Calibration) or _is_calibration_file(given):
+        return compare_methods(
+            as_calibration(given),  # type: ignore[arg-type]
+            estimators=estimators,
+            models=models,
+            discretisations=discretisations,
+            cross_validation=cross_validation,
+            truth=truth,
+        )
+    if named := [*estimators, *models, *discretisations, *(["cross_validation"] if cross_validation else [])]:
+        raise InputError(
+            "Results cannot be compared by further methods.",
+            expected="a calibration, or results without estimators, models and discretisations",
+            found=", ".join(named),
+            where="compare",
+            remedy="leave them out, or give the calibration",
+        )
+    if isinstance(given, str | os.PathLike | Result):
+        given = [given]
+    named_results = given if isinstance(given, Mapping) else {str(n): each for n, each in enumerate(given, 1)}
+    if not named_results:
+        raise InputError(
+            "There is nothing to compare.",
+            expected="a calibration, or at least one result",
+            found="none",
+            where="compare",
+            remedy="give results, or a calibration",
+        )
+    return Comparison({name: as_result(result) for name, result in named_results.items()}, dict(truth or {}))
+
+
+def compare_methods(
+    calibration: Calibration,
+    *,
+    estimators: Sequence[str] = (),
+    models: Sequence[str] = (),
+    discretisations: Sequence[str] = (),
+    cross_validation: bool = False,
+    truth: Mapping[str, float] | None = None,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Identify a calibration by each method, as :func:`compare` does; ``listener`` follows the progress."""
+    methods = _methods(
+        estimators or [estimator.name for estimator in ranked(ESTIMATORS.built_in())],
+        models or (None,),
+        discretisations or (None,),
+    )
+    listener = NoListener() if listener is None else listener
+    results = _identified(calibration, methods, listener, must=bool(estimators))
+    comparison = Comparison(results, dict(truth or {}))
+    if not cross_validation or len(results) < 2:
+        return comparison
+    return replace(comparison, cross_validations=_cross_validated(calibration, methods, results, listener))
+
+
+def with_setting(setting: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of those estimators that have a setting."""
+    return tuple(name for name in names if setting in ESTIMATORS[name].settings)
+
+
+def _is_calibration_file(given: object) -> bool:
+    return isinstance(given, str | os.PathLike) and Path(given).suffix.lower() == ".toml"
+
+
+def _value(result: Result, name: str, parameter: str) -> tuple[float, float | None]:
+    """Return value and expanded uncertainty of a parameter."""
+    if parameter not in result.parameters:
+        raise unknown(
+            f"The result {name!r} has no such parameter.", parameter, list(result.parameters), "normalized_error"
+        )
+    stated = result.parameters[parameter]
+    u = stated.standard_uncertainty
+    return stated.value, None if u is None else COVERAGE_FACTOR * u
+
+
+def _methods(
+    estimators: Sequence[str],
+    models: Sequence[str | None],
+    steps: Sequence[str | None],
+) -> list[Method]:
+    """Return every valid combination: not every estimator has a discretisation."""
+    stepping = with_setting("discretisation", estimators) if any(steps) else ()
+    return [
+        Method(name, model, step)
+        for model, name in itertools.product(models, estimators)
+        for step in (steps if name in stepping else (None,))
+    ]
+
+
+def _identified(
+    calibration: Calibration, methods: Sequence[Method], listener: Listener, *, must: bool
+) -> dict[str, Result]:
+    """Return results by name. Methods that do not suit the data are left out, but not named ones."""
+    results: dict[str, Result] = {}
+    failures: dict[str | None, ModelError | NotConverged] = {}
+    for method in methods:
+        listener.step(f"Identifying by {method.name}")
+        try:
+            results[method.name] = identify(calibration, method.model, method.chosen, progress=listener)
+        except (ModelError, NotConverged) as failure:
+            if must or method.discretisation:
+                raise
+            failures.setdefault(method.model, failure)
+            problem = failure.problem if isinstance(failure, ModelError) else str(failure)
+            listener.note(f"Left out: {method.name}. {problem}")
+    for model, failure in failures.items():
+        if not any(m.model == model and m.name in results for m in methods):
+            raise failure
+    return results
+
+
+def _cross_validated(
+    calibration: Calibration,
+    methods: Sequence[Method],
+    results: Mapping[str, Result],
+    listener: Listener,
+) -> dict[str, dict[str, Any]]:
+    scores = {}
+    for method in methods:
+        if method.name not in results:
+            continue
+        listener.step(f"Cross-validating {method.name}")
+        score = cross_validate(calibration, results[method.name], method.chosen, progress=listener)
+        if score is not None:
+            scores[method.name] = asdict(score)
+    return scores

@@ -1,0 +1,211 @@
+"""A sensor followed after its calibration: through the records of a calibration, or block by block as samples come."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vibrident.base.brief import brief
+from vibrident.base.errors import InputError
+from vibrident.base.memory import in_one_thread
+from vibrident.data.io import GivenCalibration, as_calibration
+from vibrident.data.records import Quantity
+from vibrident.data.sources.kinds.calibration_records import chunks_of
+from vibrident.data.sources.source import Chunk
+from vibrident.result import Result
+from vibrident.result.given import GivenResult, as_result
+from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
+from vibrident.use.tracking.outcome import tracked_result
+from vibrident.use.tracking.session import Session
+from vibrident.use.tracking.state import Alarm, Estimate, Settings
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+MAX_ROWS_OF_RECORDS = 100  # rows of records that are shorter than as many times EVERY_S
+
+
+class SensorTracker:
+    """An identified sensor whose parameters follow the samples as they come.
+
+    Args:
+        result: of an identification, or the path of its ``result.json``; it states the uncertainty
+            of every parameter.
+        sampling_rate_hz: samples per second.
+        quantity: what the reference is: acceleration, velocity, displacement or drive.
+        every_s: time between estimates, s.
+        false_alarms_per_day: expected of noise alone, in a day of motion.
+        drift_per_year: random walk of the parameters in a year, relative, one for all or one each,
+            by which their uncertainties grow where nothing is seen.
+        reference_uncertainty: relative standard uncertainty of the reference, systematic.
+
+    Raises:
+        InputError: the result lacks a gain or an uncertainty, or a setting cannot be used.
+        ModelError: its model has no state space.
+    """
+
+    def __init__(
+        self,
+        result: GivenResult,
+        sampling_rate_hz: float,
+        *,
+        quantity: Quantity = "acceleration",
+        every_s: float = EVERY_S,
+        false_alarms_per_day: float = FALSE_ALARMS_PER_DAY,
+        drift_per_year: float | tuple[float, ...] = DRIFT_PER_YEAR,
+        reference_uncertainty: float = 0.0,
+    ) -> None:
+        self._start = as_result(result)
+        _require_positive(sampling_rate_hz=sampling_rate_hz, every_s=every_s, false_alarms_per_day=false_alarms_per_day)
+        settings = Settings(false_alarms_per_day, drift_per_year, reference_uncertainty)
+        self._session = Session.from_result(self._start, sampling_rate_hz, quantity, every_s, settings)
+
+    def __repr__(self) -> str:
+        session = self._session
+        return f"<SensorTracker of {self._start.model}: {session.samples} samples, {len(session.alarms)} alarms>"
+
+    def feed(
+        self,
+        reference: ArrayLike,
+        response: ArrayLike,
+        *,
+        start_s: float | None = None,
+        new_record: bool = False,
+    ) -> list[Estimate]:
+        """Take samples, and return the estimates that are complete with them.
+
+        Args:
+            reference: in the SI unit of the quantity, shape (samples,); NaN where a sample is missing.
+            response: in the response unit of the result, alike.
+            start_s: time of the first sample, s; None: they follow those before.
+            new_record: whether the samples are a record of their own, whose motion follows no other.
+
+        Raises:
+            InputError: the two have different shapes.
+        """
+        channels = [np.asarray(channel, dtype=float) for channel in (reference, response)]
+        if channels[0].ndim != 1 or channels[0].shape != channels[1].shape:
+            raise InputError(
+                "The samples cannot be tracked.",
+                expected="reference and response of one shape, (samples,)",
+                found=f"shapes {channels[0].shape} and {channels[1].shape}",
+                where="SensorTracker.feed",
+                remedy="give as many samples of the one as of the other",
+            )
+        return self._session.take(Chunk(channels[0], channels[1], start_s, separate=new_record))
+
+    def finish(self) -> Estimate:
+        """Learn from the samples that still wait for others, as none follow, and return the last estimate."""
+        return self._session.finish()[-1]
+
+    def read(self) -> Estimate:
+        """Return what is known now: values, uncertainties and covariance."""
+        return self._session.read()
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """Changes of the sensor so far, in the order of their detection."""
+        return tuple(self._session.alarms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``track.json`` says: plain values."""
+        return self._session.document()
+
+    def to_result(self) -> Result:
+        """Return the sensor as it is now, for report, correction, export and history."""
+        return tracked_result(self._start, self._session)
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """A sensor followed through records.
+
+    Attributes:
+        estimates: what was known, a row an interval, and at the end.
+        alarms: changes of the sensor, in the order of their detection.
+        result: the sensor at the end, for report, correction, export and history.
+        document: what ``track.json`` says: plain values.
+    """
+
+    estimates: tuple[Estimate, ...]
+    alarms: tuple[Alarm, ...]
+    result: Result
+    document: Mapping[str, Any]
+
+    __repr__ = brief
+
+    def to_dataframe(self) -> DataFrame:
+        """Return a row an estimate: ``time_s``, each parameter and ``NAME_u``, ``innovation``, ``excited``."""
+        import pandas as pd
+
+        rows = []
+        for estimate in self.estimates:
+            row: dict[str, Any] = {"time_s": estimate.time_s}
+            for name, value in estimate.values.items():
+                row |= {name: value, f"{name}_u": estimate.uncertainty[name]}
+            rows.append({**row, "innovation": estimate.innovation, "excited": " ".join(estimate.excited)})
+        return pd.DataFrame(rows)
+
+
+@in_one_thread
+def track(
+    result: GivenResult,
+    calibration: GivenCalibration,
+    *,
+    every_s: float | None = None,
+    false_alarms_per_day: float = FALSE_ALARMS_PER_DAY,
+    drift_per_year: float | tuple[float, ...] = DRIFT_PER_YEAR,
+) -> Tracking:
+    """Follow a sensor through the records of a calibration, and say when it changed.
+
+    Args:
+        result: of an identification, or the path of its ``result.json``: the sensor at the start.
+        calibration: records in the order of time, of one sampling rate, each with a reference; or the
+            path of a calibration file.
+        every_s: time between estimates, s; None: a hundredth of the records, 1 s at most.
+        false_alarms_per_day: expected of noise alone, in a day of motion.
+        drift_per_year: random walk of the parameters in a year, relative, one for all or one each.
+
+    Raises:
+        InputError: the records cannot be tracked, or are in another unit than the result's.
+        ModelError: the model of the result has no state space.
+    """
+    start, data = as_result(result), as_calibration(calibration)
+    data.require_response(start.response_unit, "A table has no samples to track a sensor by.")
+    chunks = chunks_of(data)
+    sampling_rate_hz = data.records[0].sampling_rate_hz
+    length_s = sum(record.duration_s for record in data.records)
+    tracker = SensorTracker(
+        start,
+        sampling_rate_hz,
+        quantity=data.quantity,
+        every_s=every_s or interval_of_records(sampling_rate_hz, length_s),
+        false_alarms_per_day=false_alarms_per_day,
+        drift_per_year=drift_per_year,
+        reference_uncertainty=data.reference_standard_uncertainty,
+    )
+    estimates = [estimate for chunk in chunks for estimate in tracker._session.take(chunk)]
+    estimates.append(tracker.finish())
+    return Tracking(tuple(estimates), tracker.alarms, tracker.to_result(), tracker.to_dict())
+
+
+def interval_of_records(sampling_rate_hz: float, length_s: float) -> float:
+    """Return the time between estimates, s, for records of a length: at least one block, at most 1 s."""
+    block_s = Settings().block / sampling_rate_hz
+    return max(block_s, min(EVERY_S, length_s / MAX_ROWS_OF_RECORDS))
+
+
+def _require_positive(**settings: float) -> None:
+    for name, value in settings.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(
+                f"The setting {name} cannot be used.",
+                expected="a finite number above 0",
+                found=repr(value),
+                where="SensorTracker",
+                remedy="correct it",
+            )
