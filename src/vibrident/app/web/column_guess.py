@@ -35,6 +35,13 @@ class ColumnGuess:
     optical_part: str = ""
 
 
+def prepare() -> None:
+    """Load the libraries of the sandboxed functions while the process waits.
+
+    The imports of this module do it.
+    """
+
+
 def guess(folder: Path, files: Sequence[str], code: str = "en") -> ColumnGuess:
     """ColumnGuess the columns from the first file, and the excitation from several."""
     part = find_optical_part(files)

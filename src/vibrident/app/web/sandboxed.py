@@ -48,11 +48,6 @@ MAX_CHART_BYTES = 4_000_000  # most bytes of charts sent to the browser at once
 _MAX_CHECK_S = 40.0  # seconds after which no further file is examined
 
 
-def prepare() -> None:
-    """Load the libraries of the sandboxed functions while the process waits."""
-    from vibrident.app.web import column_guess  # noqa: F401
-
-
 def read_calibration_text(folder: Path, name: str) -> str:
     """Return the text of a calibration file, of a long one the beginning.
 

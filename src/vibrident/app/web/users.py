@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vibrident.app.web.authentication import Authenticator
+from vibrident.app.web.column_guess import prepare
 from vibrident.app.web.confinement import confinement_command
 from vibrident.app.web.laboratories import Laboratories
-from vibrident.app.web.sandboxed import prepare
 from vibrident.app.web.session import MEGABYTE
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
