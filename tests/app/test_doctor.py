@@ -58,9 +58,9 @@ def test_each_extra_is_ok_or_not_installed_or_cannot_be_used(fakes):
         "Extra good": "ok",
         "Extra old": "cannot be used",
     }
-    assert "no native library" in checks["Extra broken"].found
-    assert "status 7" in checks["Extra crash"].found
-    assert "1.5, but >=2" in checks["Extra old"].found
+    assert "no native library" in checks["Extra broken"].finding
+    assert "status 7" in checks["Extra crash"].finding
+    assert "1.5, but >=2" in checks["Extra old"].finding
     assert not any(check.fatal for check in checks.values())
     assert all(check.remedy for check in checks.values() if check.verdict != "ok")
 
@@ -70,7 +70,7 @@ def test_a_package_that_all_needs_is_fatal(fakes, monkeypatch, lacking):
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: ["numpy>=1", lacking])
     (packages,) = doctor._packages_and_extras()
     assert packages.fatal
-    assert lacking.partition(">")[0] in packages.found
+    assert lacking.partition(">")[0] in packages.finding
 
 
 def test_the_requirements_are_those_of_the_package():

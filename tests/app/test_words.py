@@ -24,8 +24,8 @@ from vibrident.app.cli.words import shell_word
 from vibrident.app.web import task_work
 from vibrident.app.web.tasks import TASKS
 from vibrident.app.web.words import LABELS, page_word
-from vibrident.app.workflow.estimators import checked
-from vibrident.app.workflow.identification import Request
+from vibrident.app.workflow.estimators import check_settings
+from vibrident.app.workflow.identification import IdentifyRequest
 from vibrident.base import memory
 from vibrident.base.errors import InputError
 from vibrident.base.process import Process
@@ -47,7 +47,7 @@ ARGUMENTS = {
     "vibrident.app.web.confinement": "bubblewrap",
     "vibrident.app.web.tasks": "the command that a task runs, with its labels",
     "vibrident.app.web.tools": "the folder of that command",
-    "vibrident.app.web.held": "the command that is shown to copy",
+    "vibrident.app.web.state": "the command that is shown to copy",
     "vibrident.app.web.words": "where an option's name begins",
     "vibrident.base.backend": "XLA",
     "vibrident.base.settings": "where an option's name begins",
@@ -104,7 +104,7 @@ def keywords() -> dict[str, set[str]]:
     """First part of a setting's name → the keywords of the functions and classes that take it."""
     taking = {
         "export": [export],
-        "identify": [vibrident.identify, vibrident.identify_together, Ipnn, Adam, Request],
+        "identify": [vibrident.identify, vibrident.identify_together, Ipnn, Adam, IdentifyRequest],
         "correct": [vibrident.correct, read_signal],
         "report": [report.write],
         "fleet": [Asked, Orders, commands.fleet.fleet],
@@ -231,7 +231,7 @@ def test_an_error_keeps_its_markers_and_reads_in_words_of_python():
 
 def test_an_error_of_another_process_is_rendered_where_it_is_shown(tmp_path):
     with Process(folder=tmp_path) as process, pytest.raises(InputError) as caught:
-        process.call(checked, "ml", {"steps": 3})
+        process.call(check_settings, "ml", {"steps": 3})
     assert caught.value.remedy == "add estimator='ipnn', or leave steps out"
     assert caught.value.in_words(shell_word(ROOT)).remedy == "add --estimator ipnn, or leave --steps out"
 
@@ -253,6 +253,6 @@ def test_advice_works_when_it_is_followed(tmp_path):
 
 def test_an_option_with_another_estimator_is_followed_by_its_advice():
     with pytest.raises(InputError, match="add estimator='ipnn', or leave steps out"):
-        checked("ml", {"steps": 3})
-    checked("ipnn", {"steps": 3, "optimiser": "adam"})
-    checked("ml", {"steps": None})
+        check_settings("ml", {"steps": 3})
+    check_settings("ipnn", {"steps": 3, "optimiser": "adam"})
+    check_settings("ml", {"steps": None})

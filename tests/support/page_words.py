@@ -11,7 +11,16 @@ from tests.support.sources import modules, tree
 SAYING = ("say", "say_count", "phrase", "speak", "count", "known")
 #: Calls whose texts are no words of the page: errors, notes for the server, names, styles, scripts.
 SILENT = (
-    *("InputError", "Stopped", "WorkerError", "VibridentError", "_refused", "_unguarded", "_there", "_stopped"),
+    *(
+        "InputError",
+        "StoppedError",
+        "WorkerError",
+        "VibridentError",
+        "_form_error",
+        "_unguarded_error",
+        "_require",
+        "_stopped_error",
+    ),
     *("require", "note", "error", "props", "classes", "style", "run_javascript", "on", "getLogger"),
     *("mkdtemp", "compile", "open_columns", "position_of", "checked_laboratory", "certificate_section"),
     *("check_dates", "_refuse", "certificate_data", "require_finite", "add_body_html", "add_argument"),

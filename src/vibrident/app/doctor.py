@@ -1,4 +1,4 @@
-"""Is this installation fit to identify a sensor? Each check says what it found and what to do."""
+"""Check whether this installation is fit to identify a sensor."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from vibrident.export.registry import EXPORTS
 from vibrident.fit.registry import DEPARTURES, ESTIMATORS
 from vibrident.physics.registry import MODELS
 
-OLDEST, NEWEST = (3, 11), (3, 14)  # Python versions that it is tested with
+MIN_PYTHON = (3, 11)
+MAX_PYTHON = (3, 14)  # Python versions that it is tested with
 REGISTRIES = (MODELS, ESTIMATORS, DEPARTURES, READERS, SOURCES, EXPORTS)  # of what plug-ins can add
-CLOSE = 4.0  # a sound estimate lies this close to the truth, in standard uncertainties
+MAX_DEVIATION_U = 4.0  # a sound estimate lies this close to the truth, in standard uncertainties
 
 
 Verdict = Literal["ok", "not installed", "cannot be used"]
@@ -30,25 +31,25 @@ Verdict = Literal["ok", "not installed", "cannot be used"]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at."""
+    """Result of one check."""
 
     subject: str  # what
-    found: str  # what was found; where it cannot be used, why
+    finding: str  # what was found; where it cannot be used, why
     verdict: Verdict = "ok"
     remedy: str = ""  # what to do; also a hint where all is well but could be better
     vital: bool = True  # False where the installation is fit for use without it
 
     @property
     def fatal(self) -> bool:
-        """Whether results could be wrong or missing."""
+        """Return whether results could be wrong or missing."""
         return self.vital and self.verdict != "ok"
 
 
-def _judged(subject: str, found: str, *, usable: bool, remedy: str, vital: bool = True) -> Check:
+def _check(subject: str, finding: str, *, usable: bool, remedy: str, vital: bool = True) -> Check:
     """Return a check with its remedy where it is not usable."""
     if usable:
-        return Check(subject, found)
-    return Check(subject, found, "cannot be used", remedy, vital)
+        return Check(subject, finding)
+    return Check(subject, finding, "cannot be used", remedy, vital)
 
 
 def examine() -> list[Check]:
@@ -68,17 +69,17 @@ def examine() -> list[Check]:
             results += check()
         except Exception as error:  # whatever is broken here is what the doctor is asked about
             subject = check.__name__.strip("_").replace("_", " ").capitalize()
-            found = f"{type(error).__name__}: {error}"
+            message = f"{type(error).__name__}: {error}"
             remedy = "see the message; reinstall vibrident"
-            results.append(Check(subject, found, "cannot be used", remedy))
+            results.append(Check(subject, message, "cannot be used", remedy))
     return results
 
 
 def _python() -> list[Check]:
-    fits = OLDEST <= sys.version_info[:2] <= NEWEST
-    wanted = f"use Python {OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
-    found = f"{platform.python_version()}, {platform.machine()}"
-    return [_judged("Python", found, usable=fits, remedy=wanted)]
+    fits = MIN_PYTHON <= sys.version_info[:2] <= MAX_PYTHON
+    wanted = f"use Python {MIN_PYTHON[0]}.{MIN_PYTHON[1]} to {MAX_PYTHON[0]}.{MAX_PYTHON[1]}"
+    version = f"{platform.python_version()}, {platform.machine()}"
+    return [_check("Python", version, usable=fits, remedy=wanted)]
 
 
 def _packages_and_extras() -> list[Check]:
@@ -89,13 +90,15 @@ def _packages_and_extras() -> list[Check]:
     for extra, packages in requirements.by_extra().items():
         missing = [package for package in packages if _version(package) is None]
         broken = [f"{package}: {unusable[package]}" for package in packages if package in unusable]
-        subject, install = f"Extra {extra}", f"pip install 'vibrident[{extra}]'"
+        subject = f"Extra {extra}"
+        install = f"pip install 'vibrident[{extra}]'"
         if broken:
             remedy = f"reinstall vibrident[{extra}] with pip"
             checks.append(Check(subject, "; ".join(broken), "cannot be used", remedy, vital=False))
         elif missing:
-            found, remedy = ", ".join(missing), f"if you want it: {install}"
-            checks.append(Check(subject, found, "not installed", remedy, vital=False))
+            names = ", ".join(missing)
+            remedy = f"if you want it: {install}"
+            checks.append(Check(subject, names, "not installed", remedy, vital=False))
         else:
             checks.append(Check(subject, "installed"))
     return checks
@@ -105,10 +108,10 @@ def _packages(core: tuple[str, ...], unusable: dict[str, str]) -> Check:
     missing = [package for package in core if _version(package) is None]
     broken = [f"{package}: {unusable[package]}" for package in core if package in unusable]
     if missing or broken:
-        found = "; ".join([*(f"{package}: missing" for package in missing), *broken])
+        problems = "; ".join([*(f"{package}: missing" for package in missing), *broken])
         names = [*missing, *(package for package in core if package in unusable)]
         remedy = f"reinstall with pip: {', '.join(names)}"
-        return Check("Packages", found, "cannot be used", remedy)
+        return Check("Packages", problems, "cannot be used", remedy)
     return Check("Packages", f"{len(core)} of {len(core)} present")
 
 
@@ -120,9 +123,9 @@ def _version(package: str) -> str | None:
 
 
 def _plug_ins() -> list[Check]:
-    """What other packages add; one that cannot be used leaves the rest working."""
+    """Check what other packages add; one that cannot be used leaves the rest working."""
     return [
-        _judged(
+        _check(
             "Plug-in",
             plug_in.line,
             usable=not plug_in.problem,
@@ -137,9 +140,9 @@ def _plug_ins() -> list[Check]:
 def _jax() -> list[Check]:
     versions = {package: _version(package) or "missing" for package in ("jax", "jaxlib")}
     if "missing" in versions.values():
-        found = "linear sensors need none"
-        return [Check("JAX", found, "not installed", "", vital=False)]
-    found = ", ".join(f"{package} {version}" for package, version in versions.items())
+        versions_text = "linear sensors need none"
+        return [Check("JAX", versions_text, "not installed", "", vital=False)]
+    versions_text = ", ".join(f"{package} {version}" for package, version in versions.items())
     try:
         from vibrident.base import backend  # refuses to load where the arithmetic is wrong
     except InputError as error:
@@ -153,9 +156,11 @@ def _jax() -> list[Check]:
     wide = backend.jnp.asarray(1.0).dtype == "float64"
     device = backend.jax.devices()[0]
     return [
-        Check("JAX", f"{found}, on {device.platform}"),
-        _judged("Sum of matrix products", f"relative error {error:.1e}", usable=right, remedy=install),
-        _judged(
+        Check("JAX", f"{versions_text}, on {device.platform}"),
+        _check(
+            "Sum of matrix products", f"relative error {error:.1e}", usable=right, remedy=install
+        ),
+        _check(
             "Precision",
             "float64" if wide else "float32",
             usable=wide,
@@ -178,9 +183,12 @@ def _cache() -> list[Check]:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        remedy = "set VIBRIDENT_CACHE to a folder that can be written; without it every run compiles anew"
-        found = f"{folder}: {error.strerror or error}"
-        return [Check("Kernel cache", found, "cannot be used", remedy)]
+        remedy = (
+            "set VIBRIDENT_CACHE to a folder that can be written; without it every run "
+            "compiles anew"
+        )
+        problem = f"{folder}: {error.strerror or error}"
+        return [Check("Kernel cache", problem, "cannot be used", remedy)]
     kernels = sum(1 for _ in os.scandir(folder))
     return [Check("Kernel cache", f"{folder}, {kernels} files")]
 
@@ -198,17 +206,18 @@ def _store() -> list[Check]:
             with store.reading():
                 return [Check("History", store.shown)]
     except InputError as error:
-        found = f"{error.where}: {error.problem} {error.found}"
-        return [Check("History", found, "cannot be used", error.remedy, vital=False)]
+        problem = f"{error.where}: {error.problem} {error.found}"
+        return [Check("History", problem, "cannot be used", error.remedy, vital=False)]
     except Exception as error:  # the driver of a database may fail in any way
-        found, remedy = f"{type(error).__name__}: {error}", "check VIBRIDENT_STORE"
-        return [Check("History", found, "cannot be used", remedy, vital=False)]
+        problem = f"{type(error).__name__}: {error}"
+        remedy = "check VIBRIDENT_STORE"
+        return [Check("History", problem, "cannot be used", remedy, vital=False)]
 
 
 def _judged_place(shown: str) -> Check:
     """Judge the folder of a store that is not there yet."""
     folder = next(parent for parent in Path(shown).absolute().parents if parent.exists())
-    return _judged(
+    return _check(
         "History",
         f"none yet; it would be {shown}",
         usable=folder.is_dir() and os.access(folder, os.W_OK),
@@ -218,7 +227,7 @@ def _judged_place(shown: str) -> Check:
 
 
 def _identification() -> list[Check]:
-    """Identify a simulated sensor by the network and by maximum likelihood; compare with the truth."""
+    """Identify a simulated sensor by network and by maximum likelihood; compare with the truth."""
     from vibrident.fit.estimators import AUTO, ranked
     from vibrident.physics.simulation import SENSORS, simulate
     from vibrident.use.comparison import deviations
@@ -226,17 +235,29 @@ def _identification() -> list[Check]:
 
     frequencies = (100.0, 300.0, 500.0, 630.0, 800.0)
     calibration = simulate(
-        "paper", frequencies_hz=frequencies, sampling_rate_hz=12800.0, samples=2000, response_noise=0.01, seed=7
+        "paper",
+        frequencies_hz=frequencies,
+        sampling_rate_hz=12800.0,
+        samples=2000,
+        response_noise=0.01,
+        seed=7,
     )
     checks = []
-    for estimator in (AUTO, *(one.name for one in ranked() if one.trains_network)):
+    for estimator in (
+        AUTO,
+        *(candidate.name for candidate in ranked() if candidate.trains_network),
+    ):
         begin = time.perf_counter()
         result = identify(calibration, estimator=estimator)
         elapsed = time.perf_counter() - begin
         off = deviations(result, SENSORS["paper"].parameters)
-        far, name = max((float("inf") if d.in_u is None else abs(d.in_u), name) for name, d in off.items())
-        found = f"at most {far:.1f} u from the truth ({name.replace('_', ' ')}), {elapsed:.1f} s"
+        far, name = max(
+            (float("inf") if d.in_u is None else abs(d.in_u), name) for name, d in off.items()
+        )
+        deviation = (
+            f"at most {far:.1f} u from the truth ({name.replace('_', ' ')}), {elapsed:.1f} s"
+        )
         remedy = "reinstall vibrident; if it stays, report it as a bug"
         subject = f"Identification, {result.estimator}"
-        checks.append(_judged(subject, found, usable=far < CLOSE, remedy=remedy))
+        checks.append(_check(subject, deviation, usable=far < MAX_DEVIATION_U, remedy=remedy))
     return checks

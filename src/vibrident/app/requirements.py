@@ -1,4 +1,4 @@
-"""The packages that vibrident and its extras require: present, new enough, and able to load.
+"""Check the packages that vibrident and its extras require: present, new enough, able to load.
 
 Each is loaded in another process: what it breaks there breaks nothing here.
 """
@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 from packaging.requirements import Requirement
 
-MAX_SECONDS = 600.0  # for all imports: twenty of processor time, on a machine that does other work too
+# for all imports: twenty of processor time, on a machine that does other work too
+MAX_SECONDS = 600.0
 _NOT_FOR_USERS = ("dev", "test", "docs")
 #: What is loaded beside an extra's own packages, because it tests them.
 _SELF_TESTS: Mapping[str, str] = {"jax": "vibrident.base.backend"}
@@ -56,7 +57,7 @@ class Requirements:
         return cls(tuple(pairs))
 
     def core(self) -> tuple[str, ...]:
-        """Return the packages that all needs."""
+        """Return the packages that the core needs."""
         return tuple(sorted({each.name for each, extra in self.pairs if not extra}))
 
     def by_extra(self) -> dict[str, list[str]]:
@@ -69,7 +70,8 @@ class Requirements:
 
     def problems(self) -> dict[str, str]:
         """Return package → why it cannot be used, of those that are installed and cannot."""
-        found, loadable = {}, []
+        outdated = {}
+        loadable = []
         for requirement, extra in self.pairs:
             if extra in _NOT_FOR_USERS:
                 continue
@@ -78,10 +80,10 @@ class Requirements:
             except importlib.metadata.PackageNotFoundError:
                 continue
             if not requirement.specifier.contains(version, prereleases=True):
-                found[requirement.name] = f"{version}, but {requirement.specifier} is needed"
+                outdated[requirement.name] = f"{version}, but {requirement.specifier} is needed"
             else:
                 loadable.append(requirement.name)
-        return _not_loading(list(dict.fromkeys(loadable))) | found
+        return _not_loading(list(dict.fromkeys(loadable))) | outdated
 
 
 def _not_loading(packages: list[str]) -> dict[str, str]:
@@ -101,7 +103,7 @@ def _not_loading(packages: list[str]) -> dict[str, str]:
 
 
 def _imported(wanted: list[tuple[str, str]]) -> tuple[list[tuple[str, str]], str]:
-    """Import modules in another process; return those it ended with, and why it did not go on."""
+    """Import modules in another process; return the finished ones, and why it stopped early."""
     words = [sys.executable, "-c", _IMPORT, json.dumps(wanted)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
@@ -113,9 +115,11 @@ def _imported(wanted: list[tuple[str, str]]) -> tuple[list[tuple[str, str]], str
             timeout=MAX_SECONDS,
             check=False,
         )
-        text, crash = done.stdout, f"its import ended Python with status {done.returncode}"
+        text = done.stdout
+        crash = f"its import ended Python with status {done.returncode}"
     except subprocess.TimeoutExpired as error:
-        text, crash = _text(error.stdout), f"its import took more than {MAX_SECONDS:g} s"
+        text = _text(error.stdout)
+        crash = f"its import took more than {MAX_SECONDS:g} s"
     lines = [json.loads(line) for line in text.splitlines() if line.endswith("]")]
     return [(package, problem) for package, problem in lines if problem is not None], crash
 
@@ -132,8 +136,8 @@ def _modules(package: str) -> list[str]:
         if not module.startswith("_") and _plain(package) in map(_plain, owners)
     ]
     named = [module for module in tops if _plain(module) == _plain(package)]
-    own = [module for module in named or sorted(tops) if module.isidentifier()]
-    return own + [module for name, module in _SELF_TESTS.items() if name == package]
+    importable = [module for module in named or sorted(tops) if module.isidentifier()]
+    return importable + [module for name, module in _SELF_TESTS.items() if name == package]
 
 
 def _plain(name: str) -> str:

@@ -17,35 +17,48 @@ _ANGLES = (1.0, 1.5, 3.0, 4.5, 6.0, 9.0, 10.0)  # steps of an axis of angles in 
 
 
 def usable(values: FloatArray, *, positive: bool = False) -> FloatArray:
-    """The finite values; on request only those above zero."""
-    kept = values[np.isfinite(values)]
-    return kept[kept > 0] if positive else kept
+    """Return the finite values; on request only those above zero."""
+    finite = values[np.isfinite(values)]
+    return finite[finite > 0] if positive else finite
 
 
 def frequency(values: FloatArray, label: str = "Frequency in Hz") -> Axis:
-    """Of frequencies: logarithmic where the band is wider than 2:1, with ``1 k`` for 1000."""
+    """Return the axis of frequencies, logarithmic where the band is wider than 2:1.
+
+    It writes ``1 k`` for 1000.
+    """
     known = usable(values, positive=True)
     if known.size == 0:
         return Axis(label, 0.0, 1.0)
-    low, high = float(known.min()), float(known.max())
+    low = float(known.min())
+    high = float(known.max())
     if high / low < 1.001:
-        low, high = low / math.sqrt(10), high * math.sqrt(10)
+        low = low / math.sqrt(10)
+        high = high * math.sqrt(10)
     if high / low <= 2:
         margin = 0.04 * (high - low)
-        return Axis(label, low - margin, high + margin, linear_ticks(low - margin, high + margin, thousands=True))
+        return Axis(
+            label,
+            low - margin,
+            high + margin,
+            linear_ticks(low - margin, high + margin, thousands=True),
+        )
     margin = (high / low) ** 0.03
     return _logarithmic(label, low / margin, high * margin, thousands=True)
 
 
-def size(label: str, values: FloatArray, low: FloatArray | None = None, high: FloatArray | None = None) -> Axis:
-    """Of positive sizes: logarithmic where they span more than 3:1.
+def size(
+    label: str, values: FloatArray, low: FloatArray | None = None, high: FloatArray | None = None
+) -> Axis:
+    """Return the axis of positive sizes, logarithmic where they span more than 3:1.
 
     ``low``, ``high``: ends of bars and bands, in view as far as a factor of two beyond the values.
     """
     known = usable(values, positive=True)
     if known.size == 0:
         return Axis(label, 0.0, 1.0)
-    smallest, largest = float(known.min()), float(known.max())
+    smallest = float(known.min())
+    largest = float(known.max())
     ends = [usable(end) if end is not None else known for end in (low, high)]
     bottom = max(min(float(ends[0].min(initial=smallest)), smallest), smallest / 2)
     top = min(max(float(ends[1].max(initial=largest)), largest), largest * 2)
@@ -56,15 +69,19 @@ def size(label: str, values: FloatArray, low: FloatArray | None = None, high: Fl
     return Axis(label, bottom - margin, top + margin, linear_ticks(bottom - margin, top + margin))
 
 
-def about_zero(label: str, values: FloatArray, half: FloatArray | None = None, floor: float = 1e-6) -> Axis:
-    """Of deviations: zero in the middle, bars in view as far as they do not dwarf the values.
+def about_zero(
+    label: str, values: FloatArray, half: FloatArray | None = None, floor: float = 1e-6
+) -> Axis:
+    """Return the axis of deviations: zero in the middle, bars in view unless they dwarf the values.
 
-    ``half``: half lengths of the bars, NaN for no bar; ``floor``: least half range, so that rounding noise does not
-    look like a deviation.
+    ``half``: half lengths of the bars, NaN for no bar; ``floor``: least half range, so that
+    rounding noise does not look like a deviation.
     """
     known = usable(values)
     reach = float(np.abs(known).max(initial=0.0))
-    longest = usable(np.abs(values) + (0.0 if half is None else np.where(np.isfinite(half), half, 0.0)))
+    longest = usable(
+        np.abs(values) + (0.0 if half is None else np.where(np.isfinite(half), half, 0.0))
+    )
     if longest.size:
         reach = max(reach, min(float(longest.max()), 4 * reach + 4 * float(np.median(longest))))
     reach = 1.12 * max(reach, floor)
@@ -72,44 +89,59 @@ def about_zero(label: str, values: FloatArray, half: FloatArray | None = None, f
 
 
 def angle(label: str, values: FloatArray) -> Axis:
-    """Of angles in degrees."""
+    """Return the axis of angles in degrees."""
     known = usable(values)
     if not known.size:
         return Axis(label, -1.0, 1.0, linear_ticks(-1.0, 1.0))
-    low, high = float(known.min()), float(known.max())
+    low = float(known.min())
+    high = float(known.max())
     margin = 0.07 * max(high - low, 1.0)
     steps = _ANGLES if high - low > 40 else _STEPS
-    return Axis(label, low - margin, high + margin, linear_ticks(low - margin, high + margin, steps=steps))
+    return Axis(
+        label, low - margin, high + margin, linear_ticks(low - margin, high + margin, steps=steps)
+    )
 
 
 def linear(
-    label: str, values: FloatArray, *, most: int = 6, whole: bool = False, margin: float = 0.05, base: bool = False
+    label: str,
+    values: FloatArray,
+    *,
+    most: int = 6,
+    whole_numbers: bool = False,
+    margin: float = 0.05,
+    base: bool = False,
 ) -> Axis:
-    """Of any numbers.
+    """Return a linear axis of any numbers.
 
-    ``most``: ticks; ``whole``: ticks at whole numbers only; ``margin``: on both sides, of the range; ``base``: the axis
-    begins at zero.
+    ``most``: ticks; ``whole_numbers``: ticks at whole numbers only; ``margin``: on both sides, of
+    the range; ``base``: the axis begins at zero.
     """
     known = usable(values)
     if known.size == 0:
         return Axis(label, 0.0, 1.0)
-    low, high = float(known.min()), float(known.max())
+    low = float(known.min())
+    high = float(known.max())
     room = margin * (high - low) or 0.05 * abs(high) or 1.0
-    low, high = 0.0 if base else low - room, high + room
-    return Axis(label, low, high, linear_ticks(low, high, most, whole=whole))
+    low = 0.0 if base else low - room
+    high = high + room
+    return Axis(label, low, high, linear_ticks(low, high, most, whole_numbers=whole_numbers))
 
 
 def of_dates(label: str, dates: Sequence[datetime.date]) -> Axis:
-    """Of dates; the values are their ordinals."""
+    """Build a date axis; values are proleptic ordinals."""
     days = [date.toordinal() for date in dates]
     room = 0.06 * (max(days) - min(days)) or 30.0
-    ticks = tuple((float(date.toordinal()), date.isoformat()) for date in _apart(sorted(set(dates))))
+    ticks = tuple(
+        (float(date.toordinal()), date.isoformat()) for date in _apart(sorted(set(dates)))
+    )
     return Axis(label, min(days) - room, max(days) + room, ticks, dates=True)
 
 
 def named(label: str, names: Sequence[str]) -> Axis:
-    """Of things counted from 1, by their names."""
-    return Axis(label, 0.4, len(names) + 0.6, tuple((float(i), name) for i, name in enumerate(names, 1)))
+    """Return an axis of items counted from 1, labelled by their names."""
+    return Axis(
+        label, 0.4, len(names) + 0.6, tuple((float(i), name) for i, name in enumerate(names, 1))
+    )
 
 
 def _logarithmic(label: str, low: float, high: float, *, thousands: bool = False) -> Axis:
@@ -119,11 +151,11 @@ def _logarithmic(label: str, low: float, high: float, *, thousands: bool = False
 def _apart(dates: Sequence[datetime.date], most: int = 6) -> list[datetime.date]:
     """Dates far enough from each other to be written side by side, the first among them."""
     span = (dates[-1] - dates[0]).days or 1
-    kept = [dates[0]]
+    separate = [dates[0]]
     for date in dates[1:]:
-        if (date - kept[-1]).days >= span / most:
-            kept.append(date)
-    return kept
+        if (date - separate[-1]).days >= span / most:
+            separate.append(date)
+    return separate
 
 
 def log_ticks(low: float, high: float, *, thousands: bool = False) -> tuple[tuple[float, str], ...]:
@@ -145,19 +177,24 @@ def linear_ticks(
     most: int = 6,
     *,
     steps: Sequence[float] = _STEPS,
-    whole: bool = False,
+    whole_numbers: bool = False,
     thousands: bool = False,
 ) -> tuple[tuple[float, str], ...]:
     """Round numbers between two limits, at most so many."""
     span = (high - low) / most
     power = 10.0 ** math.floor(math.log10(span))
     step = next((m * power for m in steps if m * power >= span), 10.0 * power)
-    step = max(1.0, float(math.ceil(step))) if whole else step
+    step = max(1.0, float(math.ceil(step))) if whole_numbers else step
     places = np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1) * step
     if thousands:
-        return tuple((float(value), _plain(float(f"{value:.10g}"), thousands=True)) for value in places)
+        return tuple(
+            (float(value), _plain(float(f"{value:.10g}"), thousands=True)) for value in places
+        )
     digits = max(0, -math.floor(math.log10(step) + 1e-9) + (f"{step:.3e}"[2:4] not in ("00",)))
-    texts = [f"{value:.{digits}f}" if digits < 7 and abs(value) < 1e6 else plain(value) for value in places]
+    texts = [
+        f"{value:.{digits}f}" if digits < 7 and abs(value) < 1e6 else plain(value)
+        for value in places
+    ]
     return tuple((float(value), printed(text)) for value, text in zip(places, texts, strict=True))
 
 

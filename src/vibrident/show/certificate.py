@@ -1,7 +1,10 @@
-"""What a calibration certificate says, as text: from the result and what [certificate] states, in one or two languages.
+"""Write a calibration certificate as text, in one or two languages.
 
-The fields are those of ISO/IEC 17025:2017, 7.8, and of practice under ISO 16063 and DKD-R 3-1. What is not stated is a
-blank to fill, never a value, and a certificate that lacks what the standard asks for is a draft.
+It comes from the result and from what [certificate] states.
+
+The fields are those of ISO/IEC 17025:2017, 7.8, and of practice under ISO 16063 and DKD-R 3-1. What
+is not stated is a blank to fill, never a value, and a certificate that lacks what the standard asks
+for is a draft.
 """
 
 from __future__ import annotations
@@ -16,8 +19,8 @@ import numpy as np
 from vibrident.base.amounts import pretty
 from vibrident.data.io.certificate import check_dates
 from vibrident.result import Result
+from vibrident.show import certificate_decisions, tables
 from vibrident.show import certificate_tables as parts
-from vibrident.show import tables
 from vibrident.show.certified import REJECTED, certified, said_of_raised
 from vibrident.show.coverage import coverage, document_kind, not_certified, parameter_factor
 from vibrident.show.findings import findings
@@ -63,22 +66,31 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     stated = result.certificate
 
     def part(name: str, *blocks: Block | None) -> Section:
-        return section(name, say("section", name), *(parts.localised(block, say) for block in blocks))
+        return section(
+            name, say("section", name), *(parts.localised(block, say) for block in blocks)
+        )
 
     sections = [
         part("reference", parts.reference(result, say)),
         part("measured", parts.measured(result, say), parts.from_reference(result, say)),
         part("instruments", parts.instruments(result, say)),
         part("traceability", Sentence(_text(stated, "traceability") or "")),
-        part("conformity", *parts.conformity(result, say)),
+        part("conformity", *certificate_decisions.conformity(result, say)),
         part("limits", *_doubts(result, say)),
-        replace(findings(result), title=say("section", "findings")) if say.codes == ("en",) else part("findings"),
-        part("adjustment", parts.adjustment(result, issue.before, say)),
+        replace(findings(result), title=say("section", "findings"))
+        if say.codes == ("en",)
+        else part("findings"),
+        part("adjustment", certificate_decisions.adjustment(result, issue.before, say)),
         part("sensitivity", nominal),
         part("curve", parts.curve(result, say)),
         part("parameters", None if rejected else parts.parameters(result, say)),
         part("temperature", parts.temperature(result, say)),
-        part("budget", *_unless_left_out(result, "budget", budget(result, say), *parts.point_budgets(result, say))),
+        part(
+            "budget",
+            *_unless_left_out(
+                result, "budget", budget(result, say), *parts.point_budgets(result, say)
+            ),
+        ),
         part("data", *_unless_left_out(result, "data_files", parts.files(result, say))),
         part("statements", *map(Sentence, statements(result, say))),
         part("opinions", *map(Sentence, _listed(stated, "opinions"))),
@@ -112,16 +124,17 @@ def title(result: Result, say: Say = ENGLISH) -> str:
 
 
 def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) -> Letterhead:
-    """Who issues the certificate, its number, and what stands on each of its pages."""
+    """Return the issuer, the number, and what stands on each page of the certificate."""
     stated = result.certificate
     lines = (stated.get(key) for key in ("laboratory", "laboratory_address", "accreditation"))
-    version, time = result.provenance.get("vibrident"), result.provenance.get("time")
+    version = result.provenance.get("vibrident")
+    time = result.provenance.get("time")
     made_by = f"vibrident{f' {version}' if version else ''}" + (f", {time}" if time else "")
     return Letterhead(
         lines=tuple(str(line) for line in lines if line),
         number=_text(stated, "number"),
         subject=sensor_name(result.sensor, Say(say.codes[0])("label", "no")),
-        foot=str(say.each(lambda one: one("text", "foot", program="{0}").format(made_by))),
+        foot=str(say.each(lambda words: words("text", "foot", program="{0}").format(made_by))),
         date=date_of(result),
         words={
             "page": say("text", "page", page="{page}", pages="{pages}"),
@@ -132,8 +145,10 @@ def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) ->
 
 
 def signatures(result: Result, say: Say = ENGLISH) -> tuple[Fact, ...]:
-    """Who signs."""
-    return tuple((say("label", key), _text(result.certificate, key)) for key in ("operator", "approved_by"))
+    """Return the signatures of the certificate."""
+    return tuple(
+        (say("label", key), _text(result.certificate, key)) for key in ("operator", "approved_by")
+    )
 
 
 def _text(stated: Mapping[str, Any], key: str) -> str | None:
@@ -142,41 +157,65 @@ def _text(stated: Mapping[str, Any], key: str) -> str | None:
 
 
 def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
-    """What was calibrated, for whom, under which conditions and how."""
-    stated, sensor = result.certificate, result.sensor
-    others = {key: value for key, value in sensor.items() if key not in _SENSOR and value}
+    """Return what was calibrated, for whom, under which conditions and how."""
+    stated = result.certificate
+    sensor = result.sensor
+    other_entries = {key: value for key, value in sensor.items() if key not in _SENSOR and value}
 
-    def given(*keys: str) -> list[Fact]:
+    def facts_of(*keys: str) -> list[Fact]:
         """Rows that appear only where they are stated."""
-        return [(say("label", key), "\n".join(_listed(stated, key))) for key in keys if stated.get(key)]
+        return [
+            (say("label", key), "\n".join(_listed(stated, key))) for key in keys if stated.get(key)
+        ]
 
     def always(*keys: str) -> list[Fact]:
         return [(say("label", key), _text(stated, key)) for key in keys]
 
     device: list[Fact] = [(say("label", key), _text(sensor, key)) for key in _SENSOR]
-    device += [(say("label", key) if key == "axis" else _words(key), str(value)) for key, value in others.items()]
-    device += given("condition")
-    customer = "\n".join(str(stated[key]) for key in ("customer", "customer_address") if stated.get(key))
+    device += [
+        (say("label", key) if key == "axis" else _words(key), str(value))
+        for key, value in other_entries.items()
+    ]
+    device += facts_of("condition")
+    customer = "\n".join(
+        str(stated[key]) for key in ("customer", "customer_address") if stated.get(key)
+    )
     order: list[Fact] = [(say("label", "customer"), customer or None)]
-    order += given("order_number", "date_of_receipt")
-    order += [*always("date_of_calibration", "date_of_issue"), *given("place")]
-    conditions = [*always("mounting"), *given("direction", "amplitude", "conditioning")]
-    ambient = (("temperature", "c", "°C"), ("relative_humidity", "percent", "%"), ("air_pressure", "hpa", "hPa"))
+    order += facts_of("order_number", "date_of_receipt")
+    order += [*always("date_of_calibration", "date_of_issue"), *facts_of("place")]
+    conditions = [*always("mounting"), *facts_of("direction", "amplitude", "conditioning")]
+    ambient = (
+        ("temperature", "c", "°C"),
+        ("relative_humidity", "percent", "%"),
+        ("air_pressure", "hpa", "hPa"),
+    )
     for name, suffix, unit in ambient:
         if name != "air_pressure" or stated.get("air_pressure_hpa") is not None:
-            conditions.append((say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit, say)))
+            conditions.append(
+                (say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit, say))
+            )
     unit = pretty(reference_unit(result))
-    quantity = say.each(lambda one: one("text", "in_unit", quantity=one.known(reference_quantity(result)), unit=unit))
+    quantity = say.each(
+        lambda words: words(
+            "text", "in_unit", quantity=words.known(reference_quantity(result)), unit=unit
+        )
+    )
     method = [
         *always("procedure"),
-        *given("deviations", "external_results"),
+        *facts_of("deviations", "external_results"),
         (say("label", "reference_quantity"), Mixed(quantity)),
         (say("label", "measured_band"), _band(result, say)),
-        (say("label", "evaluation"), say.each(lambda one: evaluation(result, one))),
+        (say("label", "evaluation"), say.each(lambda words: evaluation(result, words))),
     ]
     placed = {key for keys in GROUPS.values() for key in keys}
     further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in placed]
-    titled = {"object": device, "order": order, "conditions": conditions, "method": method, "further": further}
+    titled = {
+        "object": device,
+        "order": order,
+        "conditions": conditions,
+        "method": method,
+        "further": further,
+    }
     return tuple(Facts(tuple(rows), say("group", name)) for name, rows in titled.items() if rows)
 
 
@@ -200,8 +239,9 @@ def _plain(value: Any) -> str:
 
 
 def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str, say: Say) -> str | None:
-    """A condition with its expanded uncertainty, both as they were stated."""
-    value, expanded = stated.get(f"{name}_{suffix}"), stated.get(f"{name}_uncertainty_{suffix}")
+    """Return a condition with its expanded uncertainty, both as they were stated."""
+    value = stated.get(f"{name}_{suffix}")
+    expanded = stated.get(f"{name}_uncertainty_{suffix}")
     if value is None:
         return None
     bar = "" if expanded is None else f" (U = {expanded:.12g} {unit}, k = 2)"
@@ -209,7 +249,8 @@ def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str, say: 
 
 
 def _band(result: Result, say: Say) -> str:
-    band, total = measured_band(result), len(result.measured.frequency_hz)
+    band = measured_band(result)
+    total = len(result.measured.frequency_hz)
     if band is None or not total:
         return say("text", "no_points")
     low, high = (f"{end:.5g}" for end in band)
@@ -223,23 +264,29 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
     verdict = "adequate" if result.fit.adequate else "not_adequate"
     unknown = any(p.standard_uncertainty is None for p in result.parameters.values())
 
-    def sources(one: Say) -> str:
-        """Of the uncertainty; our own words for them in the language."""
-        return "; ".join(_source(source, one) for source in str(covers).split("; "))
+    def sources(words: Say) -> str:
+        """Return the sources of the uncertainty, our own words translated."""
+        return "; ".join(_source(source, words) for source in str(covers).split("; "))
 
-    found = [
-        say.each(lambda one: _uncertainty(result, one)),
-        Mixed(say.each(lambda one: f"{one('text', 'covers')} {sources(one)}.")) if covers else "",
+    sentences = [
+        say.each(lambda words: _uncertainty(result, words)),
+        Mixed(say.each(lambda words: f"{words('text', 'covers')} {sources(words)}."))
+        if covers
+        else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
         *said_of_raised(result, say),
         ""
         if result.is_tracked
-        else say.each(lambda one: f"{one('text', verdict)} {tables.worst(result.measured, one)}".strip()),
+        else say.each(
+            lambda words: f"{words('text', verdict)} {tables.worst(result.measured, words)}".strip()
+        ),
         tables.small_signals(result) if say.codes == ("en",) else "",
-        say("text", "unstated") if unknown or np.isnan(result.response.magnitude_uncertainty).any() else "",
+        say("text", "unstated")
+        if unknown or np.isnan(result.response.magnitude_uncertainty).any()
+        else "",
         say("text", "no_reproduction"),
     ]
-    return tuple(part for part in found if part)
+    return tuple(part for part in sentences if part)
 
 
 def _source(covered: str, say: Say) -> str:
@@ -251,8 +298,9 @@ def _source(covered: str, say: Say) -> str:
 
 
 def _uncertainty(result: Result, say: Say) -> str:
-    """What U is and what it covers with which probability."""
-    known, k = coverage(result), parameter_factor(result)
+    """Return what U is and what it covers with which probability."""
+    known = coverage(result)
+    k = parameter_factor(result)
     lines = [say("text", "uncertainty"), known.text(say)]
     if k != K:
         freedom = plain(known.degrees_of_freedom, 3)
@@ -261,14 +309,18 @@ def _uncertainty(result: Result, say: Say) -> str:
 
 
 def _draft(result: Result, say: Say) -> tuple[Sentence, ...]:
-    """What is missing for the document to be issued."""
+    """Return what is missing for the document to be issued."""
     lacking = missing(result)
-    names = say.each(lambda one: f"{one('text', 'draft')} " + ", ".join(one("label", key) for key in lacking) + ".")
+    names = say.each(
+        lambda words: (
+            f"{words('text', 'draft')} " + ", ".join(words("label", key) for key in lacking) + "."
+        )
+    )
     return (Sentence(names, "doubt", say("title", "draft")),) if lacking else ()
 
 
 def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
-    """What the document replaces, and what was changed; nothing for a first issue."""
+    """Return what the document replaces, and what changed; nothing for a first issue."""
     stated = result.certificate
     if not stated.get("replaces"):
         return ()
@@ -279,7 +331,7 @@ def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
 
 def _doubts(result: Result, say: Say) -> Iterator[Sentence]:
     for doubt in tables.doubts(result):
-        title = say.each(lambda one, doubt=doubt: _sentence(one.known(doubt.title)))
+        title = say.each(lambda words, doubt=doubt: _sentence(words.known(doubt.title)))
         # what a warning says in detail is in English, and speaks to the laboratory
         yield Sentence(" ".join(doubt.messages) if say.codes == ("en",) else "", "doubt", title)
     if not (result.warnings or result.fit.adequate):
@@ -291,10 +343,14 @@ def _sentence(words: str) -> str:
 
 
 def remarks(result: Result) -> tuple[str, ...]:
-    """As stated."""
+    """Return the remarks of the certificate."""
     return tuple(_listed(result.certificate, "remarks"))
 
 
 def _listed(stated: Mapping[str, Any], key: str) -> list[str]:
-    found = stated.get(key) or ()
-    return [str(found)] if isinstance(found, str | int | float) else [str(one) for one in found]
+    entries = stated.get(key) or ()
+    return (
+        [str(entries)]
+        if isinstance(entries, str | int | float)
+        else [str(entry) for entry in entries]
+    )

@@ -1,9 +1,10 @@
-"""What may be stated of a result to a customer: the one door from a result to a document.
+"""State of a result only what may be stated to a customer: every document begins here.
 
 - No U of the model lies below that of the measured values, as a model averages them.
 - A model that the data reject states nothing: the measured values stand alone.
-- A phase is stated where it was measured, where the certificate asks for it, and where the source of
-  its uncertainty is stated; a report, which certifies nothing, states a measured phase all the same.
+- A phase is stated where it was measured, where the certificate asks for it, and where the source
+  of its uncertainty is stated; a report, which certifies nothing, states a measured phase all the
+  same.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH, Say
 
 SOURCE = "U of the measured values"
-RAISED, REJECTED = "raised_to_measured", "rejected_model"  # in the settings of what is certified
+RAISED = "raised_to_measured"
+REJECTED = "rejected_model"  # in the settings of what is certified
 
 
 def certified(result: Result) -> Result:
     """Return what may be certified of a result."""
-    found = result if result.is_tracked else _of_the_model(result)
-    return found if states_phase(result) else _without_phase(found)
+    statable = result if result.is_tracked else _of_the_model(result)
+    return statable if states_phase(result) else _without_phase(statable)
 
 
 def raised_to_measured(result: Result) -> Result:
@@ -38,38 +40,38 @@ def raised_to_measured(result: Result) -> Result:
     """
     if result.is_tracked or not result.has_gain:
         return result
-    found = raised(
+    raised_result = raised(
         result,
         lambda f: _measured_u(result, "magnitude", f),
         lambda f: _measured_u(result, "phase_deg", f),
         SOURCE,
     )
-    if found == result:
+    if raised_result == result:
         return result
-    settings = {**found.settings, RAISED: True}
+    settings = {**raised_result.settings, RAISED: True}
     rows = result.settings.get("uncertainty_budget") or ()
     if rows and all("contributions" in row for row in rows):
-        added = found.settings["uncertainty_budget"][len(rows) :]
+        added = raised_result.settings["uncertainty_budget"][len(rows) :]
         settings["uncertainty_budget"] = [*rows, *({**row, "kind": "data"} for row in added)]
     elif "uncertainty_budget" in result.settings:
         settings["uncertainty_budget"] = rows
     else:
         settings.pop("uncertainty_budget", None)
-    return replace(found, settings=settings)
+    return replace(raised_result, settings=settings)
 
 
 def said_of_raised(result: Result, say: Say = ENGLISH) -> tuple[Words, ...]:
     """Return which U of a result are raised: to the laboratory's capability, to the measured."""
     settings = result.settings
-    found = ("cmc", settings.get("cmc")), ("raised", settings.get(RAISED))
-    return tuple(say("text", key) for key, applies in found if applies)
+    entries = ("cmc", settings.get("cmc")), ("raised", settings.get(RAISED))
+    return tuple(say("text", key) for key, applies in entries if applies)
 
 
 def states_phase(result: Result) -> bool:
     """Return whether the document of a result states phases."""
-    asked = "phase" in (result.certificate.get("quantities") or ("phase",))
+    phase_wanted = "phase" in (result.certificate.get("quantities") or ("phase",))
     measured = result.response if result.is_tracked else result.measured
-    if not asked or not np.isfinite(measured.phase_deg).any():
+    if not phase_wanted or not np.isfinite(measured.phase_deg).any():
         return False
     lacking = unstated(result)
     return "phase" not in lacking or "gain" in lacking
@@ -79,11 +81,15 @@ def stated_parameters(result: Result) -> Result:
     """Return a result without the parameters that its phase alone tells, if it has no phase."""
     if any(np.isfinite(curve.phase_deg).any() for curve in (result.response, result.measured)):
         return result
-    kept = {name: each for name, each in result.parameters.items() if getattr(described(name), "kind", "") != "time"}
-    places = [i for i, name in enumerate(result.correlation.names) if name in kept]
+    parameters = {
+        name: each
+        for name, each in result.parameters.items()
+        if getattr(described(name), "kind", "") != "time"
+    }
+    places = [i for i, name in enumerate(result.correlation.names) if name in parameters]
     names = tuple(result.correlation.names[i] for i in places)
     matrix = tuple(tuple(result.correlation.matrix[i][j] for j in places) for i in places)
-    return replace(result, parameters=kept, correlation=Correlation(names, matrix))
+    return replace(result, parameters=parameters, correlation=Correlation(names, matrix))
 
 
 def _of_the_model(result: Result) -> Result:
@@ -100,7 +106,7 @@ def _of_the_model(result: Result) -> Result:
 
 
 def _measured_u(result: Result, quantity: str, frequency_hz: FloatArray) -> FloatArray:
-    """Return the measured u at these frequencies, relative or in rad, between neighbours by ln f."""
+    """Return the measured u, relative or in rad, interpolated over ln f between neighbours."""
     points = result.measured
     u = column(points, f"{quantity}_uncertainty")
     u = np.deg2rad(u) if quantity == "phase_deg" else u / np.abs(points.magnitude)

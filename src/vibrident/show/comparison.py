@@ -1,22 +1,16 @@
-"""Several results beside each other: values, their differences from the first, E_n, and their curves."""
+"""Compare several results: values, differences from the first, and E_n."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from decimal import Decimal
 
-import numpy as np
-
 from vibrident.base.amounts import UnitScale, pretty, scaled
-from vibrident.base.nominal import Nominal
 from vibrident.physics.naming import described, parameter_name
 from vibrident.result import Result
-from vibrident.show import axes
-from vibrident.show.curves import continuous, principal
 from vibrident.show.formulas import Words
-from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
     NONE,
     per_unit,
@@ -30,8 +24,8 @@ from vibrident.show.numbers import (
     with_sign,
     with_u,
 )
-from vibrident.show.points import Point, nominal_points, reference_point, sensitivity_at
-from vibrident.show.views import LINES, Column, Figure, K, Panel, Series, Stack, Table, columns
+from vibrident.show.points import Point, nominal_points, reference_point
+from vibrident.show.views import Column, K, Table, columns
 from vibrident.use.comparison import (
     assumed_sources,
     normalized_error,
@@ -41,12 +35,14 @@ from vibrident.use.comparison import (
     stated_sources,
 )
 
-MOST_COLUMNS = 5  # results in one table, including the first; more results need further tables
-_LEAST_FIXED = 1e-7  # differences smaller than this carry a power of ten
+# results in one table, including the first; more results need further tables
+MAX_RESULTS_PER_TABLE = 5
+_MIN_FIXED_POINT = 1e-7  # differences smaller than this carry a power of ten
 EN = Words(
-    "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: |E_n| ≤ 1 says that "
-    "the two agree within their uncertainties. The covariance is that of the stated sources which both share, such as "
-    "the same reference. None is given for two evaluations of the same data, nor for different sensors."
+    "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: "
+    "|E_n| ≤ 1 says that the two agree within their uncertainties. The covariance is that of the "
+    "stated sources which both share, such as the same reference. None is given for two "
+    "evaluations of the same data, nor for different sensors."
 )
 
 
@@ -56,7 +52,8 @@ class Value:
 
     value: float  # best estimate
     u: float | None  # None where not known
-    shared: Mapping[str, float] = field(default_factory=dict)  # what of u other results may share, by source
+    # what of u other results may share, by source
+    shared: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def expanded(self) -> float | None:
@@ -66,12 +63,14 @@ class Value:
 
 @dataclass(frozen=True)
 class ComparedQuantity:
-    """One quantity over several results, all in one unit."""
+    """A quantity of several results, all in one unit."""
 
     label: str  # what it is
     scale: UnitScale  # factor from the result's unit to the printed one, and that
-    values: tuple[Value | None, ...]  # one a result; None where the result has no such quantity in this unit
-    relative: bool = True  # its differences are relative ones (not those of a phase or of a delay near zero)
+    # one a result; None where the result has no such quantity in this unit
+    values: tuple[Value | None, ...]
+    # its differences are relative ones (not those of a phase or of a delay near zero)
+    relative: bool = True
 
 
 def of_parameter(result: Result, name: str) -> Value:
@@ -88,14 +87,14 @@ def at_point(result: Result, point: Point) -> Value:
 
 
 def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
-    """The sensitivity at the reference frequency, then every parameter that at least two results have."""
-    found = []
-    same = len({_sensitivity_kind(result) for result in results}) == 1
+    """Return the sensitivity at the reference frequency, then parameters of two results or more."""
+    compared = []
+    same = len({sensitivity_kind(result) for result in results}) == 1
     points = [reference_point(result)[0] if same else None for result in results]
     at_one = _at_the_same(points)
     if sum(point is not None for point in at_one) > 1:
         name = next(point.nominal for point in at_one if point is not None)
-        found.append(_magnitudes(f"|S| at {name} Hz", at_one, results))
+        compared.append(_magnitudes(f"|S| at {name} Hz", at_one, results))
     names = dict.fromkeys(key for result in results for key in result.parameters)
     for key in names:
         having = [result.parameters.get(key) for result in results]
@@ -106,9 +105,12 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
         ]
         known = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
-            scale, relative = _scale(results[0], unit, known), getattr(described(key), "kind", "") != "time"
-            found.append(ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative))
-    return found
+            scale = _scale(results[0], unit, known)
+            relative = getattr(described(key), "kind", "") != "time"
+            compared.append(
+                ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative)
+            )
+    return compared
 
 
 def _scale(first: Result, unit: str, known: Sequence[float]) -> UnitScale:
@@ -117,11 +119,14 @@ def _scale(first: Result, unit: str, known: Sequence[float]) -> UnitScale:
     return scaled(unit, known[0] if known else 0.0)
 
 
-def _sensitivity_kind(result: Result) -> tuple[str, str]:
+def sensitivity_kind(result: Result) -> tuple[str, str]:
+    """Return the units of the response and of the sensitivity."""
     return result.response_unit, per_unit(result)
 
 
-def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Result]) -> ComparedQuantity:
+def _magnitudes(
+    label: str, points: Sequence[Point | None], results: Sequence[Result]
+) -> ComparedQuantity:
     values: list[Value | None] = []
     for point, result in zip(points, results, strict=True):
         if point is None:
@@ -131,41 +136,45 @@ def _magnitudes(label: str, points: Sequence[Point | None], results: Sequence[Re
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 
-def comparison_tables(results: Sequence[Result], names: Sequence[str]) -> tuple[tuple[str, Table], ...]:
-    """Titles and tables: what the results are, their parameters, and their sensitivities at nominal frequencies.
+def comparison_tables(
+    results: Sequence[Result], names: Sequence[str]
+) -> tuple[tuple[str, Table], ...]:
+    """Return titles and tables: the results, their parameters, their sensitivities at nominal f.
 
     ``results``: at least two; differences are from the first; ``names``: what to call each.
     """
-    found = []
+    titled_tables = []
     reasons = [not_comparable(results[0], result) for result in results]
     chunks = [(chunk, [names[i] for i in chunk]) for chunk in _chunks(len(results))]
     parts = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
     for (chunk, called), part in zip(chunks, parts, strict=True):
-        found.append((f"What is compared{part}", _subjects([results[i] for i in chunk], called)))
+        titled_tables.append(
+            (f"What is compared{part}", _subjects([results[i] for i in chunk], called))
+        )
     rows = quantities(results)
     for (chunk, called), part in zip(chunks if rows else [], parts, strict=False):
         body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
         heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
         notes = tuple(filter(None, (EN, assumption(assumed(rows)))))
-        found.append((f"Parameters{part}", Table(heads, body, notes=notes)))
+        titled_tables.append((f"Parameters{part}", Table(heads, body, notes=notes)))
     for result, name, reason in list(zip(results, names, reasons, strict=True))[1:]:
         table = _at_nominal(results[0], result, (names[0], name), reason)
         if table is not None:
-            found.append((f"Sensitivity of {name} beside {names[0]}", table))
-    return tuple(found)
+            titled_tables.append((f"Sensitivity of {name} beside {names[0]}", table))
+    return tuple(titled_tables)
 
 
 def assumed(rows: Sequence[ComparedQuantity]) -> list[str]:
     """Return the sources that values of one quantity share by assumption."""
     values = [[value for value in row.values if value is not None] for row in rows]
-    pairs = itertools.chain.from_iterable(itertools.combinations(some, 2) for some in values)
-    words = (assumed_sources(one.shared, other.shared) for one, other in pairs)
+    pairs = itertools.chain.from_iterable(itertools.combinations(group, 2) for group in values)
+    words = (assumed_sources(first.shared, second.shared) for first, second in pairs)
     return list(dict.fromkeys(itertools.chain.from_iterable(words)))
 
 
 def _chunks(count: int) -> list[list[int]]:
-    """The first result beside up to four others, as often as needed."""
-    step = MOST_COLUMNS - 1
+    """Return groups of the first result and up to four others, as often as needed."""
+    step = MAX_RESULTS_PER_TABLE - 1
     return [[0, *range(start, min(start + step, count))] for start in range(1, count, step)]
 
 
@@ -174,8 +183,14 @@ def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
         ("sensor", *(sensor_name(result.sensor) or NONE for result in results)),
         ("model", *(result.model for result in results)),
         ("estimator", *(result.estimator for result in results)),
-        ("sensitivity in", *(f"{pretty(r.response_unit)} per {pretty(per_unit(r))}" for r in results)),
-        ("date of calibration", *(str(r.certificate.get("date_of_calibration") or NONE) for r in results)),
+        (
+            "sensitivity in",
+            *(f"{pretty(r.response_unit)} per {pretty(per_unit(r))}" for r in results),
+        ),
+        (
+            "date of calibration",
+            *(str(r.certificate.get("date_of_calibration") or NONE) for r in results),
+        ),
         ("evaluated", *(str(r.provenance.get("time") or NONE) for r in results)),
         ("χ²/ν", *(plain(r.fit.chi2_reduced, 4) for r in results)),
         ("NRMSE", *(plain(r.fit.nrmse, 4) for r in results)),
@@ -185,36 +200,50 @@ def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
     return Table(columns("", *names), rows)
 
 
-def _at_nominal(first: Result, other: Result, names: tuple[str, str], reason: str) -> Table | None:
-    """Magnitude and phase of two results at every nominal frequency that both have; None if they share none."""
-    if _sensitivity_kind(first) != _sensitivity_kind(other):
+def _at_nominal(first: Result, second: Result, names: tuple[str, str], reason: str) -> Table | None:
+    """Return magnitude and phase of two results at common nominal frequencies; None without any."""
+    if sensitivity_kind(first) != sensitivity_kind(second):
         return None
     scale = sensitivity_scale(first)
-    beside = {point.nominal: point for point in nominal_points(other)}
+    second_points = {point.nominal: point for point in nominal_points(second)}
     rows = []
     for point in nominal_points(first):
-        pair_of_points = _at_the_same([point, beside.get(point.nominal)])
+        pair_of_points = _at_the_same([point, second_points.get(point.nominal)])
         if pair_of_points[1] is None:
             continue
-        magnitudes = _magnitudes("", pair_of_points, (first, other))
-        row = [point.nominal, *(text for value in magnitudes.values for text in printed_value(value, scale.factor))]
+        magnitudes = _magnitudes("", pair_of_points, (first, second))
+        row = [
+            point.nominal,
+            *(text for value in magnitudes.values for text in printed_value(value, scale.factor)),
+        ]
         row += _compared(magnitudes, reason)
-        phases = ComparedQuantity("", UnitScale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False)
+        phases = ComparedQuantity(
+            "", UnitScale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False
+        )
         rows.append((*row, *_compared(phases, reason)))
     if not rows:
         return None
-    pairs = [(Column(f"{name}: |S|", "number", scale.unit), Column("U", "number")) for name in names]
+    pairs = [
+        (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number")) for name in names
+    ]
     heads = (Column("nominal", "number", "Hz"), *pairs[0], *pairs[1])
     heads += columns("difference", Words("E_n"), kind="number")
     heads += (Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number"))
     table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
-    return table if any(row[-2] != NONE for row in rows) else table.select(tuple(range(len(heads) - 2)))
+    return (
+        table
+        if any(row[-2] != NONE for row in rows)
+        else table.select(tuple(range(len(heads) - 2)))
+    )
 
 
 def _phase(point: Point | None, near: Point) -> Value | None:
     if point is None or point.phase_deg is None or near.phase_deg is None:
         return None
-    return Value(near.phase_deg + (point.phase_deg - near.phase_deg + 180) % 360 - 180, point.phase_deg_uncertainty)
+    return Value(
+        near.phase_deg + (point.phase_deg - near.phase_deg + 180) % 360 - 180,
+        point.phase_deg_uncertainty,
+    )
 
 
 def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
@@ -226,22 +255,38 @@ def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
 
 
 def _at_the_same(points: Sequence[Point | None]) -> list[Point | None]:
-    """Those at the frequency of the first: nominal 160 Hz may be 160.00 or 158.49 Hz, where S is not the same."""
+    """Return the points at the frequency of the first.
+
+    Nominal 160 Hz may be 160.00 or 158.49 Hz, where S is not the same.
+    """
     first = next((point.frequency_hz for point in points if point is not None), 1.0)
     return [p if p is not None and abs(p.frequency_hz / first - 1) < 1e-6 else None for p in points]
 
 
-def _lines(row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]) -> list[tuple[str, ...]]:
+def _lines(
+    row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]
+) -> list[tuple[str, ...]]:
     values = [row.values[i] for i in chunk]
     printed = [printed_value(value, row.scale.factor) for value in values]
     unit = row.scale.printed
-    lines = [(row.label, unit, "value ± U", *(text if u == NONE else f"{text} ± {u}" for text, u in printed))]
+    lines = [
+        (
+            row.label,
+            unit,
+            "value ± U",
+            *(text if u == NONE else f"{text} ± {u}" for text, u in printed),
+        )
+    ]
     if values[0] is None:
         return lines
     first = values[0]
     off = [difference(value, first, row) for value in values[1:]]
     en = [reasons[i] or error(value, first) for i, value in zip(chunk[1:], values[1:], strict=True)]
-    return [*lines, ("", "" if row.relative else unit, "difference", "", *off), ("", "", Words("E_n"), "", *en)]
+    return [
+        *lines,
+        ("", "" if row.relative else unit, "difference", "", *off),
+        ("", "", Words("E_n"), "", *en),
+    ]
 
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
@@ -265,7 +310,7 @@ def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
 
 def _fixed_point(text: str) -> str:
     """Without a power of ten where few zeros do: numbers below each other are compared."""
-    if "e" not in text or abs(float(text)) < _LEAST_FIXED:
+    if "e" not in text or abs(float(text)) < _MIN_FIXED_POINT:
         return text
     return f"{Decimal(text):f}"
 
@@ -283,7 +328,7 @@ def error(value: Value | None, base: Value) -> str:
         return NONE
     arguments = value.value, value.expanded, base.value, base.expanded
     shared = value.shared, stated_sources(value.shared)
-    both = (normalized_error(*arguments, shared_covariance(one, base.shared)) for one in shared)
+    both = (normalized_error(*arguments, shared_covariance(value, base.shared)) for value in shared)
     return both_ways(*both)
 
 
@@ -305,48 +350,7 @@ def assumption(sources: Sequence[str]) -> Words | None:
     if not sources:
         return None
     return Words(
-        f"Assumed to be the same each time, as no instrument with serial number or certificate says "
-        f"so: {', '.join(dict.fromkeys(sources))}. Where E_n judges otherwise if they are not, it "
-        "is given both ways."
+        "Assumed to be the same each time, as no instrument with serial number or certificate "
+        f"says so: {', '.join(dict.fromkeys(sources))}. Where E_n judges otherwise if they are "
+        "not, it is given both ways."
     )
-
-
-def beside(results: Sequence[Result], names: Sequence[str]) -> Figure | None:
-    """Curves of results over each other, magnitude and phase, and their differences from the first; None for one."""
-    first = results[0]
-    alike = [
-        (result, name)
-        for result, name in zip(results, names, strict=True)
-        if len(result.response.frequency_hz) > 1 and _sensitivity_kind(result) == _sensitivity_kind(first)
-    ]
-    if len(alike) < 2:
-        return None
-    scale = sensitivity_scale(first)
-    parts: list[list[Series]] = [[], [], [], []]
-    for i, (result, name) in enumerate(alike):
-        curve, look = result.response, replace(LINES[i % len(LINES)], marker="", width=1.6)
-        x, magnitude, phase = curve.frequency_hz, curve.magnitude, continuous(curve.phase_deg)
-        base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
-        sizes = np.array([None if point is None else point.magnitude for point in base], dtype=float)
-        angles = np.array([None if point is None else point.phase_deg for point in base], dtype=float)
-        ratio, turned = magnitude / sizes, principal(phase - angles)
-        label = name if name not in [other for _, other in alike[:i]] else f"{name} ({i + 1})"
-        for part, y in zip(parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True):
-            part.append(Series(x, y, label, look))
-    x_axis = axes.frequency(np.concatenate([result.response.frequency_hz for result, _ in alike]))
-    values = [np.concatenate([one.y for one in part]) for part in parts]
-    y_axes = (
-        replace(axes.size(f"|S|\nin {scale.unit}", values[0]), levels=True),
-        axes.angle("Phase\nin °", values[1]),
-        axes.about_zero("Difference\nin %", values[2], floor=1e-3),
-        axes.about_zero("Difference\nin °", values[3], floor=1e-3),
-    )
-    titles = ("", "", f"Magnitude, difference from {names[0]}", f"Phase, difference from {names[0]}")
-    panels = tuple(
-        Panel(x_axis, y, tuple(part), height, title, rules=(0.0,) if title else ())
-        for part, y, height, title, value in zip(parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, values, strict=True)
-        if np.isfinite(value).any()
-    )
-    phase = ENGLISH("text", "phase")
-    caption = Words(f"Sensitivity of each result's model, and its difference from the first. {phase}")
-    return Figure("curves", "Sensitivity", (Stack(panels),), "", caption)

@@ -1,4 +1,4 @@
-"""What U = k u covers: the effects that u holds, and the probability by k and the degrees of freedom (GUM G.3)."""
+"""Say what U = k u covers: the effects in u, and the probability by k and ν (GUM G.3)."""
 
 from __future__ import annotations
 
@@ -22,13 +22,20 @@ _NEARLY_NORMAL = 60.0  # effective degrees of freedom from which k = 2 covers 95
 class Coverage:
     """Coverage of an expanded uncertainty."""
 
-    degrees_of_freedom: float | None  # effective ones; infinite where the distribution is normal, None where not stated
+    # effective ones; infinite where the distribution is normal, None where not stated
+    degrees_of_freedom: float | None
     probability: float  # of the interval value ± U
 
     def text(self, say: Say = ENGLISH) -> Words:
         """All of it in a sentence."""
         freedom = self.degrees_of_freedom
-        kind = "normal" if freedom is None else "student" if math.isfinite(freedom) else "normal_infinite"
+        kind = (
+            "normal"
+            if freedom is None
+            else "student"
+            if math.isfinite(freedom)
+            else "normal_infinite"
+        )
         return say("text", kind, percent=f"{100 * self.probability:.0f}", freedom=plain(freedom, 3))
 
 
@@ -37,31 +44,36 @@ def coverage(result: Result) -> Coverage:
     if _KEY not in result.settings:
         return Coverage(None, math.erf(K / math.sqrt(2.0)))
     freedom = result.settings[_KEY]
-    if freedom is None or not math.isfinite(freedom) or freedom > 1e6:  # JSON has no infinity: it is written as null
+    # JSON has no infinity: it is written as null
+    if freedom is None or not math.isfinite(freedom) or freedom > 1e6:
         return Coverage(math.inf, math.erf(K / math.sqrt(2.0)))
     return Coverage(float(freedom), 1.0 - f_tail(1.0, float(freedom), K**2))
 
 
 def parameter_factor(result: Result) -> float:
-    """K of the parameters' U: 2, or the larger one of Student's t if few degrees of freedom require it."""
-    k, freedom = result.settings.get("coverage_factor"), coverage(result).degrees_of_freedom
+    """Return k of the parameters' U: 2, or more where few degrees of freedom require it."""
+    k = result.settings.get("coverage_factor")
+    freedom = coverage(result).degrees_of_freedom
     if not isinstance(k, int | float) or freedom is None or freedom >= _NEARLY_NORMAL:
         return K
     return max(float(k), K)
 
 
 def interval_text(result: Result) -> Words:
-    """Which k the parameters' U and intervals have, where that is not 2; else empty."""
+    """Return the k of the parameters' U and intervals where it is not 2; else empty."""
     k = parameter_factor(result)
     if k == K:
         return Words()
     freedom = plain(coverage(result).degrees_of_freedom, 3)
-    said = f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with ν_eff = {freedom})."
-    return Words(said)
+    sentence = (
+        f"U and 95 % interval of the parameters are u times k = {plain(k, 3)} (Student's t with "
+        f"ν_eff = {freedom})."
+    )
+    return Words(sentence)
 
 
 def unstated(result: Result) -> tuple[str, ...]:
-    """Which of ``gain`` and ``phase`` no uncertainty was stated of, of those that the result has."""
+    """Return which of ``gain`` and ``phase`` the result has without a stated uncertainty."""
     phases = bool(np.isfinite(result.measured.phase_deg).any())
     parts = ("gain", *(["phase"] if phases else [])) if result.has_gain else ()
     return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
@@ -96,7 +108,7 @@ def not_certified(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
 
 
 def chain_unstated(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
-    """Return that U covers scatter only, for a customer; nothing where gain and phase are stated."""
+    """Return that U covers scatter only; nothing where gain and phase are stated."""
     lacking = unstated(result)
     if not lacking:
         return ()
@@ -108,4 +120,6 @@ def scatter_only(result: Result) -> tuple[Sentence, ...]:
     """Return the same for who makes the calibration file, with what to state in it."""
     remedy = "; ".join(_TO_STATE[part] for part in unstated(result))
     more = f"To include it, state in the calibration file: {remedy}."
-    return tuple(replace(one, text=f"{one.text} {more}") for one in chain_unstated(result))
+    return tuple(
+        replace(sentence, text=f"{sentence.text} {more}") for sentence in chain_unstated(result)
+    )

@@ -13,7 +13,8 @@ from vibrident.show.views import FloatArray, K
 
 def column(curve: Curve, name: str) -> FloatArray:
     """Values of a curve, one to each frequency; NaN where one is not known, or all are absent."""
-    values, points = getattr(curve, name), len(curve.frequency_hz)
+    values = getattr(curve, name)
+    points = len(curve.frequency_hz)
     return values if values.size == points else np.full(points, np.nan)
 
 
@@ -23,11 +24,13 @@ def expanded(curve: Curve, quantity: str) -> FloatArray:
 
 
 def bars_of_deviation(measured: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
-    """U (k = 2) of the deviations, percent and degrees: their own where the result has it, else that of the points."""
+    """Return U (k = 2) of the deviations in percent and degrees; else U of the points."""
     percent = column(measured, "deviation_uncertainty_percent")
     if np.isfinite(percent).any():
         return K * percent, K * column(measured, "deviation_phase_uncertainty_deg")
-    return 100.0 * expanded(measured, "magnitude") / column(measured, "magnitude"), expanded(measured, "phase_deg")
+    return 100.0 * expanded(measured, "magnitude") / column(measured, "magnitude"), expanded(
+        measured, "phase_deg"
+    )
 
 
 def continuous(phase_deg: FloatArray) -> FloatArray:
@@ -51,14 +54,16 @@ def principal(phase_deg: FloatArray) -> FloatArray:
 
 
 def spread(count: int, limit: int) -> list[int]:
-    """At most ``limit`` indices spread evenly over ``count`` things, first and last among them."""
+    """Return at most ``limit`` indices, evenly over ``count`` items, first and last included."""
     if count <= limit:
         return list(range(count))
     return [round(i * (count - 1) / (limit - 1)) for i in range(limit)]
 
 
-def envelope(time: FloatArray, values: FloatArray, bins: int = 1500) -> tuple[FloatArray, FloatArray]:
-    """Thin a long line without losing its peaks: least and largest value of each bin, in the order of time.
+def envelope(
+    time: FloatArray, values: FloatArray, bins: int = 1500
+) -> tuple[FloatArray, FloatArray]:
+    """Thin a long line without losing its peaks: the extremes of each bin, in the order of time.
 
     ``time``: shape (samples,); ``values``: shape (samples,); ``bins``: number of bins.
 
@@ -70,7 +75,9 @@ def envelope(time: FloatArray, values: FloatArray, bins: int = 1500) -> tuple[Fl
     width = len(values) // bins
     blocks = values[: bins * width].reshape(bins, width)
     picks = np.sort(np.stack([blocks.argmin(axis=1), blocks.argmax(axis=1)], axis=1), axis=1)
-    index = np.concatenate([(picks + width * np.arange(bins)[:, None]).ravel(), np.arange(bins * width, len(values))])
+    index = np.concatenate(
+        [(picks + width * np.arange(bins)[:, None]).ravel(), np.arange(bins * width, len(values))]
+    )
     return time[index], values[index]
 
 
@@ -87,7 +94,7 @@ def record_frequencies(result: Result) -> dict[str, float]:
 
 
 def from_start(time_s: FloatArray) -> tuple[FloatArray, str]:
-    """Times for an axis and its label; those of a clock that counts from an epoch are counted from the first."""
+    """Return times for an axis and its label; times since an epoch count from the first."""
     span = float(np.ptp(time_s)) if time_s.size else 0.0
     scale = scaled("s", span)
     if time_s.size and abs(time_s[0]) > 100.0 * max(span, 1e-12):

@@ -1,4 +1,4 @@
-"""Pictures of calibration data before anything is identified: records, the tabulated response, raw light."""
+"""Draw calibration data before anything is identified: records, table, raw light."""
 
 from __future__ import annotations
 
@@ -17,31 +17,45 @@ from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import frequency_text, magnitude_scale, sensitivity_unit, subject
 from vibrident.show.response_figures import response_panels
-from vibrident.show.views import BLACK, BLUE, VERMILION, Figure, FloatArray, Look, Panel, Series, Stack
+from vibrident.show.views import (
+    BLACK,
+    BLUE,
+    VERMILION,
+    Figure,
+    FloatArray,
+    Look,
+    Panel,
+    Series,
+    Stack,
+)
 
 if TYPE_CHECKING:
-    from vibrident.data.interferometer.ellipse import Ellipse  # loads SciPy, which the other pictures do not need
+    # loads SciPy, which the other pictures do not need
+    from vibrident.data.interferometer.ellipse import Ellipse
     from vibrident.data.interferometer.summary import OpticalSummary
 
 MOST = 6  # most records in a picture
-MOST_LIGHT = 4  # most records in a picture of raw light
+MAX_OPTICAL_RECORDS = 4  # most records in a picture of raw light
 PERIODS = 5.0  # periods of a sine in an excerpt
 ROUND = 361  # points of an ellipse
 
 
 def inspection(calibration: Calibration) -> Figure:
-    """Excerpts of at most six records with the samples that are left out, or the table with U (k = 2)."""
+    """Draw excerpts of at most six records with omitted samples, or the table with U (k = 2)."""
     if calibration.table is not None:
         return _table(calibration, calibration.table)
     records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
     doubtful = [not record.mask.all() for record in records]
-    chosen, faulty = [records[i] for i in _some(doubtful, MOST)], sum(doubtful)
+    chosen = [records[i] for i in _choose_records(doubtful, MOST)]
+    faulty = sum(doubtful)
     stacks = tuple(_record(record, calibration) for record in chosen)
     left_out = f"× left out of every fit ({faulty} records affected)." if faulty else ""
-    shown = f"{len(chosen)} of {len(calibration.records)} records shown. " * (len(chosen) < len(calibration.records))
+    shown = f"{len(chosen)} of {len(calibration.records)} records shown. " * (
+        len(chosen) < len(calibration.records)
+    )
     caption = (
-        f"{shown}Upper panel: reference ({calibration.quantity}); lower panel: response. Sines, shocks and decays: an "
-        f"excerpt. {left_out}"
+        f"{shown}Upper panel: reference ({calibration.quantity}); lower panel: response. Sines, "
+        f"shocks and decays: an excerpt. {left_out}"
     )
     head = subject(calibration.model, calibration.sensor)
     return Figure("inspect", "Calibration data", stacks, head, caption, choice=True)
@@ -50,24 +64,31 @@ def inspection(calibration: Calibration) -> Figure:
 def _table(calibration: Calibration, table: ResponseTable) -> Figure:
     absent = np.empty(0)
     phase, u_phase = (
-        absent if values is None else np.rad2deg(values) for values in (table.phase_rad, table.phase_uncertainty_rad)
+        absent if values is None else np.rad2deg(values)
+        for values in (table.phase_rad, table.phase_uncertainty_rad)
     )
     u = absent if table.magnitude_uncertainty is None else table.magnitude_uncertainty
     points = Curve(table.frequency_hz, table.magnitude, phase, u, u_phase)
     unit = sensitivity_unit(calibration.units["response"], calibration.units["reference"])
-    panels = response_panels(None, points, magnitude_scale(unit, points.magnitude), calibration.quantity, "table")
-    bars = "Bars: expanded uncertainty U, k = 2. " if table.magnitude_uncertainty is not None else ""
+    panels = response_panels(
+        None, points, magnitude_scale(unit, points.magnitude), calibration.quantity, "table"
+    )
+    bars = (
+        "Bars: expanded uncertainty U, k = 2. " if table.magnitude_uncertainty is not None else ""
+    )
     caption = Words(f"{bars}{ENGLISH('text', 'phase') if table.phase_rad is not None else ''}")
     head = subject(calibration.model, calibration.sensor)
     return Figure("inspect", "Calibration data", (Stack(panels),), head, caption)
 
 
-def _some(first: Sequence[bool], most: int) -> list[int]:
-    """Numbers of at most so many records, in their order: half of them those that come first, if there are others."""
-    ahead, others = ([i for i, chosen in enumerate(first) if chosen == kind] for kind in (True, False))
-    kept = [ahead[i] for i in spread(len(ahead), most // 2 if others else most)]
-    kept += [others[i] for i in spread(len(others), most - len(kept))]
-    return sorted(kept)
+def _choose_records(first: Sequence[bool], most: int) -> list[int]:
+    """Return indices of at most ``most`` records, half of them those that ``first`` marks."""
+    ahead, remaining = (
+        [i for i, chosen in enumerate(first) if chosen == kind] for kind in (True, False)
+    )
+    chosen = [ahead[i] for i in spread(len(ahead), most // 2 if remaining else most)]
+    chosen += [remaining[i] for i in spread(len(remaining), most - len(chosen))]
+    return sorted(chosen)
 
 
 def _record(record: Record, calibration: Calibration) -> Stack:
@@ -83,26 +104,46 @@ def _record(record: Record, calibration: Calibration) -> Stack:
         if values is None:
             continue
         scale = scaled(unit, float(np.abs(values[part]).max()))
-        shown, bad = values[part] * scale.factor, ~record.mask[part]
+        shown = values[part] * scale.factor
+        bad = ~record.mask[part]
         series = [Series(*envelope(time, shown), look=Look(colour, width=1.0))]
         if bad.any():
             series.append(Series(time[bad], shown[bad], "", Look(BLACK, marker="x"), "points"))
-        panels.append(Panel(x, axes.linear(f"{word}\nin {scale.unit}", shown, most=4), tuple(series), 0.9))
+        panels.append(
+            Panel(x, axes.linear(f"{word}\nin {scale.unit}", shown, most=4), tuple(series), 0.9)
+        )
     kind = frequency_text(record.frequency_hz) if record.frequency_hz else record.excitation
-    rate, length = scaled("Hz", record.sampling_rate_hz), scaled("s", record.duration_s)
+    rate = scaled("Hz", record.sampling_rate_hz)
+    length = scaled("s", record.duration_s)
     size = f"{record.samples} samples, {record.sampling_rate_hz * rate.factor:.6g} {rate.unit}, "
     size += f"{record.duration_s * length.factor:.3g} {length.unit}"
     return Stack(tuple(panels), f"{' · '.join(dict.fromkeys((kind, record.name)))}\n{size}")
 
 
 def light(calibration: Calibration) -> Figure:
-    """The signals of at most four records over each other, with the ellipse, and a piece of the displacement."""
-    records = [(record, record.optical) for record in calibration.records if record.optical is not None]
-    chosen = [records[i] for i in _some([bool(optical.findings) for _, optical in records], MOST_LIGHT)]
+    """Draw the signals of up to four records with the ellipse, and a piece of the displacement."""
+    records = [
+        (record, record.optical) for record in calibration.records if record.optical is not None
+    ]
+    chosen = [
+        records[i]
+        for i in _choose_records(
+            [bool(optical.findings) for _, optical in records], MAX_OPTICAL_RECORDS
+        )
+    ]
     stacks = tuple(stack for record, optical in chosen for stack in _light(record.name, optical))
     shown = f"{len(chosen)} of {len(records)} records shown. " if len(chosen) < len(records) else ""
-    caption = f"{shown}Left: the two signals over each other and the ellipse. Right: the displacement."
-    return Figure("light", "Interferometer", stacks, subject(calibration.model, calibration.sensor), caption, across=2)
+    caption = (
+        f"{shown}Left: the two signals over each other and the ellipse. Right: the displacement."
+    )
+    return Figure(
+        "light",
+        "Interferometer",
+        stacks,
+        subject(calibration.model, calibration.sensor),
+        caption,
+        across=2,
+    )
 
 
 def _light(name: str, optical: OpticalSummary) -> tuple[Stack, Stack]:
@@ -112,27 +153,37 @@ def _light(name: str, optical: OpticalSummary) -> tuple[Stack, Stack]:
     series = Series(time, optical.excerpt_m * size.factor, look=Look(BLUE, width=0.8))
     y = axes.linear(f"Displacement\nin {size.unit}", series.y, most=4)
     moved = Panel(axes.linear(clock, time, margin=0.02), y, (series,), 1.7)
-    lost = f"{optical.gaps} gaps, {100 * optical.left_out:.2g} % left out" if optical.gaps else "nothing left out"
+    lost = (
+        f"{optical.gaps} gaps, {100 * optical.left_out:.2g} % left out"
+        if optical.gaps
+        else "nothing left out"
+    )
     return (
-        Stack((lissajous(optical.points, optical.ellipse),), f"{name}\n{optical.fringes:.4g} fringes"),
+        Stack(
+            (lissajous(optical.points, optical.ellipse),), f"{name}\n{optical.fringes:.4g} fringes"
+        ),
         Stack((moved,), f"{lost};\nphase noise {optical.phase_noise_rad:.2g} rad", 1.6),
     )
 
 
 def lissajous(points: FloatArray, ellipse: Ellipse | None) -> Panel:
-    """Two photodetector signals, shape (2, n), over each other; with their ellipse if there is one."""
-    series, seen = [Series(points[0], points[1], "", Look(BLUE, marker="."), "points")], points
+    """Draw two photodetector signals, shape (2, n), over each other, with their ellipse."""
+    series = [Series(points[0], points[1], "", Look(BLUE, marker="."), "points")]
+    visible = points
     if ellipse is not None:
         turn = np.linspace(0.0, 2.0 * np.pi, ROUND)
         around = ellipse.centre[:, None] + ellipse.matrix @ np.stack([np.cos(turn), np.sin(turn)])
         series.append(Series(around[0], around[1], "", Look(VERMILION, width=0.8)))
-        seen = np.append(points, around, axis=1)
-    x, y = (axes.linear(f"{word} signal", one, most=4) for word, one in zip(("First", "Second"), seen, strict=True))
+        visible = np.append(points, around, axis=1)
+    x, y = (
+        axes.linear(f"{word} signal", signal, most=4)
+        for word, signal in zip(("First", "Second"), visible, strict=True)
+    )
     return Panel(x, y, tuple(series), 1.7, square=True)
 
 
 def sine_frequency(record: Record) -> float | None:
-    """Frequency of a sine record for the choice of an excerpt: as stated, or its largest spectral line; else None."""
+    """Return the stated frequency of a sine record, else its largest spectral line, or None."""
     if record.excitation != "sine":
         return None
     if record.frequency_hz is not None:
@@ -144,7 +195,10 @@ def sine_frequency(record: Record) -> float | None:
 
 
 def excerpt(record: Record) -> slice:
-    """Samples to show: a few periods of a sine (where samples are left out, if any are), a shock's event, or all."""
+    """Return the samples to show: some periods of a sine, the event of a shock, or all.
+
+    Of a sine, they lie where samples are left out, if any are.
+    """
     frequency = sine_frequency(record)
     if record.excitation in ("shock", "decay"):
         return _event(record)
@@ -158,7 +212,7 @@ def excerpt(record: Record) -> slice:
 
 
 def _event(record: Record) -> slice:
-    """Where a channel is above 2 % of its peak, and a quarter of that length on both sides."""
+    """Return where a channel is above 2 % of its peak, and a quarter of that length around it."""
     busy = np.zeros(record.samples, dtype=bool)
     for values in (record.reference, record.response):
         if values is not None:

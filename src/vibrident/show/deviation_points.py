@@ -1,4 +1,4 @@
-"""Measured points beside the reference value: deviation in % and dB, limits, decision, a picture."""
+"""Compare measured points with the reference value: deviation, limits, decision, picture."""
 
 from __future__ import annotations
 
@@ -49,13 +49,15 @@ def columns_of_points(result: Result, say: Say = ENGLISH) -> list[PointColumn]:
 
     Without a reference value there is no deviation, without requirements no limits.
     """
-    found = _per_g(result, say)
+    columns = _per_g(result, say)
     points = by_point(result)
     if not points:
-        return found
-    found += [
+        return columns
+    columns += [
         PointColumn(Column(say("head", "deviation"), "number", "%"), lambda i: _percent(points[i])),
-        PointColumn(Column(say("head", "deviation"), "number", "dB"), lambda i: _decibel(points[i])),
+        PointColumn(
+            Column(say("head", "deviation"), "number", "dB"), lambda i: _decibel(points[i])
+        ),
     ]
     if any(map(_limited, points.values())):
         words = {None: "not_judged", True: "pass", False: "fail"}
@@ -63,11 +65,11 @@ def columns_of_points(result: Result, say: Say = ENGLISH) -> list[PointColumn]:
         def decision(i: int) -> str:
             return say("text", words[points[i].met]) if _limited(points[i]) else ""
 
-        found += [
+        columns += [
             PointColumn(Column(say("head", "limits"), "number", "%"), lambda i: _limits(points[i])),
             PointColumn(Column(say("head", "decision")), decision),
         ]
-    return found
+    return columns
 
 
 def by_point(result: Result) -> dict[int, Judged]:
@@ -121,10 +123,13 @@ def _decibel(row: Judged) -> str:
 def _limits(row: Judged) -> str:
     if not _limited(row):
         return ""
-    low, high = plain(row.low), plain(row.high)
+    low = plain(row.low)
+    high = plain(row.high)
     if math.isinf(row.low):
         return f"≤ {high}"
-    return f"≥ {low}" if math.isinf(row.high) else f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
+    return (
+        f"≥ {low}" if math.isinf(row.high) else f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
+    )
 
 
 def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
@@ -144,7 +149,7 @@ def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
         limit = np.where(np.isfinite(end), end, np.nan)
         if np.isfinite(limit).any():
             series.append(Series(x, limit, "", Look(GREY, "dashed", 1.1)))
-    shown = [y, *(one.y for one in series[1:])]
+    shown = [y, *(line.y for line in series[1:])]
     if not crowd:
         shown += [y - half, y + half]
     label = f"Δ|S| / |S({plain(reference_hz(result), 5)} Hz)| / %"

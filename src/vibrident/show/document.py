@@ -6,9 +6,18 @@ from collections.abc import Mapping, Sequence
 
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show import certificate, certificate_tables, deviation_points, figures, tables
+from vibrident.show import (
+    certificate,
+    certificate_decisions,
+    certificate_tables,
+    deviation_points,
+    figures,
+    tables,
+    weight_tables,
+)
 from vibrident.show.certified import RAISED, raised_to_measured, said_of_raised
-from vibrident.show.comparison import beside, comparison_tables
+from vibrident.show.comparison import comparison_tables
+from vibrident.show.comparison_curves import comparison_figure
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
@@ -33,20 +42,31 @@ from vibrident.show.views import (
     section,
 )
 
-_SHOWN = ("interferometer", "temperature", "repeats", "regimes", RAISED)  # settings with a section of their own
-MOST_FILES = 100  # data files listed in a report; the result lists them all
+# settings with a section of their own
+_SHOWN = ("interferometer", "temperature", "repeats", "regimes", RAISED)
+MAX_LISTED_FILES = 100  # data files listed in a report; the result lists them all
 
 
 def report(result: Result, more: Sequence[Section] = ()) -> Document:
-    """The report of one result, with more sections before its settings."""
+    """Return the report of one result, with more sections before its settings."""
     name = sensor_name(result.sensor)
     result = raised_to_measured(result)
-    others = {key: value for key, value in result.settings.items() if "budget" not in key and key not in _SHOWN}
+    other_settings = {
+        key: value
+        for key, value in result.settings.items()
+        if "budget" not in key and key not in _SHOWN
+    }
     sections = [
         section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
         findings(result),
-        section("parameters", "Parameters", tables.parameters(result), *map(Sentence, said_of_raised(result))),
-        *(_curves(result) if result.has_gain else []),  # free decays alone have neither gain nor curve
+        section(
+            "parameters",
+            "Parameters",
+            tables.parameters(result),
+            *map(Sentence, said_of_raised(result)),
+        ),
+        # free decays alone have neither gain nor curve
+        *(_curves(result) if result.has_gain else []),
         section("signals", "Signals", figures.signals(result)),
         section("residuals", "Residuals", residual_tests(result), figures.residuals(result)),
         section("fit", "Fit", tables.fit(result)),
@@ -55,64 +75,93 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
         section("repeats", "Runs", repeats(result)),
         section("regimes", "Regimes", regimes(result)),
         section("interferometer", "Interferometer", light(result)),
-        section("correlation", "Correlation of the estimated parameters", tables.correlation(result)),
+        section(
+            "correlation", "Correlation of the estimated parameters", tables.correlation(result)
+        ),
         section("training", "Training", *_training(result)),
-        section("certificate", "Statements of the laboratory", *(_certificate(result) if result.certificate else ())),
+        section(
+            "certificate",
+            "Statements of the laboratory",
+            *(_certificate(result) if result.certificate else ()),
+        ),
         *more,
-        section("settings", "Settings", *tables.values(others)),
+        section("settings", "Settings", *tables.values(other_settings)),
         section("provenance", "Provenance", *_provenance(result)),
     ]
     return document(f"Calibration of {name}" if name else "Calibration", head(result), sections)
 
 
 def comparison(results: Sequence[Result], names: Sequence[str]) -> Document:
-    """Several results beside each other, and the drift of each sensor that was calibrated more than once."""
+    """Return the comparison of several results, with the drift of each recalibrated sensor."""
     sections = []
     for number, history in enumerate(histories(results, names), 1):
-        found = drift(history, f"drift{number}")
-        sections.append(section(f"drift{number}", f"Drift of {history.sensor}", found, drift_table(history)))
+        drift_figure = drift(history, f"drift{number}")
+        sections.append(
+            section(
+                f"drift{number}", f"Drift of {history.sensor}", drift_figure, drift_table(history)
+            )
+        )
     for number, (title, table) in enumerate(comparison_tables(results, names), 1):
         folded = title.startswith("Sensitivity of ")
         body: Block = Folded("Table at nominal frequencies", (table,)) if folded else table
         sections.append(section(f"table{number}", title, body))
         if number == 1:
-            sections.append(section("curves", "Sensitivity", beside(results, names)))
+            sections.append(section("curves", "Sensitivity", comparison_figure(results, names)))
     return document(f"Comparison of {len(results)} calibrations", (), sections)
 
 
 def head(result: Result) -> tuple[Block, ...]:
-    """The verdict, what was calibrated and how, and the numbers that most readers look for."""
+    """Return the verdict, what was calibrated and how, and the numbers that most readers want."""
     return (verdict(result), *scatter_only(result), Facts(tables.facts(result)), cards(result))
 
 
 def verdict(result: Result) -> Sentence:
-    """Whether the model describes the data, and the number of warnings."""
+    """Return whether the model describes the data, and the number of warnings."""
     fine = result.fit.adequate and not result.warnings
-    said = "The model is adequate for these data" if result.fit.adequate else "The model does not describe the data"
-    doubts = f"{count(len(result.warnings), 'warning')}, explained below" if result.warnings else "no warnings"
-    return Sentence(f"{doubts}.", "fine" if fine else "doubt", f"{said};")
+    sentence = (
+        "The model is adequate for these data"
+        if result.fit.adequate
+        else "The model does not describe the data"
+    )
+    doubts = (
+        f"{count(len(result.warnings), 'warning')}, explained below"
+        if result.warnings
+        else "no warnings"
+    )
+    return Sentence(f"{doubts}.", "fine" if fine else "doubt", f"{sentence};")
 
 
 def cards(result: Result) -> Cards:
-    """The sensitivity at the reference frequency, and the estimated parameters."""
-    found = []
-    (_, chosen), *values = certificate_tables.reference(result).rows if result.has_gain else (("", None),)
+    """Return the sensitivity at the reference frequency, and the estimated parameters."""
+    pairs = []
+    (_, chosen), *values = (
+        certificate_tables.reference(result).rows if result.has_gain else (("", None),)
+    )
     if chosen:
         frequency = chosen.split(";")[0]
-        found += [(f"{label} at {frequency}", text or NONE) for label, text in values]
+        pairs += [(f"{label} at {frequency}", text or NONE) for label, text in values]
     k = parameter_factor(result)
     for name, parameter in result.parameters.items():
         if not parameter.derived:
             number = stated(parameter, k, parameter_scale(result, parameter))
             value = f"{number.value} {number.unit}".strip()
-            bar = "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
-            found.append((parameter_name(name).words, f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}"))
-    return Cards(tuple(_card(label, text) for label, text in found))
+            bar = (
+                "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
+            )
+            pairs.append(
+                (
+                    parameter_name(name).words,
+                    f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}",
+                )
+            )
+    return Cards(tuple(_card(label, text) for label, text in pairs))
 
 
 def _card(label: str, text: str) -> Card:
-    value, _, rest = text.partition(", U = ")
-    return Card(label[:1].upper() + label[1:], value, f"U = {rest}" if rest else "U not known")
+    value, _, uncertainty = text.partition(", U = ")
+    return Card(
+        label[:1].upper() + label[1:], value, f"U = {uncertainty}" if uncertainty else "U not known"
+    )
 
 
 def _curves(result: Result) -> list[Section]:
@@ -139,40 +188,56 @@ def _folded(summary: str, table: Table | None) -> Folded | None:
 
 
 def _budget(result: Result) -> Sequence[Block]:
-    """The contribution of each source; a budget of another form is shown unchanged."""
+    """Return the contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
         points = point_budget(result)
         return (table, *([Folded("Budget of the measured points", points)] if points else []))
-    return tables.values({key: value for key, value in result.settings.items() if "budget" in key and value})
+    return tables.values(
+        {key: value for key, value in result.settings.items() if "budget" in key and value}
+    )
 
 
 def _training(result: Result) -> tuple[Block | None, ...]:
     sentence = tables.training(result)
-    weights = _folded("Weights of the network (the paper's Table 1)", tables.weights(result))
+    weights = _folded("Weights of the network (the paper's Table 1)", weight_tables.weights(result))
     return Sentence(sentence) if sentence else None, figures.training(result), weights
 
 
 def _certificate(result: Result) -> tuple[Block | None, ...]:
-    """What the certificate says besides the numbers; blanks are left as blanks."""
-    head, instruments = certificate.letterhead(result), certificate_tables.instruments(result)
+    """Return what the certificate says besides the numbers; blanks are left as blanks."""
+    head = certificate.letterhead(result)
+    instruments = certificate_tables.instruments(result)
     rows: list[Fact] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
     rows += [row for group in certificate.groups(result) for row in group.rows]
-    rows += [("Traceability", result.certificate.get("traceability")), *certificate.signatures(result)]
+    rows += [
+        ("Traceability", result.certificate.get("traceability")),
+        *certificate.signatures(result),
+    ]
     rows += [("Remark", remark) for remark in certificate.remarks(result)]
-    judged = certificate_tables.conformity(result)
+    judged = certificate_decisions.conformity(result)
     return Facts(tuple(rows)), (instruments if instruments.rows else None), *judged
 
 
 def _provenance(result: Result) -> tuple[Block, ...]:
     """Versions and times, and the files in a table of their own."""
     files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
-    others = {key: value for key, value in result.provenance.items() if key != "files" or not files}
-    kept = listed(len(files), MOST_FILES)
-    more = (f"and {len(files) - kept} more, listed in result.json",) if len(files) > kept else ()
-    told = [(str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:kept]]
-    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:kept]]
+    other_entries = {
+        key: value for key, value in result.provenance.items() if key != "files" or not files
+    }
+    shown = listed(len(files), MAX_LISTED_FILES)
+    more = (f"and {len(files) - shown} more, listed in result.json",) if len(files) > shown else ()
+    names_and_hashes = [
+        (str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:shown]
+    ]
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:shown]]
     alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
-    rows = tuple((*names, "" if alike else history) for names, history in zip(told, steps, strict=True))
+    rows = tuple(
+        (*names, "" if alike else history)
+        for names, history in zip(names_and_hashes, steps, strict=True)
+    )
     notes = (*more, *((f"History of each: {steps[0]}.",) if alike else ()))
     table = Table(columns("data file", "SHA-256", "history"), rows, notes=notes).telling()
-    return (*tables.values(others), *((Folded(f"Data files ({len(files)})", (table,)),) if files else ()))
+    return (
+        *tables.values(other_entries),
+        *((Folded(f"Data files ({len(files)})", (table,)),) if files else ()),
+    )

@@ -9,7 +9,8 @@ from vibrident.show.fit_figures import residuals, signals, training
 from vibrident.show.response_figures import deviation, sensitivity
 from vibrident.show.views import Figure
 
-#: Name of each picture of a result (its file name without suffix) and its function, in the order of a report.
+#: Name of each picture of a result (its file name without suffix) and its function, in the order of
+#: a report.
 PICTURES: dict[str, Callable[[Result], Figure | None]] = {
     "sensitivity": sensitivity,
     "deviation": deviation,

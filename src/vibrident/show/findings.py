@@ -1,4 +1,4 @@
-"""What departs from the fit, as a line beside the warnings and as a table: view models for every medium."""
+"""Show what departs from the fit, as a line beside the warnings and as a table."""
 
 from __future__ import annotations
 
@@ -9,21 +9,32 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result
 from vibrident.show.numbers import plain
 from vibrident.show.tables import doubts
-from vibrident.show.views import Block, Column, Folded, Section, Sentence, Table, count, listed, section
+from vibrident.show.views import (
+    Block,
+    Column,
+    Folded,
+    Section,
+    Sentence,
+    Table,
+    count,
+    listed,
+    section,
+)
 
-MOST_ROWS = 30  # findings in a table; the result lists them all
-_MOST_SAID = 3  # kinds of finding in a line
+MAX_TABLE_ROWS = 30  # findings in a table; the result lists them all
+_MAX_KINDS_IN_LINE = 3  # kinds of finding in a line
 _LEAST = 1e-99  # probabilities below are not told apart
 
 _NOTES = (
-    "A finding is a departure from the fit that noise alone would hardly show. One that matters is a warning as well.",
-    "Probability: that noise alone shows it. Largest impact: how far it moves a parameter, as a multiple of the "
-    "parameter's stated standard uncertainty u.",
+    "A finding is a departure from the fit that noise alone would hardly show. One that matters is "
+    "a warning as well.",
+    "Probability: that noise alone shows it. Largest impact: how far it moves a parameter, as a "
+    "multiple of the parameter's stated standard uncertainty u.",
 )
 
 
-def told(result: Result, word: Word = python_word) -> tuple[Block, ...]:
-    """Return every warning in plain words, a line on the findings that are no warnings, and the table of all, folded.
+def describe_findings(result: Result, word: Word = python_word) -> tuple[Block, ...]:
+    """Return warnings in plain words, a line on other findings, and the folded table of all.
 
     ``word``: the words of a surface for settings.
     """
@@ -33,24 +44,32 @@ def told(result: Result, word: Word = python_word) -> tuple[Block, ...]:
 
 
 def line(result: Result) -> tuple[Sentence, ...]:
-    """The findings that no warning names, in one paragraph: of each kind the one that moves a parameter most."""
-    left = [finding for finding in result.findings if finding.code not in result.warning_codes]
-    if not left:
+    """Return the findings that no warning names: of each kind the one of the largest effect."""
+    unnamed = [finding for finding in result.findings if finding.code not in result.warning_codes]
+    if not unnamed:
         return ()
     kinds: dict[str, list[Finding]] = {}
-    for finding in left:
+    for finding in unnamed:
         kinds.setdefault(finding.code, []).append(finding)
-    said = [_said(result, alike) for alike in kinds.values()]
-    kept = listed(len(said), _MOST_SAID)
-    more = [f"And {count(len(said) - kept, 'more kind')}."] if len(said) > kept else []
-    small = all(name and size < 1.0 for size, name in (_impact(result, finding) for finding in left))
-    verb = "moves" if len(left) == 1 else "move"
+    sentences = [_sentence_of_kind(result, alike) for alike in kinds.values()]
+    shown = listed(len(sentences), _MAX_KINDS_IN_LINE)
+    more = [f"And {count(len(sentences) - shown, 'more kind')}."] if len(sentences) > shown else []
+    small = all(
+        name and size < 1.0 for size, name in (_impact(result, finding) for finding in unnamed)
+    )
+    verb = "moves" if len(unnamed) == 1 else "move"
     why = f"that {verb} no parameter by its u" if small else "without a warning"
-    return (Sentence(" ".join([*said[:kept], *more]), "note", f"{count(len(left), 'finding')} {why}:"),)
+    return (
+        Sentence(
+            " ".join([*sentences[:shown], *more]),
+            "note",
+            f"{count(len(unnamed), 'finding')} {why}:",
+        ),
+    )
 
 
-def _said(result: Result, alike: list[Finding]) -> str:
-    """Findings of one kind in a sentence."""
+def _sentence_of_kind(result: Result, alike: list[Finding]) -> str:
+    """Return the findings of one kind as a sentence."""
     most = max(alike, key=lambda finding: _impact(result, finding)[0])
     where = "" if most.record is None else f"{most.record}: "
     more = f", and {len(alike) - 1} more like it" if len(alike) > 1 else ""
@@ -58,27 +77,36 @@ def _said(result: Result, alike: list[Finding]) -> str:
 
 
 def findings(result: Result) -> Section:
-    """The section of a document; without findings it is empty, and so is left out."""
+    """Return the section of a document; it is empty without findings, and then left out."""
     return section("findings", "Findings", table(result))
 
 
 def table(result: Result) -> Table | None:
-    """What, where, how probable and how far each moves a parameter; None where nothing departs."""
+    """Return each finding with place, probability and largest shift; None without any."""
     if not result.findings:
         return None
     rows = []
-    for finding in result.findings[: listed(len(result.findings), MOST_ROWS)]:
+    for finding in result.findings[: listed(len(result.findings), MAX_TABLE_ROWS)]:
         time = "" if finding.time_s is None else plain(finding.time_s, 4)
-        chance = f"<{plain(_LEAST)}" if finding.probability < _LEAST else plain(finding.probability, 1)
-        rows.append((_what(finding), finding.record or "all", time, chance, _moved(result, finding)))
-    heads = (Column("what"), Column("record"), Column("time", "number", "s"), Column("probability", "number"))
-    left = len(result.findings) - len(rows)
-    more = (f"and {left} more, listed in result.json",) if left else ()
+        chance = (
+            f"<{plain(_LEAST)}" if finding.probability < _LEAST else plain(finding.probability, 1)
+        )
+        rows.append(
+            (_what(finding), finding.record or "all", time, chance, _moved(result, finding))
+        )
+    heads = (
+        Column("what"),
+        Column("record"),
+        Column("time", "number", "s"),
+        Column("probability", "number"),
+    )
+    left_out = len(result.findings) - len(rows)
+    more = (f"and {left_out} more, listed in result.json",) if left_out else ()
     return Table((*heads, Column("largest impact")), tuple(rows), notes=(*more, *_NOTES)).telling()
 
 
 def _what(finding: Finding) -> str:
-    """The message without the record, and without what the parameters would be: both have columns of their own."""
+    """Return the message without the record and the parameters, which have their own columns."""
     text = finding.message.removeprefix(f"{finding.record}: ")
     return text.rpartition(" Without it ")[0] or text
 
@@ -89,7 +117,7 @@ def _moved(result: Result, finding: Finding) -> str:
 
 
 def _impact(result: Result, finding: Finding) -> tuple[float, str]:
-    """The largest shift in the stated u of its parameter, and the parameter; no name where no u is stated."""
+    """Return the largest shift in units of u, and its parameter; no name where no u is stated."""
     sizes = []
     for name, shift in finding.impact.items():
         u = result.parameters[name].standard_uncertainty if name in result.parameters else None

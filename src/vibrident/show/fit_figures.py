@@ -12,7 +12,14 @@ from vibrident.base.amounts import scaled
 from vibrident.physics.naming import in_words
 from vibrident.result import MeasuredCurve, Result, Signal, Training
 from vibrident.show import axes
-from vibrident.show.curves import bars_of_deviation, column, from_start, largest, record_frequencies, spread
+from vibrident.show.curves import (
+    bars_of_deviation,
+    column,
+    from_start,
+    largest,
+    record_frequencies,
+    spread,
+)
 from vibrident.show.numbers import frequency_text, shortened, subject
 from vibrident.show.views import (
     BLACK,
@@ -34,7 +41,7 @@ from vibrident.show.views import (
 )
 
 PERIODS = 6.0  # periods of a sine that show its shape
-MOST_RECORDS = 60  # most records to choose from
+MAX_RECORDS = 60  # most records to choose from
 
 
 def signals(result: Result) -> Figure | None:
@@ -44,53 +51,72 @@ def signals(result: Result) -> Figure | None:
     ordered = sorted(with_samples, key=lambda signal: frequencies.get(signal.record, 0.0))
     if not ordered:
         return None
-    ordered = [ordered[i] for i in spread(len(ordered), MOST_RECORDS)]
-    common = largest(*(one.measured for one in ordered)), largest(*(one.residual for one in ordered))
+    ordered = [ordered[i] for i in spread(len(ordered), MAX_RECORDS)]
+    common = (
+        largest(*(signal.measured for signal in ordered)),
+        largest(*(signal.residual for signal in ordered)),
+    )
     stacks = tuple(_signal(signal, frequencies.get(signal.record), common) for signal in ordered)
-    caption = "Measured and predicted response of a part of each record, and the residual on a scale of its own."
+    caption = (
+        "Measured and predicted response of a part of each record, and the residual on a "
+        "scale of its own."
+    )
     if len(ordered) < len(with_samples):
         caption += f" Of {len(with_samples)} records these are {len(ordered)}, spread evenly."
     title = "Measured and predicted response"
-    return Figure("signals", title, stacks, subject(result.model, result.sensor), caption, choice=True)
+    return Figure(
+        "signals", title, stacks, subject(result.model, result.sensor), caption, choice=True
+    )
 
 
 def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, float]) -> Stack:
     time = signal.time_s
     part = time <= time[0] + PERIODS / frequency_hz if frequency_hz else slice(None)
-    measured, predicted, residual = (values[part] for values in (signal.measured, signal.predicted, signal.residual))
+    measured, predicted, residual = (
+        values[part] for values in (signal.measured, signal.predicted, signal.residual)
+    )
     time, clock = from_start(time[part])
-    own = largest(measured), largest(residual)  # one unit for all records, but where one is far smaller
-    size, small = (scaled(signal.unit, a if b > a / 500 else b) for a, b in zip(common, own, strict=True))
+    # one unit for all records, but where one is far smaller
+    sizes = largest(measured), largest(residual)
+    size, small = (
+        scaled(signal.unit, a if b > a / 500 else b) for a, b in zip(common, sizes, strict=True)
+    )
     few: Marker = "." if 0 < time.size <= 60 else ""
     lines = (
         Series(time, measured * size.factor, "measured", Look(ORANGE, width=2.6, marker=few)),
         Series(time, predicted * size.factor, "predicted", Look(BLACK, "dashed", 1.0)),
     )
-    left = Series(time, residual * small.factor, "residual", Look(BLUE, width=0.8))
+    residual_line = Series(time, residual * small.factor, "residual", Look(BLUE, width=0.8))
     called = frequency_text(frequency_hz) if frequency_hz else ""
     name = " · ".join(dict.fromkeys(part for part in (called, signal.record) if part))
     x = axes.linear(clock, time, most=4, margin=0.02)
-    upper = axes.linear(f"Response\nin {size.unit}", np.concatenate([line.y for line in lines]), most=4)
-    lower = axes.linear(f"Residual\nin {small.unit}", left.y, most=3)
+    upper = axes.linear(
+        f"Response\nin {size.unit}", np.concatenate([line.y for line in lines]), most=4
+    )
+    lower = axes.linear(f"Residual\nin {small.unit}", residual_line.y, most=3)
     share = f"residual {100 * (signal.nrmse or 0.0):.2g} % of sd"
-    return Stack((Panel(x, upper, lines, 1.25), Panel(x, lower, (left,), 0.55, rules=(0.0,))), f"{name}\n{share}")
+    return Stack(
+        (Panel(x, upper, lines, 1.25), Panel(x, lower, (residual_line,), 0.55, rules=(0.0,))),
+        f"{name}\n{share}",
+    )
 
 
 def residuals(result: Result) -> Figure | None:
-    """The residual of each record (of each point for a table), and how residuals are distributed."""
+    """Draw the residual of each record (of each point of a table) and its distribution."""
     if not result.signals and not result.measured.frequency_hz.size:
         return None
     if result.signals:
-        left = _by_record(result)
+        panel = _by_record(result)
         values = np.concatenate([_in_own_rmse(signal) for signal in result.signals])
         right = _distribution(values, "Residual / rmse of its record\n(dimensionless)", "residuals")
     else:
-        left = _by_point(result.measured)
+        panel = _by_point(result.measured)
         right = _distribution(*_deviations(result.measured), "points")
     caption = (
-        "Distribution of the residuals beside the normal one; values beyond the ends are counted in the last bars."
+        "Distribution of the residuals beside the normal one; values beyond the ends are "
+        "counted in the last bars."
     )
-    stacks = (Stack((left,), width=1.5), Stack((right,)))
+    stacks = (Stack((panel,), width=1.5), Stack((right,)))
     return Figure("residuals", "Residuals", stacks, subject(result.model, result.sensor), caption)
 
 
@@ -106,26 +132,42 @@ def _by_record(result: Result) -> Panel:
     if len(names) <= 4:
         x = axes.named("Record", [shortened(name, 44 // len(names)) for name in names])
     else:
-        x = axes.linear("Record (number in the result)", count, whole=True)
+        x = axes.linear("Record (number in the result)", count, whole_numbers=True)
     return _stems(x, count, percent, label, "by record", names)
 
 
 def _by_point(measured: MeasuredCurve) -> Panel:
     frequency = measured.frequency_hz
-    relative, phase = column(measured, "deviation_percent") / 100, column(measured, "deviation_phase_deg")
+    relative = column(measured, "deviation_percent") / 100
+    phase = column(measured, "deviation_phase_deg")
     percent = 100 * np.abs((1 + relative) * np.exp(1j * np.deg2rad(np.nan_to_num(phase))) - 1)
-    return _stems(axes.frequency(frequency), frequency, percent, "|model / measured − 1|\nin %", "by frequency", ())
+    return _stems(
+        axes.frequency(frequency),
+        frequency,
+        percent,
+        "|model / measured − 1|\nin %",
+        "by frequency",
+        (),
+    )
 
 
-def _stems(x: Axis, places: FloatArray, percent: FloatArray, label: str, title: str, names: Sequence[str]) -> Panel:
+def _stems(
+    x: Axis, places: FloatArray, percent: FloatArray, label: str, title: str, names: Sequence[str]
+) -> Panel:
     positive = axes.usable(percent, positive=True)
     wide = positive.size and positive.max() > 30 * positive.min()
-    y = axes.size(label, percent) if wide else axes.linear(label, np.append(1.12 * positive, 0.0), base=True)
+    y = (
+        axes.size(label, percent)
+        if wide
+        else axes.linear(label, np.append(1.12 * positive, 0.0), base=True)
+    )
     kind = "stems" if len(places) <= 80 else "points"
     shown = tuple(shortened(name, 40) for name in names)
     look = Look(VERMILION, marker="o" if len(places) <= CROWD else ".")
     series = (Series(places, percent, "", look, kind, names=shown),)
-    return Panel(x, y, series, 2.0, title, empty="" if positive.size else "no residuals in the result")
+    return Panel(
+        x, y, series, 2.0, title, empty="" if positive.size else "no residuals in the result"
+    )
 
 
 def _in_own_rmse(signal: Signal) -> FloatArray:
@@ -146,13 +188,31 @@ def _deviations(measured: MeasuredCurve) -> tuple[FloatArray, str]:
 def _distribution(values: FloatArray, label: str, counted: str) -> Panel:
     if values.size == 0:
         nothing = Axis(label, 0.0, 1.0)
-        return Panel(nothing, Axis(f"Number of {counted}", 0.0, 1.0), (), 2.0, "distribution", empty=f"no {counted}")
+        return Panel(
+            nothing,
+            Axis(f"Number of {counted}", 0.0, 1.0),
+            (),
+            2.0,
+            "distribution",
+            empty=f"no {counted}",
+        )
     normal = "dimensionless" in label
     edges = _edges(values, normal=normal)
-    inside = np.clip(values, edges[0], edges[-1])  # the few beyond the ends are counted in the last bins
+    # the few beyond the ends are counted in the last bins
+    inside = np.clip(values, edges[0], edges[-1])
     counts, _ = np.histogram(inside, edges)
-    centres, width = (edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0])
-    series = [Series(centres, counts.astype(float), counted, Look(SKY), "columns", np.full(counts.size, width / 2))]
+    centres = (edges[1:] + edges[:-1]) / 2
+    width = float(edges[1] - edges[0])
+    series = [
+        Series(
+            centres,
+            counts.astype(float),
+            counted,
+            Look(SKY),
+            "columns",
+            np.full(counts.size, width / 2),
+        )
+    ]
     top = float(counts.max())
     if normal:
         x = np.linspace(edges[0], edges[-1], 121)
@@ -160,12 +220,14 @@ def _distribution(values: FloatArray, label: str, counted: str) -> Panel:
         series.append(Series(x, density, "normal, sd 1", Look(BLACK, "dashed", 1.1)))
         top = max(top, float(density.max()))
     x_axis = axes.linear(label, edges, margin=0.02)
-    y_axis = axes.linear(f"Number of {counted}", np.array([1.1 * top]), base=True, whole=True)
+    y_axis = axes.linear(
+        f"Number of {counted}", np.array([1.1 * top]), base=True, whole_numbers=True
+    )
     return Panel(x_axis, y_axis, tuple(series), 2.0, "distribution")
 
 
 def _edges(values: FloatArray, *, normal: bool) -> FloatArray:
-    """Of the columns: about the root of the number of values, at most 40, symmetric."""
+    """Return symmetric bin edges: about the root of the number of values, at most 40."""
     centre = 0.0 if normal else float(np.median(values))
     reach = max(float(np.abs(values - centre).max()), 1e-9 * max(abs(centre), 1.0))
     reach = min(max(reach, 3.0), 6.0) if normal else reach
@@ -174,13 +236,15 @@ def _edges(values: FloatArray, *, normal: bool) -> FloatArray:
 
 
 def training(result: Result) -> Figure | None:
-    """The loss, and below it each parameter relative to its final value; where the weighting changes a line breaks."""
+    """Draw the loss, and below it each parameter relative to its final value."""
     run = result.training
     if run is None or not (run.loss or run.parameters):
         return None
     changes = [i for i in run.weighting_changes if 0 < i < max(len(run.loss), 2)]
     marks = tuple((i - 0.5, "other weights") for i in changes)
-    x = axes.linear("Iteration", np.arange(float(max(len(run.loss), 2))), whole=True, most=8)
+    x = axes.linear(
+        "Iteration", np.arange(float(max(len(run.loss), 2))), whole_numbers=True, most=8
+    )
     panels = [_loss(x, np.array(run.loss, dtype=float), changes, marks)]
     if run.parameters:
         panels.append(_parameters(x, run, marks))
@@ -188,19 +252,30 @@ def training(result: Result) -> Figure | None:
     caption = f"Optimiser {run.optimiser}: {run.status}, {run.iterations} iterations."
     if changes:
         caption += (
-            " At a dashed line the weights of the residual change: the losses before and after it cannot be compared."
+            " At a dashed line the weights of the residual change: the losses before and "
+            "after it cannot be compared."
         )
-    return Figure("training", "Training", (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
+    return Figure(
+        "training",
+        "Training",
+        (Stack(tuple(panels)),),
+        subject(result.model, result.sensor),
+        caption,
+    )
 
 
-def _loss(x: Axis, loss: FloatArray, changes: Sequence[int], marks: tuple[tuple[float, str], ...]) -> Panel:
+def _loss(
+    x: Axis, loss: FloatArray, changes: Sequence[int], marks: tuple[tuple[float, str], ...]
+) -> Panel:
     label = "Loss (mean squared\nweighted residual)"
     known = axes.usable(loss)
     y = axes.size(label, loss) if known.size and known.min() > 0 else axes.linear(label, loss)
     parts = np.split(np.arange(loss.size, dtype=float), changes)
     look = Look(BLACK, marker=_marker("D", loss.size))
     series = [Series(part, loss[part.astype(int)], "", look) for part in parts]
-    return Panel(x, y, tuple(series), 1.5, marks=marks, empty="" if known.size else "no loss recorded")
+    return Panel(
+        x, y, tuple(series), 1.5, marks=marks, empty="" if known.size else "no loss recorded"
+    )
 
 
 def _parameters(x: Axis, run: Training, marks: tuple[tuple[float, str], ...]) -> Panel:
@@ -210,18 +285,28 @@ def _parameters(x: Axis, run: Training, marks: tuple[tuple[float, str], ...]) ->
         known = axes.usable(values)
         if known.size == 0:
             continue
-        look, label = LINES[i % len(LINES)], in_words(name)
+        look = LINES[i % len(LINES)]
+        label = in_words(name)
         if known[-1] == 0:  # no reference value: show the change, added to 1
-            values, label = 1 + values / (largest(values) or 1.0), f"1 + {label} / its largest"
+            values = 1 + values / (largest(values) or 1.0)
+            label = f"1 + {label} / its largest"
         else:
             values = values / known[-1]
         shown = Look(look.colour, look.dash, look.width, _marker(look.marker, values.size))
         series.append(Series(np.arange(values.size, dtype=float), values, label, shown))
     label = "Parameter / final value\n(dimensionless)"
-    pooled = axes.usable(np.concatenate([np.zeros(0), *(one.y for one in series)]))
+    pooled = axes.usable(np.concatenate([np.zeros(0), *(line.y for line in series)]))
     wide = pooled.size and pooled.min() > 0 and pooled.max() / pooled.min() > 30
     y = axes.size(label, pooled) if wide else axes.linear(label, np.append(pooled, 1.0))
-    return Panel(x, y, tuple(series), 1.5, rules=(1.0,), marks=marks, empty="" if series else "no parameters recorded")
+    return Panel(
+        x,
+        y,
+        tuple(series),
+        1.5,
+        rules=(1.0,),
+        marks=marks,
+        empty="" if series else "no parameters recorded",
+    )
 
 
 def _marker(marker: Marker, points: int) -> Marker:

@@ -1,6 +1,7 @@
-"""The few formulas among our words, ``E_n`` or ``e^{jωt}``, and how a medium sets what is below or above the line.
+"""Set the few formulas among our words, such as ``E_n`` or ``e^{jωt}``.
 
-Only ``Words`` hold formulas. Any other text may be of others, whose ``CALS_0042`` is a number and no formula.
+Only ``Words`` hold formulas. Any other text may be of others, whose ``CALS_0042`` is a number and
+no formula.
 """
 
 from __future__ import annotations
@@ -35,39 +36,47 @@ _BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
 
 @functools.cache
 def formulas() -> Mapping[str, tuple[str, str, str]]:
-    """As it is written → its base, what is below or above the line, and which of the two: ``sub`` or ``sup``."""
+    """Return formula → its base, its index or exponent, and ``sub`` or ``sup``."""
     symbols: list[str] = sorted({symbol(name) for name in parameter_names()}, key=len, reverse=True)
     symbols = [text for text in symbols if "_" in text]
-    found = {"e^{jωt}": ("e", "jωt", "sup")}
+    parts = {"e^{jωt}": ("e", "jωt", "sup")}
     for text in ("ν_eff", "E_n", "U_first", *symbols):
         base, _, small = text.partition("_")
-        found[text] = (base, small, "sub")
-    return found
+        parts[text] = (base, small, "sub")
+    return parts
 
 
 def typeset(text: str, escape: Callable[[str], str], mark: Callable[[str, str, str], str]) -> str:
-    """A text for a medium: escaped, and in ``Words`` with the formulas set.
+    """Return a text for a medium: escaped, and in ``Words`` with the formulas set.
 
     ``mark``: from base, small text and ``sub`` or ``sup`` to what the medium writes.
     """
     escaped = escape(text)
     if not isinstance(text, Words):
         return escaped
-    found = {escape(text): parts for text, parts in formulas().items()}
-    pattern = "|".join(re.escape(text) for text in found)
-    return re.sub(rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])", lambda match: mark(*found[match[0]]), escaped)
+    formula_parts = {escape(text): parts for text, parts in formulas().items()}
+    pattern = "|".join(re.escape(text) for text in formula_parts)
+    return re.sub(
+        rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])",
+        lambda match: mark(*formula_parts[match[0]]),
+        escaped,
+    )
 
 
 def marked(base: str, small: str, kind: str) -> str:
-    """A formula in HTML, which Markdown knows too."""
+    """Return a formula in HTML, which Markdown accepts too."""
     return f"{base}<{kind}>{small}</{kind}>"
 
 
 def in_a_line(text: str) -> str:
-    """Formulas for a medium that has one line: ``f₀`` where there are such letters, else as they are written."""
+    """Return formulas for a medium of one line: ``f₀`` where the letters exist, else as written."""
 
     def mark(base: str, small: str, kind: str) -> str:
         below = small.translate(_BELOW)
-        return base + below if kind == "sub" and below != small else f"{base}{'_' if kind == 'sub' else '^'}{small}"
+        return (
+            base + below
+            if kind == "sub" and below != small
+            else f"{base}{'_' if kind == 'sub' else '^'}{small}"
+        )
 
     return typeset(text, str, mark)

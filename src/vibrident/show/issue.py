@@ -1,4 +1,4 @@
-"""A certificate to be issued: what was given after the fit, what is missing, and the form to fill in."""
+"""Complete a certificate to be issued: statements after the fit, missing entries, the form."""
 
 from __future__ import annotations
 
@@ -16,14 +16,36 @@ from vibrident.show.language import Say
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
 REQUIRED = (
-    *("number", "laboratory", "laboratory_address", "place", "customer", "customer_address", "date_of_calibration"),
+    *(
+        "number",
+        "laboratory",
+        "laboratory_address",
+        "place",
+        "customer",
+        "customer_address",
+        "date_of_calibration",
+    ),
     *("date_of_issue", "procedure", "traceability", "temperature_c", "approved_by"),
 )
 #: Heading of the form → keys of [certificate]; all that have a place of their own.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "document": ("number", "date_of_issue", "language", "second_language", "replaces", "changes"),
-    "laboratory": ("laboratory", "laboratory_address", "accreditation", "country", "operator", "approved_by"),
-    "order": ("customer", "customer_address", "order_number", "date_of_receipt", "date_of_calibration", "place"),
+    "laboratory": (
+        "laboratory",
+        "laboratory_address",
+        "accreditation",
+        "country",
+        "operator",
+        "approved_by",
+    ),
+    "order": (
+        "customer",
+        "customer_address",
+        "order_number",
+        "date_of_receipt",
+        "date_of_calibration",
+        "place",
+    ),
     "conditions": (
         *("condition", "mounting", "direction", "amplitude", "conditioning"),
         *("temperature_c", "temperature_uncertainty_c"),
@@ -50,10 +72,13 @@ class FormField:
 
 
 def form(language: str = "en") -> tuple[FormField, ...]:
-    """The entries of a certificate, in the order of the form; what is entered is checked by ``certificate_section``."""
+    """Return the entries of a certificate in the order of the form."""
     say = Say(language)
     places = [(key, group) for group, keys in GROUPS.items() for key in keys]
-    return tuple(FormField(key, say("label", key), say("group", group), key in REQUIRED) for key, group in places)
+    return tuple(
+        FormField(key, say("label", key), say("group", group), key in REQUIRED)
+        for key, group in places
+    )
 
 
 def missing(result: Result) -> tuple[str, ...]:
@@ -65,10 +90,10 @@ def missing(result: Result) -> tuple[str, ...]:
 
 
 def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[str, ...]:
-    """The same, of what [certificate] and [sensor] state."""
+    """Return the entries that [certificate] and [sensor] must state and do not."""
     wanted = [*REQUIRED, *(["changes"] if certificate.get("replaces") else [])]
-    found = [key for key in wanted if certificate.get(key) in (None, "", [])]
-    return (*found, *(["serial_number"] if not sensor.get("serial_number") else []))
+    missing = [key for key in wanted if certificate.get(key) in (None, "", [])]
+    return (*missing, *(["serial_number"] if not sensor.get("serial_number") else []))
 
 
 def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
@@ -85,12 +110,12 @@ def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
     for result, name in zip(results, names, strict=True):
         stated = result.certificate
         number = str(stated.get("number") or "")
-        other = first.setdefault((str(stated.get("laboratory") or ""), number), name)
-        if number and other != name:
+        first_name = first.setdefault((str(stated.get("laboratory") or ""), number), name)
+        if number and first_name != name:
             raise InputError(
                 "Two certificates would have the same number.",
                 expected="a number of its own for each certificate",
-                found=f"{number} for {other} and for {name}",
+                found=f"{number} for {first_name} and for {name}",
                 where="[certificate] number",
                 remedy="write the certificates one after another, each with its own number",
             )
@@ -98,7 +123,7 @@ def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class Issue:
-    """What belongs to a certificate and not to a result."""
+    """Parts of a certificate that do not belong to a result."""
 
     before: Result | None = None  # the result before an adjustment
     logo: bytes | None = None  # of the laboratory, as SVG, PNG or JPEG
@@ -109,34 +134,40 @@ class Issue:
 NOTHING_MORE = Issue()
 
 
-#: What a certificate states besides the result: a certificate file (TOML) or several, of which a later one replaces
-#: what an earlier one states; or the entries of [certificate] themselves, by key; or a form that was filled in.
-GivenCertificate = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | CertificateData
+#: What a certificate states besides the result: a certificate file (TOML) or several, of which a
+#: later one replaces what an earlier one states; or the entries of [certificate] themselves, by
+#: key; or a form that was filled in.
+GivenCertificate = (
+    str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any] | CertificateData
+)
 
 
-def issued(result: GivenResult, certificate: GivenCertificate) -> tuple[Result, Issue]:
+def issued(source: GivenResult, certificate: GivenCertificate) -> tuple[Result, Issue]:
     """Return a result with what its certificate states, and what belongs to the certificate alone.
 
     Args:
-        result: a result, or the path of its file.
+        source: a result, or the path of its file.
         certificate: the statements; an empty sequence adds nothing.
 
     Raises:
         InputError: a file, or one that it names, cannot be read or holds what is not allowed.
     """
-    known = as_result(result)
+    result = as_result(source)
     data = _statements(certificate)
     logo = None if data.logo is None else data.logo.read_bytes()
     before = None if data.before is None else Result.load(data.before)
-    return stated(known, data), Issue(before, logo, data.template, () if data.fonts is None else (data.fonts,))
+    return stated(result, data), Issue(
+        before, logo, data.template, () if data.fonts is None else (data.fonts,)
+    )
 
 
 def check_certificate(result: GivenResult, certificate: GivenCertificate = ()) -> tuple[str, ...]:
-    """Return the entries that ISO/IEC 17025 asks of a certificate and that are missing; none: it can be issued.
+    """Return the entries of ISO/IEC 17025 that a certificate lacks; none: it can be issued.
 
     Args:
         result: of an identification, or the path of its ``result.json``.
-        certificate: what the certificate states, given after the fit, as for :func:`vibrident.report`.
+        certificate: what the certificate states, given after the fit, as for
+            :func:`vibrident.report`.
 
     Returns:
         Keys of [certificate], and of [sensor].
@@ -162,14 +193,17 @@ def _statements(certificate: GivenCertificate) -> CertificateData:
         return certificate
     if isinstance(certificate, Mapping):
         return CertificateData(certificate_section(certificate, "certificate"))
-    files = [certificate] if isinstance(certificate, str | os.PathLike) else certificate
-    return certificate_data(files)
+    return certificate_data(
+        [certificate] if isinstance(certificate, str | os.PathLike) else certificate
+    )
 
 
 def stated(result: Result, data: CertificateData) -> Result:
-    """The result with further statements for its certificate and sensor; None takes one back."""
+    """Return the result with further statements for certificate and sensor; None removes one."""
     return replace(
-        result, certificate=_over(result.certificate, data.certificate), sensor=_over(result.sensor, data.sensor)
+        result,
+        certificate=_over(result.certificate, data.certificate),
+        sensor=_over(result.sensor, data.sensor),
     )
 
 

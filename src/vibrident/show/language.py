@@ -1,4 +1,4 @@
-"""The words of a certificate in one language, or in two below each other, from a text file a language."""
+"""Say the words of a certificate in one language or two, from a text file a language."""
 
 from __future__ import annotations
 
@@ -15,17 +15,20 @@ from vibrident.show.formulas import Words
 
 @cache
 def _texts(code: str) -> dict[str, dict[str, str]]:
-    return tomllib.loads((Path(__file__).parent / "languages" / f"{code}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        (Path(__file__).parent / "languages" / f"{code}.toml").read_text(encoding="utf-8")
+    )
 
 
 @cache
 def from_english(code: str) -> Mapping[str, str]:
     """Return English words → words of a language, of all that certificates say."""
-    texts, found = _texts(code), {}
+    texts = _texts(code)
+    translations = {}
     for section, english in _texts("en").items():
         for key, words in english.items():
-            found.setdefault(words, texts[section][key])
-    return {**found, **texts["known"]}
+            translations.setdefault(words, texts[section][key])
+    return {**translations, **texts["known"]}
 
 
 #: Languages with a comma before the decimals; a document has the sign of its first language.
@@ -49,30 +52,33 @@ class Say:
 
     @classmethod
     def of(cls, result: Result) -> Say:
-        """The languages that a result's certificate asks for."""
+        """Return the languages that a result's certificate asks for."""
         first = str(result.certificate.get("language") or "en")
         return cls(*dict.fromkeys([first, str(result.certificate.get("second_language") or first)]))
 
     def each(self, make: Callable[[Say], str]) -> Words:
         """Return a text made in each language by itself."""
-        made = (make(Say(code, comma=self.comma)) for code in self.codes)
-        return Words("\n".join(dict.fromkeys(made)))
+        texts = (make(Say(code, comma=self.comma)) for code in self.codes)
+        return Words("\n".join(dict.fromkeys(texts)))
 
     def __call__(self, section: str, key: str, **values: Any) -> Words:
-        """Return a text of a language's file, its ``{name}`` filled in with our own words or numbers."""
-        filled = {name: self.number(value) if isinstance(value, str) else value for name, value in values.items()}
-        return self.each(lambda one: _texts(one.codes[0])[section][key].format(**filled))
+        """Return a text of a language's file, its ``{name}`` filled in with words or numbers."""
+        filled = {
+            name: self.number(value) if isinstance(value, str) else value
+            for name, value in values.items()
+        }
+        return self.each(lambda words: _texts(words.codes[0])[section][key].format(**filled))
 
     def word(self, section: str, key: str) -> Words:
-        """Return what a name of the program is called in the languages; the name where that is new."""
-        return self.each(lambda one: _texts(one.codes[0])[section].get(key, key))
+        """Return the translation of a name of the program; the name itself where it is new."""
+        return self.each(lambda words: _texts(words.codes[0])[section].get(key, key))
 
     def known(self, text: str) -> Words:
-        """Return our own English words from elsewhere, in the languages as far as these have them."""
-        return self.each(lambda one: _texts(one.codes[0])["known"].get(text, text))
+        """Return our own English words in the languages, as far as these have them."""
+        return self.each(lambda words: _texts(words.codes[0])["known"].get(text, text))
 
     def has(self, text: str) -> bool:
-        """Whether these are words that are translated anywhere, not those of others."""
+        """Return whether these are words that are translated anywhere."""
         return any(text in _texts(code)["known"] for code in ("de", *self.codes))
 
 

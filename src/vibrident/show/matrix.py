@@ -10,29 +10,36 @@ from vibrident.show.views import Column, Table, columns
 from vibrident.use.triaxial import Matrix
 
 _NOTE = (
-    "U with k = 2. Transverse: largest sensitivity across the axis, relative to the main one (ISO 16063-31). "
-    "Misalignment: angle between the axis and the direction of largest sensitivity. Both are magnitudes, so noise "
-    "alone makes them larger than zero."
+    "U with k = 2. Transverse: largest sensitivity across the axis, relative to the main one (ISO "
+    "16063-31). Misalignment: angle between the axis and the direction of largest sensitivity. "
+    "Both are magnitudes, so noise alone makes them larger than zero."
 )
 
 
 def main_table(matrix: Matrix) -> Table:
-    """Main and transverse sensitivity and misalignment of each output, a row a frequency."""
+    """Return main and transverse sensitivity and misalignment of each output, by frequency."""
     rows = []
     scale = magnitude_scale(matrix.unit, np.abs(matrix.values).ravel())
-    for one in matrix.main():
+    for row in matrix.main():
         for n, f in enumerate(matrix.frequency_hz):
             cells = (
-                *with_u(one["magnitude"][n], one["magnitude_uncertainty"][n], scale.factor),
-                *with_u(one["phase_deg"][n], one["phase_deg_uncertainty"][n], 1.0),
-                *with_u(one["transverse_percent"][n], one["transverse_uncertainty_percent"][n], 1.0),
-                *with_u(one["misalignment_deg"][n], one["misalignment_uncertainty_deg"][n], 1.0),
+                *with_u(row["magnitude"][n], row["magnitude_uncertainty"][n], scale.factor),
+                *with_u(row["phase_deg"][n], row["phase_deg_uncertainty"][n], 1.0),
+                *with_u(
+                    row["transverse_percent"][n], row["transverse_uncertainty_percent"][n], 1.0
+                ),
+                *with_u(row["misalignment_deg"][n], row["misalignment_uncertainty_deg"][n], 1.0),
             )
-            rows.append((one["output"] if n == 0 else "", f"{f:.5g}", *cells))
+            rows.append((row["output"] if n == 0 else "", f"{f:.5g}", *cells))
     heads = [("f", "Hz"), ("|S|", scale.unit), ("U", scale.unit), ("phase", "°"), ("U", "°")]
     heads += [("transverse", "%"), ("U", "%"), ("misalignment", "°"), ("U", "°")]
     numbers = (Column(title, "number", unit) for title, unit in heads)
-    return Table((*columns("output"), *numbers), tuple(rows), notes=(_NOTE,), title="Main and transverse sensitivity")
+    return Table(
+        (*columns("output"), *numbers),
+        tuple(rows),
+        notes=(_NOTE,),
+        title="Main and transverse sensitivity",
+    )
 
 
 def element_table(matrix: Matrix) -> Table:
@@ -43,11 +50,17 @@ def element_table(matrix: Matrix) -> Table:
         for i, output in enumerate(matrix.outputs):
             cells = []
             for j in range(len(matrix.axes)):
-                value, u = matrix.values[n, i, j], matrix.u[n, i, j]
-                parts = [with_u(part, own, scale.factor) for part, own in zip((value.real, value.imag), u, strict=True)]
+                value = matrix.values[n, i, j]
+                u = matrix.u[n, i, j]
+                parts = [
+                    with_u(part, uncertainty, scale.factor)
+                    for part, uncertainty in zip((value.real, value.imag), u, strict=True)
+                ]
                 cells += [NONE if np.isnan(value) else " ± ".join(part) for part in parts]
             rows.append((f"{f:.5g}" if i == 0 else "", output, *cells))
     heads = [Words(f"{part} {axis}") for axis in matrix.axes for part in ("Re", "Im")]
     titled = (Column(head, "number", scale.unit) for head in heads)
     title = "Sensitivity matrix, value ± U (k = 2)"
-    return Table((Column("f", "number", "Hz"), *columns("output"), *titled), tuple(rows), title=title)
+    return Table(
+        (Column("f", "number", "Hz"), *columns("output"), *titled), tuple(rows), title=title
+    )

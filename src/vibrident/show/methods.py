@@ -1,4 +1,4 @@
-"""Methods beside each other, for the terminal: several results, the truth, a choice of model, a joint fit."""
+"""Compare methods for the terminal: results, the truth, a choice of model, a joint fit."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from vibrident.show.numbers import (
     uncertainty,
 )
 from vibrident.show.points import sensitivity_at
-from vibrident.show.tables import weight_rows
 from vibrident.show.views import Column, Sentence, Table, columns
+from vibrident.show.weight_tables import weight_rows
 from vibrident.use.comparison import criteria, recommendation
 
 if TYPE_CHECKING:
@@ -33,9 +33,11 @@ _FIELDS = ("rmse", "mae", "mse", "r2", "rpd", "explained", "coherent", "chi2_red
 
 
 def labels(results: Sequence[Result]) -> list[str]:
-    """What to call each result: its estimator, with the model where models differ."""
+    """Return what to call each result: its estimator, with the model where models differ."""
     several = len({result.model for result in results}) > 1
-    names = [f"{result.estimator} {result.model}" if several else result.estimator for result in results]
+    names = [
+        f"{result.estimator} {result.model}" if several else result.estimator for result in results
+    ]
     repeated = {name for name in names if names.count(name) > 1}
     return [f"{name} #{i}" if name in repeated else name for i, name in enumerate(names, 1)]
 
@@ -43,34 +45,52 @@ def labels(results: Sequence[Result]) -> list[str]:
 def compared(
     results: Sequence[Result], names: Sequence[str] = (), truth: Mapping[str, float] | None = None
 ) -> tuple[Table, Table]:
-    """Several results of one sensor, called by their estimators where there are no names: parameters, and how they fit.
+    """Return parameters and fit of several results of one sensor.
 
-    ``truth``: true values by parameter name in the unit of the first result that has the parameter; deviations are from
-    these where given, from the first result otherwise.
+    ``truth``: true values by parameter name in the unit of the first result that has the parameter;
+    deviations are from these where given, from the first result otherwise.
     """
     called = list(names) or labels(results)
     return _parameters(results, called, truth or {}), _metrics(results, called)
 
 
-def _parameters(results: Sequence[Result], names: Sequence[str], truth: Mapping[str, float]) -> Table:
-    """Each parameter as ``value(u)`` by method, and below it the deviation from the truth, or from the first."""
+def _parameters(
+    results: Sequence[Result], names: Sequence[str], truth: Mapping[str, float]
+) -> Table:
+    """Return each parameter as ``value(u)`` by method, and below it its deviation.
+
+    The deviation is from the truth, or from the first method.
+    """
     base = "the true value" if truth else names[0]
     rows = []
     for key in dict.fromkeys(key for result in results for key in result.parameters):
         owners = [result.parameters[key] for result in results if key in result.parameters]
         scale = scaled(owners[0].unit, max(abs(p.value or 0.0) for p in owners))
         zero = truth.get(key) if truth else getattr(results[0].parameters.get(key), "value", None)
-        cells, below = [], []
+        cells = []
+        below = []
         for i, result in enumerate(results):
             parameter = result.parameters.get(key)
             cells.append(NONE if parameter is None else _short(parameter, scale, owners[0].unit))
-            off = parameter is not None and zero is not None and (truth or i > 0) and parameter.unit == owners[0].unit
-            below.append(_deviation(parameter.value, zero, scale.factor) if off else "")  # type: ignore[union-attr]
+            off = (
+                parameter is not None
+                and zero is not None
+                and (truth or i > 0)
+                and parameter.unit == owners[0].unit
+            )
+            below.append(
+                _deviation(parameter.value, zero, scale.factor)  # type: ignore[union-attr]
+                if off
+                else ""
+            )
         true = [NONE if zero is None else plain(zero * scale.factor)] if truth else []
         rows.append((parameter_name(key).words, scale.printed, *true, *cells))
         if any(below):
             rows.append(("", "", *("" for _ in true), *below))
-    heads = (*columns("parameter", "unit"), *columns(*(["true"] if truth else []), *names, kind="number"))
+    heads = (
+        *columns("parameter", "unit"),
+        *columns(*(["true"] if truth else []), *names, kind="number"),
+    )
     notes = (f"Below each value: deviation from {base}",)
     return Table(heads, tuple(rows), notes=notes, title="Parameters: value(u in its last digits)")
 
@@ -89,7 +109,11 @@ def _with_u(value: float | None, u: float | None, scale: UnitScale) -> str:
 def _deviation(value: float | None, zero: float, factor: float) -> str:
     if value is None:
         return NONE
-    return percent(100 * (value / zero - 1)) if zero else f"{'+' if value >= 0 else ''}{plain(value * factor, 3)}"
+    return (
+        percent(100 * (value / zero - 1))
+        if zero
+        else f"{'+' if value >= 0 else ''}{plain(value * factor, 3)}"
+    )
 
 
 def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
@@ -99,7 +123,10 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     timed = any(isinstance(time, int | float) for time in times)
     rows = []
     for result, name, time in zip(results, names, times, strict=True):
-        row = (name, *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS))
+        row = (
+            name,
+            *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS),
+        )
         lasted = (plain(time if isinstance(time, int | float) else None, 3),) * timed
         rows.append((*row, str(len(result.warnings)), *lasted))
     heads = [*(words.METRICS[field].label for field in _FIELDS), "warn.", *(["time/s"] * timed)]
@@ -107,23 +134,42 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
 
 
-def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]) -> tuple[Table, Sentence]:
+def models(
+    results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]
+) -> tuple[Table, Sentence]:
     """Criteria for each model, and the recommended one.
 
-    ``results``: name of the method to its result; ``left_out``: name of the method to its cross-validation, where one
-    was made.
+    ``results``: name of the method to its result; ``left_out``: name of the method to its
+    cross-validation, where one was made.
     """
     rows = []
     for name, result in results.items():
-        found = criteria(result)
+        result_criteria = criteria(result)
         weak = sum(not p.identifiable for p in result.parameters.values() if not p.derived)
-        row = [name, str(found.parameters), plain(found.chi2, 5), plain(found.aic, 5), plain(found.bic, 5)]
+        row = [
+            name,
+            str(result_criteria.parameters),
+            plain(result_criteria.chi2, 5),
+            plain(result_criteria.aic, 5),
+            plain(result_criteria.bic, 5),
+        ]
         if left_out:
             score = left_out.get(name) or {}
             share = score.get("deviation_percent")
-            row += [NONE if share is None else f"{plain(share, 3)} %", plain(score.get("deviation_in_u"), 3)]
+            row += [
+                NONE if share is None else f"{plain(share, 3)} %",
+                plain(score.get("deviation_in_u"), 3),
+            ]
         rows.append((*row, "yes" if result.fit.adequate else "no", str(weak) if weak else NONE))
-    heads = ["parameters", "χ²", "AIC", "BIC", *(["predicted", "in u"] if left_out else []), "explains", "weak"]
+    heads = [
+        "parameters",
+        "χ²",
+        "AIC",
+        "BIC",
+        *(["predicted", "in u"] if left_out else []),
+        "explains",
+        "weak",
+    ]
     notes = ("predicted: rms deviation at records left out of the fit",) if left_out else ()
     titled = (Column("method"), *columns(*heads, kind="number"))
     table = Table(titled, tuple(rows), notes=notes, title="Choice of the model")
@@ -131,39 +177,54 @@ def models(results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, An
 
 
 def joint(result: Result) -> tuple[Table | Sentence, ...]:
-    """What calibrations that were fitted together share: the joint values, each one's own, and the verdict on these.
+    """Return the joint values of calibrations, each one's own, and the verdict on these.
 
     The settings of the result of any of them hold it.
     """
-    found = result.settings["joint"]
-    files = [one["file"] for one in found["calibrations"]]
+    joint_settings = result.settings["joint"]
+    files = [entry["file"] for entry in joint_settings["calibrations"]]
     rows = []
-    for row in found["shared"]:
+    for row in joint_settings["shared"]:
         scale = scaled(row["unit"], abs(row["joint"]["value"]))
         values = [row["joint"], *(row["separate"].get(file) for file in files)]
-        cells = [NONE if one is None else _with_u(one["value"], one["standard_uncertainty"], scale) for one in values]
-        rows.append((parameter_name(row["name"]).words, scale.printed, *cells, plain(row["probability"], 2)))
+        cells = [
+            NONE if entry is None else _with_u(entry["value"], entry["standard_uncertainty"], scale)
+            for entry in values
+        ]
+        rows.append(
+            (parameter_name(row["name"]).words, scale.printed, *cells, plain(row["probability"], 2))
+        )
     heads = columns("joint", *(f"{file} alone" for file in files), "p", kind="number")
     title = f"Joint fit of {len(files)} calibrations: value(u in its last digits)"
     notes = ("p: chance of a difference at least as large between calibrations that agree",)
     table = Table((*columns("shared", "unit"), *heads), tuple(rows), notes=notes, title=title)
-    unused = [one["file"] for one in found["calibrations"] if not one["own_fit_used"]]
-    said = [Sentence(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}.")] if unused else []
-    whole = found["consistency"]
-    line = (
-        f"The calibrations by themselves: χ² = {plain(whole['chi2'], 4)} (ν = {whole['degrees_of_freedom']}), "
-        f"p = {plain(whole['probability'], 2)}:"
+    unused = [
+        entry["file"] for entry in joint_settings["calibrations"] if not entry["own_fit_used"]
+    ]
+    unused_sentences = (
+        [Sentence(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}.")]
+        if unused
+        else []
     )
-    fine = whole["consistent"]
-    verdict = Sentence(line, "fine" if fine else "doubt", end="consistent" if fine else "inconsistent")
-    return (table, *said, verdict)
+    consistency = joint_settings["consistency"]
+    line = (
+        f"The calibrations by themselves: χ² = {plain(consistency['chi2'], 4)} (ν = "
+        f"{consistency['degrees_of_freedom']}), p = {plain(consistency['probability'], 2)}:"
+    )
+    fine = consistency["consistent"]
+    verdict = Sentence(
+        line, "fine" if fine else "doubt", end="consistent" if fine else "inconsistent"
+    )
+    return (table, *unused_sentences, verdict)
 
 
-def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_curve: Mapping[float, float]) -> Table:
-    """Results of several estimators in one table: parameters, points of the curve, and the weights of the network.
+def network_beside(
+    results: Sequence[Result], truth: Mapping[str, float], true_curve: Mapping[float, float]
+) -> Table:
+    """Return results in one table: parameters, points of the curve, weights of the network.
 
-    ``results``: of one calibration, the network's last; ``truth``: true values by parameter name, in the results'
-    units; ``true_curve``: frequency in Hz to the true magnitude of the sensitivity.
+    ``results``: of one calibration, the network's last; ``truth``: true values by parameter name,
+    in the results' units; ``true_curve``: frequency in Hz to the true magnitude of the sensitivity.
     """
     called = labels(results)
     values = []
@@ -183,12 +244,21 @@ def network_beside(results: Sequence[Result], truth: Mapping[str, float], true_c
         for number, numbers in enumerate(row.numbers, 1):
             name = f"{row.name} {row.layer}" + f", row {number}" * (len(row.numbers) > 1)
             lines = ["  ".join(numbers[i : i + 2]) for i in range(0, len(numbers), 2)]
-            weights += [(name * (line is lines[0]), "", "", *("" for _ in called[:-1]), line) for line in lines]
+            weights += [
+                (name * (line is lines[0]), "", "", *("" for _ in called[:-1]), line)
+                for line in lines
+            ]
     groups = {len(values): "the curve:"}
     groups |= {len(values) + len(curve): "its weights (Table 1):"} if weights else {}
     heads = (*columns("parameter", "unit"), *columns("true", *called, kind="number"))
     notes = ("Below each value: difference / u, from the true one.",)
-    return Table(heads, (*values, *curve, *weights), notes=notes, title="value(u in its last digits)", groups=groups)
+    return Table(
+        heads,
+        (*values, *curve, *weights),
+        notes=notes,
+        title="value(u in its last digits)",
+        groups=groups,
+    )
 
 
 def _against(
@@ -205,12 +275,26 @@ def planned(plan: Plan) -> Table:
     chosen = plan.criterion is not None
     rows = []
     for name, parameter in plan.parameters.items():
-        number, scale = stated(parameter), scaled(parameter.unit, abs(parameter.value))
+        number = stated(parameter)
+        scale = scaled(parameter.unit, abs(parameter.value))
         u = parameter.standard_uncertainty
-        share = NONE if u is None or not parameter.value else f"{uncertainty(100 * abs(u / parameter.value))} %"
-        others = (plan.spread, plan.all_points) if chosen else ()
-        more = (uncertainty(other[name] * scale.factor) if name in other else NONE for other in others)
-        rows.append((parameter_name(name).words, number.value, number.standard, number.unit, share, *more))
+        share = (
+            NONE
+            if u is None or not parameter.value
+            else f"{uncertainty(100 * abs(u / parameter.value))} %"
+        )
+        alternatives = (plan.spread, plan.all_points) if chosen else ()
+        more = (
+            uncertainty(alternative[name] * scale.factor) if name in alternative else NONE
+            for alternative in alternatives
+        )
+        rows.append(
+            (parameter_name(name).words, number.value, number.standard, number.unit, share, *more)
+        )
     heads = (*columns("value", "u", kind="number"), Column("unit"), Column("u / value", "number"))
     heads += columns("u, evenly spread", "u, all", kind="number") if chosen else ()
-    return Table((Column("parameter"), *heads), tuple(rows), title=f"Uncertainty to be expected: {plan.model}")
+    return Table(
+        (Column("parameter"), *heads),
+        tuple(rows),
+        title=f"Uncertainty to be expected: {plan.model}",
+    )

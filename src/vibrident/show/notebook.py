@@ -14,7 +14,7 @@ from vibrident.result.sensor import IdentifiedSensor
 from vibrident.show import terminal
 from vibrident.show.coverage import scatter_only
 from vibrident.show.figures import PICTURES
-from vibrident.show.findings import told
+from vibrident.show.findings import describe_findings
 from vibrident.show.media import html
 from vibrident.show.numbers import magnitude_scale, sensitivity_unit, stated
 from vibrident.show.response_figures import response_panels
@@ -24,23 +24,40 @@ POINTS = 200  # of a sensor's curve
 
 
 def result(shown: Result) -> str:
-    """Parameters with their uncertainties, the verdict, warnings and findings, and the sensitivity over frequency."""
+    """Return parameters, verdict, warnings, findings and sensitivity for a notebook."""
     curve = PICTURES["sensitivity"](shown)
-    said = (terminal.fit_line(shown), *scatter_only(shown), *told(shown))
-    blocks: list[Block] = [terminal.parameter_table(shown), *said]
+    sentences = (terminal.fit_line(shown), *scatter_only(shown), *describe_findings(shown))
+    blocks: list[Block] = [terminal.parameter_table(shown), *sentences]
     return html.fragment(*blocks, *([] if curve is None else [curve]))
 
 
 def sensor(shown: IdentifiedSensor) -> str:
-    """The values of a sensor with their uncertainties, and its curve over the band of its data."""
+    """Return the values of a sensor with their uncertainties, and its curve."""
     fields = fields_of_units(shown.response_unit, shown.input_unit, drive=shown.quantity == "drive")
     rows = []
     for spec, u in zip(shown.model.parameters, np.sqrt(np.diag(shown.covariance)), strict=True):
-        known = Parameter(shown.values[spec.name], spec.unit.format(**fields), float(u), (None, None))
+        known = Parameter(
+            shown.values[spec.name], spec.unit.format(**fields), float(u), (None, None)
+        )
         number = stated(known if np.isfinite(u) else replace(known, standard_uncertainty=None), K)
-        rows.append((parameter_name(spec.name).words, number.value, number.standard, number.expanded, number.unit))
-    heads = (Column("parameter"), *columns("value", "u", f"U (k = {K:g})", kind="number"), Column("unit"))
-    blocks: list[Block] = [Sentence(f"Identified sensor, model {shown.model.name}."), Table(heads, tuple(rows))]
+        rows.append(
+            (
+                parameter_name(spec.name).words,
+                number.value,
+                number.standard,
+                number.expanded,
+                number.unit,
+            )
+        )
+    heads = (
+        Column("parameter"),
+        *columns("value", "u", f"U (k = {K:g})", kind="number"),
+        Column("unit"),
+    )
+    blocks: list[Block] = [
+        Sentence(f"Identified sensor, model {shown.model.name}."),
+        Table(heads, tuple(rows)),
+    ]
     if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
         quantity = shown.model.stated_quantity(shown.quantity)
         per = shown.input_unit if quantity == "drive" else REFERENCE_UNITS[quantity]
@@ -57,4 +74,10 @@ def _curve(shown: IdentifiedSensor, band_hz: tuple[float, float], quantity: Quan
     response = shown.frequency_response(frequency, quantity)
     relative, angle = shown.uncertainty(frequency, quantity)
     size = np.abs(response)
-    return Curve(frequency, size, np.degrees(np.unwrap(np.angle(response))), relative * size, np.degrees(angle))
+    return Curve(
+        frequency,
+        size,
+        np.degrees(np.unwrap(np.angle(response))),
+        relative * size,
+        np.degrees(angle),
+    )

@@ -1,4 +1,4 @@
-"""Numbers and units for print: GUM 7.2.6 (uncertainty to two significant digits, value to the same place), SI prefixes.
+"""Print numbers and units: GUM 7.2.6 (u to two significant digits), SI prefixes.
 
 Every number that is shown anywhere is made here.
 """
@@ -22,7 +22,7 @@ from vibrident.show.views import K
 
 #: The rounding of a relative difference of two floats, in percent.
 _DUST_PERCENT = 100.0 * 4.0 * sys.float_info.epsilon
-_MOST_DIGITS = 15  # digits of a value beyond which a float has nothing more to say
+_MAX_DIGITS = 15  # digits of a value beyond which a float has nothing more to say
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,21 @@ class Stated:
 
 
 def place(uncertainty: float) -> int:
-    """Power of ten of the second digit of an uncertainty, positive and finite: −3 for 0.0123, and for 0.00996 too."""
+    """Return the power of ten of the second digit of an uncertainty: −3 for 0.0123 and 0.00996.
+
+    ``uncertainty``: positive and finite.
+    """
     exact = Decimal(repr(float(uncertainty)))
     last = exact.adjusted() - 1
-    return last if round(exact, -last).adjusted() == exact.adjusted() else last + 1  # 0.0996 becomes 0.10
+    # 0.0996 becomes 0.10
+    return last if round(exact, -last).adjusted() == exact.adjusted() else last + 1
 
 
 def printed(number: str) -> str:
-    """A number, or –, as it is set: ``-1.5e-7`` becomes ``−1.5·10⁻⁷``; zero has neither sign nor power."""
+    """Return a number, or –, as it is set: ``-1.5e-7`` becomes ``−1.5·10⁻⁷``.
+
+    Zero has neither sign nor power.
+    """
     head, _, power = number.partition("e")
     if not head.strip("+-0."):
         return head.lstrip("+-") if "." in head and not power else "0"
@@ -52,12 +59,12 @@ def printed(number: str) -> str:
 
 
 def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
-    """A number without stated uncertainty: that many significant digits at most; – for None and not finite."""
+    """Return a number to so many significant digits; – for None and not finite."""
     return printed(amounts.plain(value, digits))
 
 
 def signed(value: float | None, places: int) -> str:
-    """A number with its sign and so many places; – for None and not finite."""
+    """Return a number with its sign and so many places; – for None and not finite."""
     return printed(f"{value:+.{places}f}") if _known(value) else NONE
 
 
@@ -68,8 +75,9 @@ def _known(value: float | None) -> TypeGuard[float]:
 def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
     """Value and standard uncertainty as text.
 
-    Both are fixed-point, or both carry the same power of ten where fixed-point would need many zeros. Without a
-    usable uncertainty (None, zero, not finite) the value has six significant digits; zero is printed as ``0``.
+    Both are fixed-point, or both carry the same power of ten where fixed-point would need many
+    zeros. Without a usable uncertainty (None, zero, not finite) the value has six significant
+    digits; zero is printed as ``0``.
 
     ``value``: best estimate; ``uncertainty``: standard uncertainty, same unit.
     """
@@ -78,25 +86,38 @@ def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
 
 
 def rounded(value: float | None, uncertainty: float | None) -> tuple[str, str]:
-    """The same as Python writes numbers, to compute with."""
+    """Return value and uncertainty as Python writes numbers, to compute with."""
     texts = _aligned(value, uncertainty, [uncertainty])
     return texts[0], texts[1]
 
 
-def _aligned(value: float | None, uncertainty: float | None, own: list[float | None]) -> list[str]:
-    """Value to the uncertainty's place, and each of ``own`` to two digits of its own, all with one power of ten."""
+def _aligned(
+    value: float | None, uncertainty: float | None, own_uncertainties: list[float | None]
+) -> list[str]:
+    """Return the value to the place of u, and its uncertainties, with one power of ten.
+
+    Each of ``own_uncertainties`` has two digits.
+    """
     if not _known(uncertainty) or uncertainty <= 0:
         texts = [amounts.plain(value)]
-        return texts + [NONE if not _known(u) else "0" if u == 0 else amounts.plain(u, 2) for u in own]
+        return texts + [
+            NONE if not _known(u) else "0" if u == 0 else amounts.plain(u, 2)
+            for u in own_uncertainties
+        ]
     last = place(uncertainty)
     size = Decimal(repr(float(value))) if _known(value) else Decimal(0)
     first = max(size.adjusted() if size else -400, last + 1)
-    if first - last >= _MOST_DIGITS:  # finer than a float resolves: round the uncertainty alone
-        return [amounts.plain(value, _MOST_DIGITS), *(amounts.plain(u, 2) for u in own)]
+    if first - last >= _MAX_DIGITS:  # finer than a float resolves: round the uncertainty alone
+        return [
+            amounts.plain(value, _MAX_DIGITS),
+            *(amounts.plain(u, 2) for u in own_uncertainties),
+        ]
     power = first if last > 3 or first < -4 else 0
     texts = [_fixed(size, last, power) if _known(value) else NONE]
-    for u in own:
-        texts.append(_fixed(Decimal(repr(float(u))), place(u), power) if _known(u) and u > 0 else NONE)
+    for u in own_uncertainties:
+        texts.append(
+            _fixed(Decimal(repr(float(u))), place(u), power) if _known(u) and u > 0 else NONE
+        )
     return texts
 
 
@@ -108,12 +129,15 @@ def _fixed(value: Decimal, last: int, power: int) -> str:
 
 
 def uncertainty(u: float | None) -> str:
-    """An uncertainty alone: two significant digits, zeros kept."""
+    """Return an uncertainty alone: two significant digits, zeros kept."""
     return pair(u, u)[0]
 
 
 def concise(value: float | None, uncertainty: float | None) -> str:
-    """Value with its standard uncertainty in the last digits, GUM 7.2.2: ``104.01(11)``; the value alone without u."""
+    """Return the value with u in its last digits, GUM 7.2.2: ``104.01(11)``.
+
+    The value alone where there is no u.
+    """
     text, u = rounded(value, uncertainty)
     if not _known(uncertainty) or uncertainty == 0 or text == NONE:
         return printed(text)
@@ -126,7 +150,7 @@ def concise(value: float | None, uncertainty: float | None) -> str:
 
 
 def natural_scale(parameter: Parameter) -> UnitScale:
-    """The unit in which a parameter reads well, and the factor to it."""
+    """Return the unit in which a parameter reads well, and the factor to it."""
     sizes = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if _known(x)]
     return scaled(parameter.unit, max(sizes, default=0.0))
 
@@ -138,7 +162,8 @@ def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -
     """
     u = parameter.standard_uncertainty
     scale = scale or natural_scale(parameter)
-    value, u = scale.times(parameter.value), scale.times(u)
+    value = scale.times(parameter.value)
+    u = scale.times(u)
     texts = [printed(text) for text in _aligned(value, u, [u, None if u is None else k * u])]
     low, high = map(scale.times, parameter.interval_95)
     return Stated(
@@ -164,7 +189,7 @@ def _interval(low: float | None, high: float | None, u: float | None, *, stated_
 
 
 def percent(value: float | None, expanded: float | None = None) -> str:
-    """A signed percentage, ``+0.12 %``: to the place of its U, else two significant digits and at most six places."""
+    """Return a signed percentage, ``+0.12 %``: to the place of its U, else two digits."""
     if not _known(value):
         return NONE
     if _known(expanded) and expanded > 0:
@@ -178,7 +203,7 @@ def percent(value: float | None, expanded: float | None = None) -> str:
 
 
 def with_sign(number: str) -> str:
-    """A number as Python writes it, set with its sign."""
+    """Return a number as Python writes it, set with its sign."""
     return printed(number if number.startswith("-") else f"+{number}")
 
 
@@ -206,13 +231,15 @@ def reference_unit(result: Result) -> str:
 
 
 def sensitivity_unit(response_unit: str, per: str) -> str:
-    """Unit of response per reference: ``V`` and ``m/s^2`` give ``V/(m/s^2)``."""
-    top, bottom = (f"({unit})" if re.search(r"[/ *·]", unit) else unit for unit in (response_unit, per))
+    """Return the unit of response per reference: ``V/(m/s^2)`` for ``V`` and ``m/s^2``."""
+    top, bottom = (
+        f"({unit})" if re.search(r"[/ *·]", unit) else unit for unit in (response_unit, per)
+    )
     return f"{top}/{bottom}"
 
 
 def unit_of_sensitivity(result: Result) -> str:
-    """Unit of the result's sensitivities."""
+    """Return the unit of the result's sensitivities."""
     return sensitivity_unit(result.response_unit, per_unit(result))
 
 
@@ -231,7 +258,7 @@ def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
 
 
 def nominal_frequency(frequency_hz: float) -> str | None:
-    """Nominal ISO 266 name (Hz) of a nominal or an exact base-10 one-third-octave frequency; None for any other."""
+    """Return the nominal ISO 266 name (Hz) of a one-third-octave frequency; None for any other."""
     nearest = nominal_name(frequency_hz, math.inf)
     if nearest is not None and is_same_frequency(float(nearest), frequency_hz):
         return nearest
@@ -239,14 +266,17 @@ def nominal_frequency(frequency_hz: float) -> str | None:
 
 
 def frequency_text(frequency_hz: float) -> str:
-    """A frequency for a heading: its nominal name where it has one, four digits otherwise; in Hz or kHz."""
+    """Return a frequency for a heading in Hz or kHz: its nominal name, else four digits."""
     value = float(nominal_frequency(frequency_hz) or frequency_hz)
     scale = scaled("Hz", value)
     return f"{value * scale.factor:.4g} {scale.unit}" if value < 1e13 else f"{value:.3g} Hz"
 
 
 def sensitivity_scale(result: Result) -> UnitScale:
-    """Unit in which all sensitivities of a result are printed, and the factor to it; by its parameter if it has one."""
+    """Return the unit of all printed sensitivities of a result, and the factor to it.
+
+    The unit follows the result's parameter of sensitivity, if it has one.
+    """
     unit = unit_of_sensitivity(result)
     gain = next((p for p in result.parameters.values() if pretty(p.unit) == pretty(unit)), None)
     if gain is not None and _known(gain.value) and gain.value:
@@ -256,23 +286,25 @@ def sensitivity_scale(result: Result) -> UnitScale:
 
 
 def parameter_scale(result: Result, parameter: Parameter) -> UnitScale:
-    """Unit in which a parameter of a result is printed: sensitivities have one."""
+    """Return the unit in which a parameter of a result is printed: sensitivities have one."""
     same = pretty(parameter.unit) == pretty(unit_of_sensitivity(result))
     return sensitivity_scale(result) if same else natural_scale(parameter)
 
 
 def magnitude_scale(unit: str, magnitudes: FloatArray) -> UnitScale:
-    """Unit in which magnitudes read well, and the factor to it."""
+    """Return the unit in which magnitudes read well, and the factor to it."""
     sizes = sorted(abs(m) for m in magnitudes.tolist() if m and math.isfinite(m))
     return scaled(unit, sizes[len(sizes) // 2] if sizes else 0.0)
 
 
 def shortened(text: str, width: int) -> str:
-    """A name that fits: its end is kept, because the names of records differ there."""
+    """Return a name that fits: its end is kept, because names of records differ there."""
     text = " ".join(text.split())
     return text if len(text) <= width else "…" + text[1 - width :]
 
 
 def subject(model: str, sensor: Mapping[str, object]) -> str:
     """Model and sensor in a line, for the head of a picture."""
-    return " · ".join(part for part in (f"model {model}" if model else "", sensor_name(sensor)) if part)
+    return " · ".join(
+        part for part in (f"model {model}" if model else "", sensor_name(sensor)) if part
+    )

@@ -1,4 +1,4 @@
-"""Pictures of a result, drawn from its values alone; matplotlib is loaded when the first one is drawn."""
+"""Draw pictures of a result from its values alone; matplotlib is loaded with the first one."""
 
 from __future__ import annotations
 
@@ -20,11 +20,21 @@ if TYPE_CHECKING:
 
     from vibrident.data.records import Calibration
 
-__all__ = ["PICTURES", "correction", "draw", "inspection", "light", "plan", "save", "save_all", "tracking"]
+__all__ = [
+    "PICTURES",
+    "correction",
+    "draw",
+    "inspection",
+    "light",
+    "plan",
+    "save",
+    "save_all",
+    "tracking",
+]
 
 
 def draw(name: str, result: Result) -> Picture:
-    """One picture of a result as a matplotlib figure.
+    """Return one picture of a result as a matplotlib figure.
 
     Args:
         name: ``sensitivity``, ``deviation``, ``signals``, ``residuals`` or ``training``.
@@ -34,9 +44,13 @@ def draw(name: str, result: Result) -> Picture:
         InputError: there is no such picture.
     """
     if name not in PICTURES:
-        raise unknown("There is no such picture of a result.", name, list(PICTURES), "name of the picture")
-    made = PICTURES[name](result)
-    return drawing.picture(made or Figure(name, f"{name.capitalize()}: nothing in the result", ()))
+        raise unknown(
+            "There is no such picture of a result.", name, list(PICTURES), "name of the picture"
+        )
+    figure = PICTURES[name](result)
+    return drawing.picture(
+        figure or Figure(name, f"{name.capitalize()}: nothing in the result", ())
+    )
 
 
 def draw_inspection(calibration: Calibration) -> Picture:
@@ -45,7 +59,10 @@ def draw_inspection(calibration: Calibration) -> Picture:
 
 
 def save(figure: Figure | Picture, path: str | os.PathLike[str]) -> Path:
-    """Write one figure in the format of the path's suffix (png, svg or pdf), without a date; return the path."""
+    """Write one figure as png, svg or pdf, by the path's suffix; return the path.
+
+    The file has no date.
+    """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(drawing.content(figure, target.suffix[1:].lower()))
@@ -67,8 +84,8 @@ def save_all(
         names: of the pictures.
 
     Returns:
-        paths written: ``sensitivity``, ``deviation``, ``signals``, ``residuals``, ``training``, as far as there is
-        something to show, each in every format.
+        paths written: ``sensitivity``, ``deviation``, ``signals``, ``residuals``, ``training``, as
+        far as there is something to show, each in every format.
     """
     written = []
     for name in names:

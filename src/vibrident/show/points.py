@@ -36,22 +36,26 @@ def measured_band(result: Result) -> tuple[float, float] | None:
     None if they do not overlap. The band of a tracked result is that of its calibration's curve,
     that of a rejected model the data's.
     """
-    measured, curve = result.measured.frequency_hz, result.response.frequency_hz
+    measured = result.measured.frequency_hz
+    curve = result.response.frequency_hz
     measured = curve if result.is_tracked else measured[measured > 0.0]
     curve = curve if curve.size else measured
     if measured.size == 0:
         return None
-    low, high = float(max(measured.min(), curve.min())), float(min(measured.max(), curve.max()))
+    low = float(max(measured.min(), curve.min()))
+    high = float(min(measured.max(), curve.max()))
     return (low, high) if low <= high * (1 + SAME) else None
 
 
 def nominal_points(result: Result) -> tuple[Point, ...]:
-    """The sensitivity at each nominal one-third-octave frequency of the measured band."""
+    """Return the sensitivity at each nominal one-third-octave frequency of the measured band."""
     band = measured_band(result)
     if band is None:
         return ()
-    found = (sensitivity_at(result, item) for item in nominal_frequencies(*band, result.measured.frequency_hz))
-    return tuple(point for point in found if point is not None)
+    sensitivities = (
+        sensitivity_at(result, item) for item in nominal_frequencies(*band, result.measured.frequency_hz)
+    )
+    return tuple(point for point in sensitivities if point is not None)
 
 
 def reference_frequency(result: Result) -> tuple[Nominal | None, str]:
@@ -105,20 +109,22 @@ def _averaged(points: MeasuredCurve, quantity: str, there: BoolArray) -> tuple[f
     weights = noise**-2 if usable else np.ones(len(values))
     mean = float(weights @ values / weights.sum())
     common = np.max(np.sqrt(np.maximum(u**2 - noise**2, 0.0))) if usable else np.max(u)
-    own = weights.sum() ** -0.5 if usable else 0.0
-    return mean, float(np.hypot(common, own))
+    mean_uncertainty = weights.sum() ** -0.5 if usable else 0.0
+    return mean, float(np.hypot(common, mean_uncertainty))
 
 
 def sensitivity_at(result: Result, where: Nominal) -> Point | None:
-    """The model's sensitivity: the curve's own point where it has one there, else between its neighbours.
+    """Return the model's sensitivity: the curve's own point, else between its neighbours.
 
-    Between neighbours the ratio of the curve to the result's model is interpolated, which is one but for rounding, so a
-    sharp resonance is followed; of the uncertainties the magnitude's relative one and the phase's own. None outside
-    the curve.
+    Between neighbours the ratio of the curve to the result's model is interpolated, which is one
+    but for rounding, so a sharp resonance is followed; of the uncertainties the magnitude's
+    relative one and the phase's own. None outside the curve.
     """
     curve = result.response
     frequency = curve.frequency_hz
-    if frequency.size == 0 or not (frequency[0] * (1 - SAME) <= where.frequency_hz <= frequency[-1] * (1 + SAME)):
+    if frequency.size == 0 or not (
+        frequency[0] * (1 - SAME) <= where.frequency_hz <= frequency[-1] * (1 + SAME)
+    ):
         return None
     nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
     if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _OWN or frequency.size == 1:
@@ -138,7 +144,8 @@ def _known(value: float) -> float | None:
 
 
 def _between(result: Result, pair: slice, where: Nominal) -> Point:
-    curve, f = result.response, where.frequency_hz
+    curve = result.response
+    f = where.frequency_hz
     ends = curve.frequency_hz[pair]
     share = math.log(f / ends[0]) / math.log(ends[1] / ends[0])
     model = _model_response(result, np.array([*ends, f]))
@@ -152,7 +159,9 @@ def _between(result: Result, pair: slice, where: Nominal) -> Point:
         phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
     relative = _mixed(curve.magnitude_uncertainty[pair] / np.abs(curve.magnitude[pair]), share)
     u = None if relative is None else relative * magnitude
-    return Point(where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share))
+    return Point(
+        where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share)
+    )
 
 
 def _mixed(ends: FloatArray, share: float) -> float | None:
@@ -160,7 +169,7 @@ def _mixed(ends: FloatArray, share: float) -> float | None:
 
 
 def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:
-    """Complex response of the result's model; one at all frequencies if this version does not know the model."""
+    """Return the complex response of the result's model; ones if the model is not known."""
     quantity: Any = result.quantity
     flat = np.ones(frequency_hz.shape, dtype=complex)
     try:

@@ -1,7 +1,8 @@
-"""Reports of a result, rendered from its values alone: no data, no JAX; heavy libraries where a form needs them.
+"""Write reports of a result from its values alone; heavy libraries load where needed.
 
-``write`` makes any of them: Markdown with pictures, one self-contained HTML file (plotly), a calibration certificate as
-PDF (typst); and of several results a comparison, with the drift of a sensor that was calibrated more than once.
+``write`` makes any of them: Markdown with pictures, one self-contained HTML file (plotly), a
+calibration certificate as PDF (typst); and of several results a comparison, with the drift of a
+sensor that was calibrated more than once.
 """
 
 from __future__ import annotations
@@ -23,7 +24,16 @@ from vibrident.show.issue import NOTHING_MORE, GivenCertificate, Issue, issued
 from vibrident.show.media import markdown
 from vibrident.show.views import Section
 
-__all__ = ["FILE_NAMES", "Form", "content", "file_name", "name_of_sensor", "render", "report", "write"]
+__all__ = [
+    "FILE_NAMES",
+    "Form",
+    "content",
+    "file_name",
+    "name_of_sensor",
+    "render",
+    "report",
+    "write",
+]
 
 Form = Literal["html", "pdf", "md"]
 #: File name of each form: of one result, and of several side by side.
@@ -69,8 +79,8 @@ def report(
         >>> vibrident.report(result, "report.html").name
         'report.html'
     """
-    listed = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
-    pairs = [issued(result, certificate) for result in listed]
+    sources = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
+    pairs = [issued(result, certificate) for result in sources]
     known = [result for result, _ in pairs]
     if not known:
         raise InputError(
@@ -100,20 +110,21 @@ def _form_of(path: str | os.PathLike[str]) -> Form:
 
 def file_name(result: Result, form: Form) -> str:
     """Usual name of the file of one result."""
-    own = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
+    names = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
     usual = FILE_NAMES[form][0]
-    return own.get(document_kind(result), usual) if form == "pdf" else usual
+    return names.get(document_kind(result), usual) if form == "pdf" else usual
 
 
 def name_of_sensor(name: str, sensor: Mapping[str, Any], certificate: Mapping[str, Any]) -> str:
-    """Return the name of a file with serial number and date of calibration, as far as they are stated.
+    """Return the name of a file with serial number and date of calibration, where stated.
 
-    ``certificate.pdf`` becomes ``certificate-4711-2026-03-01.pdf``; what file systems forbid is a dash.
+    ``certificate.pdf`` becomes ``certificate-4711-2026-03-01.pdf``; what file systems forbid is a
+    dash.
     """
     stem, dot, ending = name.rpartition(".")
     parts = (sensor.get("serial_number"), certificate.get("date_of_calibration"))
-    told = [re.sub(r"[^\w.]+", "-", str(part)).strip("-.") for part in parts if part]
-    return "-".join([stem, *filter(None, told)]) + dot + ending
+    parts_of_name = [re.sub(r"[^\w.]+", "-", str(part)).strip("-.") for part in parts if part]
+    return "-".join([stem, *filter(None, parts_of_name)]) + dot + ending
 
 
 def content(
@@ -123,29 +134,35 @@ def content(
     more: Sequence[Section] = (),
     issue: Issue = NOTHING_MORE,
 ) -> bytes:
-    """What ``write`` writes, as bytes: Markdown without pictures; several results are called 1, 2, … by default.
+    """Return the report as bytes: Markdown without pictures; results are called 1, 2, … by default.
 
     Raises:
-        InputError: the form is not known, or what it needs is not installed (``pip install 'vibrident[report]'``).
+        InputError: the form is not known, or what it needs is not installed (``pip install
+            'vibrident[report]'``).
     """
     if form not in get_args(Form):
-        raise unknown(f"Reports in the form {form!r} do not exist.", form, get_args(Form), "form of the report")
+        raise unknown(
+            f"Reports in the form {form!r} do not exist.",
+            form,
+            get_args(Form),
+            "form of the report",
+        )
     alone = [results] if isinstance(results, Result) else list(results)
     called = list(names) or [str(number) for number in range(1, len(alone) + 1)]
-    one = alone[0] if len(alone) == 1 else None
+    single = alone[0] if len(alone) == 1 else None
     if form == "pdf":
         from vibrident.show.media import pdf
 
         for result in alone:
             result.require_gain("a certificate")
-        made = certificate(one, issue) if one else document.comparison(alone, called)
-        return pdf.render(made, issue.template if one else None, issue.fonts)
-    made = document.report(one, more) if one else document.comparison(alone, called)
+        view = certificate(single, issue) if single else document.comparison(alone, called)
+        return pdf.render(view, issue.template if single else None, issue.fonts)
+    view = document.report(single, more) if single else document.comparison(alone, called)
     if form == "html":
         from vibrident.show.media import html
 
-        return html.render(made).encode()
-    return markdown.render(made).encode()
+        return html.render(view).encode()
+    return markdown.render(view).encode()
 
 
 def render(
@@ -159,7 +176,8 @@ def render(
     Args:
         result: any result.
         pictures: folder in which ``plots.save_all`` has drawn; the pictures found there are linked.
-        relative_to: folder in which the report will lie, for the links; by default the folder of pictures.
+        relative_to: folder in which the report will lie, for the links; by default the folder of
+            pictures.
         more: sections that it has as well.
 
     Returns:
@@ -167,7 +185,9 @@ def render(
     """
     if pictures is None:
         return markdown.render(document.report(result, more))
-    links = markdown.links(plots.PICTURES, pictures, pictures if relative_to is None else relative_to)
+    links = markdown.links(
+        plots.PICTURES, pictures, pictures if relative_to is None else relative_to
+    )
     return markdown.render(document.report(result, more), links)
 
 
@@ -183,9 +203,10 @@ def write(
 
     Args:
         results: one result, or several to be set side by side.
-        form: ``html`` (interactive, one file), ``pdf`` (certificate, comparison) or ``md`` (one result with pictures).
-        path: the file, where it has the ending of the form; else a folder, made if missing, for a file of the usual
-            name.
+        form: ``html`` (interactive, one file), ``pdf`` (certificate, comparison) or ``md`` (one
+            result with pictures).
+        path: the file, where it has the ending of the form; else a folder, made if missing, for a
+            file of the usual name.
         names: what to call each of several.
         more: sections that the report of one result has as well, such as its sensor's history.
         issue: of a certificate, from ``vibrident.show.issue.issued``.
@@ -196,16 +217,16 @@ def write(
     Raises:
         InputError: the form is not known, or what it needs is not installed.
     """
-    one = results if isinstance(results, Result) else results[0] if len(results) == 1 else None
+    single = results if isinstance(results, Result) else results[0] if len(results) == 1 else None
     target = Path(path)
     if target.suffix.lower() != f".{form}" and form in FILE_NAMES:
-        target = target / (file_name(one, form) if one else FILE_NAMES[form][1])
-    if form == "md" and one is not None:
+        target = target / (file_name(single, form) if single else FILE_NAMES[form][1])
+    if form == "md" and single is not None:
         target.parent.mkdir(parents=True, exist_ok=True)
-        plots.save_all(raised_to_measured(one), target.parent)
-        made = render(one, pictures=target.parent, more=more).encode()
+        plots.save_all(raised_to_measured(single), target.parent)
+        content_bytes = render(single, pictures=target.parent, more=more).encode()
     else:
-        made = content(results, form, names, more, issue)
+        content_bytes = content(results, form, names, more, issue)
         target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(made)
+    target.write_bytes(content_bytes)
     return target

@@ -1,7 +1,8 @@
-"""Do the deviations from the model look like noise? A few tests of the measured points, said in words.
+"""Test whether the deviations from the model look like noise, and say so in words.
 
-The deviations are in units of their stated standard uncertainty, in the order of frequency. A test fails below a
-probability of 1 %. The verdict on the model is the result's own; these show where a misfit comes from.
+The deviations are in units of their stated standard uncertainty, in the order of frequency. A test
+fails below a probability of 1 %. The verdict on the model is the result's own; these show where a
+misfit comes from.
 """
 
 from __future__ import annotations
@@ -18,45 +19,57 @@ from vibrident.show.numbers import NONE, plain, signed
 from vibrident.show.views import K, Table, columns
 
 LEVEL = 0.01  # probability below which a test fails
-#: One test: its name, the value found, the value expected of noise, whether it passes, and what a failure means.
+#: One test: its name, the value found, the value expected of noise, whether it passes, and what a
+#: failure means.
 _Outcome = tuple[str, str, str, bool, str]
 FEWEST = 8  # fewer points tell nothing of a pattern
 
 
 def residual_tests(result: Result) -> Table:
     """Every test of the magnitude and, where there is one, of the phase."""
-    read, halves = partial(column, result.measured), bars_of_deviation(result.measured)
+    read = partial(column, result.measured)
+    halves = bars_of_deviation(result.measured)
     noise = 100.0 * read("magnitude_noise") / read("magnitude"), read("phase_deg_noise")
-    whole = read("deviation_uncertainty_percent"), read("deviation_phase_uncertainty_deg")
+    combined = read("deviation_uncertainty_percent"), read("deviation_phase_uncertainty_deg")
     off = read("deviation_percent"), principal(read("deviation_phase_deg"))
     tests = [_chi_squared(result)]
     for i, name in enumerate(("magnitude", "phase")):
-        tests += _pattern_tests(name, _ordered(result, off[i], halves[i] / K), _in_common(whole[i], noise[i]))
-    rows = [(*words, "passed" if passed else "failed", meaning) for *words, passed, meaning in tests]
+        tests += _pattern_tests(
+            name, _ordered(result, off[i], halves[i] / K), _in_common(combined[i], noise[i])
+        )
+    rows = [
+        (*words, "passed" if passed else "failed", meaning) for *words, passed, meaning in tests
+    ]
     note = (
         "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
-        f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in {100 * LEVEL:g} % of cases."
+        f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in "
+        f"{100 * LEVEL:g} % of cases."
     )
-    return Table(columns("test", "found", "usual", "outcome", "what a failure means"), tuple(rows), notes=(note,))
+    return Table(
+        columns("test", "found", "usual", "outcome", "what a failure means"),
+        tuple(rows),
+        notes=(note,),
+    )
 
 
-def _in_common(whole: FloatArray, noise: FloatArray) -> bool:
-    """Whether stated systematic effects, which make a pattern, are as large as the noise of the deviations."""
-    ratio = whole / noise
+def _in_common(combined: FloatArray, noise: FloatArray) -> bool:
+    """Return whether stated systematic effects, which make a pattern, are as large as the noise."""
+    ratio = combined / noise
     return bool(np.isfinite(ratio).any() and np.nanmedian(ratio) > math.sqrt(2.0))
 
 
 def _chi_squared(result: Result) -> _Outcome:
-    chi2, freedom = result.fit.chi2_reduced, result.fit.degrees_of_freedom
+    chi2 = result.fit.chi2_reduced
+    freedom = result.fit.degrees_of_freedom
     usual = "about 1"
     if chi2 is not None and freedom > 0:
         from scipy.special import chdtri
 
         low, high = (float(chdtri(freedom, p)) / freedom for p in (0.975, 0.025))
         usual = f"{low:.2f} to {high:.2f}"
-    found = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
+    statistic = NONE if chi2 is None else f"{plain(chi2, 4)} (ν = {freedom})"
     meaning = "the model leaves more than the uncertainties explain; the verdict on the model"
-    return "χ²/ν of all points", found, usual, result.fit.adequate, meaning
+    return "χ²/ν of all points", statistic, usual, result.fit.adequate, meaning
 
 
 def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray:
@@ -77,25 +90,39 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
     largest = float(np.max(np.abs(z)))
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
     limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
-    enough, near = float(bdtr(inside, n, coverage)) >= LEVEL, f"{100 * coverage:.1f} % of them"
+    enough = float(bdtr(inside, n, coverage)) >= LEVEL
+    near = f"{100 * coverage:.1f} % of them"
     outlier = "one point is an outlier"
     small = "uncertainties of the points too small, or a misfit at some of them"
     sizes: list[_Outcome] = [
         (f"{name}: points within U", f"{inside} of {n}", near, enough, small),
-        (f"{name}: largest deviation", f"{largest:.2f} u", f"below {far:.2f} u", largest <= far, outlier),
+        (
+            f"{name}: largest deviation",
+            f"{largest:.2f} u",
+            f"below {far:.2f} u",
+            largest <= far,
+            outlier,
+        ),
     ]
     if common:  # these effects make a pattern along frequency
         return sizes
     smooth = "the deviation varies smoothly with frequency: something is missing in the model"
     within = f"within ±{limit:.2f}"
-    correlated = (f"{name}: correlation of neighbours", signed(lagged, 2), within, abs(lagged) <= limit, smooth)
+    correlated = (
+        f"{name}: correlation of neighbours",
+        signed(lagged, 2),
+        within,
+        abs(lagged) <= limit,
+        smooth,
+    )
     return [*sizes, _runs(name, z), correlated]
 
 
 def _runs(name: str, z: FloatArray) -> _Outcome:
     """Wald-Wolfowitz test on the signs: too few changes of sign are a trend."""
     above = z > 0
-    n_above, n_below = int(above.sum()), int((~above).sum())
+    n_above = int(above.sum())
+    n_below = int((~above).sum())
     runs = 1 + int(np.sum(above[1:] != above[:-1]))
     n = n_above + n_below
     mean = 1.0 + 2.0 * n_above * n_below / n
@@ -104,4 +131,10 @@ def _runs(name: str, z: FloatArray) -> _Outcome:
     if variance <= 0:
         return f"{name}: runs of one sign", str(runs), "more than one", False, meaning
     fewest = mean - 2.326 * math.sqrt(variance)  # one-sided, 1 %
-    return f"{name}: runs of one sign", str(runs), f"{fewest:.0f} or more", runs >= math.floor(fewest), meaning
+    return (
+        f"{name}: runs of one sign",
+        str(runs),
+        f"{fewest:.0f} or more",
+        runs >= math.floor(fewest),
+        meaning,
+    )

@@ -9,7 +9,15 @@ import numpy as np
 from vibrident.base.amounts import UnitScale
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes
-from vibrident.show.curves import bars_of_deviation, column, continuous, expanded, nearest_turn, principal, spread
+from vibrident.show.curves import (
+    bars_of_deviation,
+    column,
+    continuous,
+    expanded,
+    nearest_turn,
+    principal,
+    spread,
+)
 from vibrident.show.formulas import Words
 from vibrident.show.language import ENGLISH
 from vibrident.show.numbers import (
@@ -43,7 +51,9 @@ def sensitivity(result: Result) -> Figure | None:
     """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
     if not result.has_gain and not result.measured.frequency_hz.size:
         return None
-    panels = response_panels(result.response, result.measured, sensitivity_scale(result), result.quantity, "measured")
+    panels = response_panels(
+        result.response, result.measured, sensitivity_scale(result), result.quantity, "measured"
+    )
     codes = ", ".join(code.replace("_", " ") for code in result.warning_codes)
     return Figure(
         "sensitivity",
@@ -71,29 +81,43 @@ def _any(values: FloatArray) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def response_panels(model: Curve | None, measured: Curve, scale: UnitScale, quantity: str, label: str) -> tuple[Panel, ...]:
+def response_panels(
+    model: Curve | None, measured: Curve, scale: UnitScale, quantity: str, label: str
+) -> tuple[Panel, ...]:
     """Magnitude and, where there is any, phase.
 
-    ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called ``label``; ``scale``: of
-    the magnitudes; ``quantity``: what they are per.
+    ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called
+    ``label``; ``scale``: of the magnitudes; ``quantity``: what they are per.
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
-    word = "Response per drive" if quantity == "drive" else f"Sensitivity to {quantity}" if quantity else "Sensitivity"
+    word = (
+        "Response per drive"
+        if quantity == "drive"
+        else f"Sensitivity to {quantity}"
+        if quantity
+        else "Sensitivity"
+    )
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
-    values = np.concatenate([np.zeros(0), *(one.y for one in series)])
-    bars = [(one.y, one.half) for one in series if one.half is not None]
-    ends = [np.concatenate([np.zeros(0), *(y + sign * half for y, half in bars)]) for sign in (-1, 1)]
+    values = np.concatenate([np.zeros(0), *(line.y for line in series)])
+    bars = [(line.y, line.half) for line in series if line.half is not None]
+    ends = [
+        np.concatenate([np.zeros(0), *(y + sign * half for y, half in bars)]) for sign in (-1, 1)
+    ]
     empty = "" if (values > 0).any() else "no points"
-    panels = [Panel(x, replace(axes.size(name, values, *ends), levels=True), series, 2.45, empty=empty)]
+    panels = [
+        Panel(x, replace(axes.size(name, values, *ends), levels=True), series, 2.45, empty=empty)
+    ]
     if any(_any(curve.phase_deg) for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
-        shown = [one.y for one in series]
-        for one in series:
-            if one.half is not None and one.kind == "points":
-                shown += [one.y + sign * np.minimum(one.half, 90.0) for sign in (-1, 1)]
-        panels.append(Panel(x, axes.angle("Phase (lag negative)\nin °", np.concatenate(shown)), series, 1.5))
+        shown = [line.y for line in series]
+        for line in series:
+            if line.half is not None and line.kind == "points":
+                shown += [line.y + sign * np.minimum(line.half, 90.0) for sign in (-1, 1)]
+        panels.append(
+            Panel(x, axes.angle("Phase (lag negative)\nin °", np.concatenate(shown)), series, 1.5)
+        )
     return tuple(panels)
 
 
@@ -101,29 +125,37 @@ def _quantity(
     model: Curve | None, measured: Curve, quantity: str, factor: float, unit: str, label: str
 ) -> tuple[Series, ...]:
     """Line and points of a magnitude or a phase, in the order of frequency."""
-    found, line = [], None
+    lines = []
+    line = None
     phase = quantity == "phase_deg"
     if model is not None and _any(getattr(model, quantity)):
         x, y, half, texts = _sorted(model, quantity, factor, unit)
         known = np.isfinite(y)
-        x, y, half = x[known], continuous(y[known]) if phase else y[known], half[known]
+        x = x[known]
+        y = continuous(y[known]) if phase else y[known]
+        half = half[known]
         line = x, y
         look = Look(BLUE, marker="s" if x.size == 1 else "")
         band = half if _any(half) else None
         texts = tuple(filter(None, texts))
-        found.append(Series(x, y, "model", look, half=band, band="model, U (k = 2)", texts=texts))
+        lines.append(Series(x, y, "model", look, half=band, band="model, U (k = 2)", texts=texts))
     if _any(getattr(measured, quantity)):
         x, y, half, texts = _sorted(measured, quantity, factor, unit)
         if phase:
             y = continuous(y) if line is None else nearest_turn(y, np.interp(x, *line))
-        found.append(_points(measured, x, y, half, label, texts))
-    return tuple(found)
+        lines.append(_points(measured, x, y, half, label, texts))
+    return tuple(lines)
 
 
 def _points(
-    measured: Curve, x: FloatArray, y: FloatArray, half: FloatArray, label: str, texts: tuple[str, ...]
+    measured: Curve,
+    x: FloatArray,
+    y: FloatArray,
+    half: FloatArray,
+    label: str,
+    texts: tuple[str, ...],
 ) -> Series:
-    """Marks with bars, in the order of frequency; many are a cloud without bars."""
+    """Return marks with bars, in the order of frequency; many are a cloud without bars."""
     crowd = len(x) > CROWD
     bars = None if crowd or not _any(half) else half
     look = Look(ORANGE, marker=".") if crowd else MEASURED
@@ -137,7 +169,8 @@ def _points(
 def _sorted(
     curve: Curve, quantity: str, factor: float, unit: str
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
-    x, y = curve.frequency_hz, factor * column(curve, quantity)
+    x = curve.frequency_hz
+    y = factor * column(curve, quantity)
     half = factor * expanded(curve, quantity)
     order = np.argsort(x, kind="stable")
     texts = tuple(_stated(float(x[i]), float(y[i]), float(half[i]), unit) for i in order)
@@ -166,35 +199,54 @@ def _deviated(value: float, half: float) -> str:
 def deviation(result: Result) -> Figure | None:
     """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U.
 
-    Where most of U is common to all points, as that of a reference is, the model follows it and no deviation shows it:
-    around zero is then the noise of the points, and the common part is said above the panel.
+    Where most of U is common to all points, as that of a reference is, the model follows it and no
+    deviation shows it: around zero is then the noise of the points, and the common part is said
+    above the panel.
     """
-    measured, model = result.measured, result.response
+    measured = result.measured
+    model = result.response
     frequency = measured.frequency_hz
-    percent, phase = column(measured, "deviation_percent"), principal(column(measured, "deviation_phase_deg"))
+    percent = column(measured, "deviation_percent")
+    phase = principal(column(measured, "deviation_phase_deg"))
     if frequency.size == 0:
         return None
     bars = bars_of_deviation(measured)
-    own = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
+    model_expanded = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
     size = 100.0 / column(measured, "magnitude")
-    parts = [("Magnitude deviation", "%", percent, bars[0], own, *_apart(measured, "magnitude", size))]
+    parts = [
+        (
+            "Magnitude deviation",
+            "%",
+            percent,
+            bars[0],
+            model_expanded,
+            *_apart(measured, "magnitude", size),
+        )
+    ]
     if _any(phase):
         of_phase = _apart(measured, "phase_deg", np.ones(frequency.size))
-        parts.append(("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase))
+        parts.append(
+            ("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase)
+        )
     panels = [_deviation(result, *part) for part in parts]
     bars_are = "dashed lines" if frequency.size > CROWD else "bars"
     caption = (
-        "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = 2: "
-        f"{bars_are} deviation, band as named."
+        "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = "
+        f"2: {bars_are} deviation, band as named."
     )
     title = "Deviation of the model from the measurement"
-    return Figure("deviation", title, (Stack(tuple(panels)),), subject(result.model, result.sensor), caption)
+    return Figure(
+        "deviation", title, (Stack(tuple(panels)),), subject(result.model, result.sensor), caption
+    )
 
 
-def _apart(measured: MeasuredCurve, quantity: str, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _apart(
+    measured: MeasuredCurve, quantity: str, factor: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """U (k = 2) of the points: of their noise, and of what is common to them all."""
-    noise, whole = K * column(measured, f"{quantity}_noise") * factor, expanded(measured, quantity) * factor
-    return noise, np.sqrt(np.maximum(whole**2 - noise**2, 0.0))
+    noise = K * column(measured, f"{quantity}_noise") * factor
+    measured_expanded = expanded(measured, quantity) * factor
+    return noise, np.sqrt(np.maximum(measured_expanded**2 - noise**2, 0.0))
 
 
 def _deviation(
@@ -207,28 +259,45 @@ def _deviation(
     noise: FloatArray,
     common: FloatArray,
 ) -> Panel:
-    measured, x_model, named, title = result.measured, result.response.frequency_hz, "model, U (k = 2)", ""
+    measured = result.measured
+    x_model = result.response.frequency_hz
+    named = "model, U (k = 2)"
+    title = ""
     colour = BLUE
     if (common > noise).sum() * 2 > len(common):
         title = f"U common to all points (k = 2): {_span(common)} {unit}"
-        x_model, band, named = measured.frequency_hz, noise, "noise of the points, U (k = 2)"
+        x_model = measured.frequency_hz
+        band = noise
+        named = "noise of the points, U (k = 2)"
         colour = PURPLE
     frequency = measured.frequency_hz
     order = np.argsort(frequency, kind="stable")
-    x, y, bars = frequency[order], values[order], half[order]
-    y_axis, series = axes.about_zero(f"{word}\nin {unit}", y, bars), []
+    x = frequency[order]
+    y = values[order]
+    bars = half[order]
+    y_axis = axes.about_zero(f"{word}\nin {unit}", y, bars)
+    series = []
     inside = band[(x_model >= x[0]) & (x_model <= x[-1]) & np.isfinite(band)]
     if inside.size and float(np.median(inside)) > y_axis.high:  # it would fill the panel
         title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
     elif _any(band):
         order = np.argsort(x_model, kind="stable")
         unseen = Look(colour, width=0.0)
-        series.append(Series(x_model[order], 0.0 * x_model, "", unseen, half=band[order], band=named))
-    texts = tuple(f"{f:.6g} Hz: {_deviated(value, bar)} {unit}" for f, value, bar in zip(x, y, bars, strict=True))
+        series.append(
+            Series(x_model[order], 0.0 * x_model, "", unseen, half=band[order], band=named)
+        )
+    texts = tuple(
+        f"{f:.6g} Hz: {_deviated(value, bar)} {unit}"
+        for f, value, bar in zip(x, y, bars, strict=True)
+    )
     series.append(_points(measured, x, y, bars, "model − measured", texts))
     if len(x) > CROWD and _any(bars):
         few = spread(len(x), 4 * CROWD)
         look = Look(BLACK, "dashed", 1.1)
-        series += [Series(x[few], sign * bars[few], "measured, U (k = 2)", look) for sign in (1, -1)]
+        series += [
+            Series(x[few], sign * bars[few], "measured, U (k = 2)", look) for sign in (1, -1)
+        ]
     empty = "" if _any(y) else "no measured points to compare with"
-    return Panel(axes.frequency(frequency), y_axis, tuple(series), 1.6, title, rules=(0.0,), empty=empty)
+    return Panel(
+        axes.frequency(frequency), y_axis, tuple(series), 1.6, title, rules=(0.0,), empty=empty
+    )

@@ -1,4 +1,4 @@
-"""What a result's settings hold, as tables: the uncertainty budget, and the quality of an interferometer's signals."""
+"""Tabulate a result's settings: uncertainty budget, and quality of interferometer signals."""
 
 from __future__ import annotations
 
@@ -11,12 +11,19 @@ from vibrident.base.amounts import UnitScale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show.language import ENGLISH, Say
-from vibrident.show.numbers import NONE, parameter_scale, plain, sensitivity_scale, uncertainty, with_u
+from vibrident.show.numbers import (
+    NONE,
+    parameter_scale,
+    plain,
+    sensitivity_scale,
+    uncertainty,
+    with_u,
+)
 from vibrident.show.views import Column, K, Table, columns
 
 
 def budget(result: Result, say: Say = ENGLISH) -> Table | None:
-    """Return a row a source and a column a parameter; None where the settings hold no budget of any."""
+    """Return a row a source and a column a parameter; None without a budget."""
     rows = result.settings.get("uncertainty_budget")
     if not isinstance(rows, list | tuple) or not rows or not all(_is_row(row) for row in rows):
         return None
@@ -38,9 +45,17 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
     ]
     together = (_size(result.parameters[name].standard_uncertainty, units[name]) for name in names)
     body.append((say("text", "u_of_result"), "", "", "", "", *together))
-    heads = columns(*(say("head", key) for key in ("source", "type", "kind"))), columns("u", "ν", kind="number")
-    own = (Column(say.known(parameter_name(name).words), "number", units[name].printed) for name in names)
-    return Table((*heads[0], *heads[1], *own), tuple(body), notes=(say("text", "budget_note"),))
+    heads = (
+        columns(*(say("head", key) for key in ("source", "type", "kind"))),
+        columns("u", "ν", kind="number"),
+    )
+    parameter_columns = (
+        Column(say.known(parameter_name(name).words), "number", units[name].printed)
+        for name in names
+    )
+    return Table(
+        (*heads[0], *heads[1], *parameter_columns), tuple(body), notes=(say("text", "budget_note"),)
+    )
 
 
 def _translated(source: str, say: Say) -> str:
@@ -49,50 +64,69 @@ def _translated(source: str, say: Say) -> str:
 
 
 def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
-    """Of magnitude and, where there is any, phase: a row a frequency and a column a source; empty without effects."""
-    found = result.settings.get("point_budget")
-    if not isinstance(found, Mapping) or not found.get("sources"):
+    """Return the budget of magnitude and phase by frequency and source; empty without effects."""
+    document = result.settings.get("point_budget")
+    if not isinstance(document, Mapping) or not document.get("sources"):
         return ()
-    points, scale = result.measured, sensitivity_scale(result)
-    places = [int(np.argmin(np.abs(points.frequency_hz - f))) for f in found["frequency_hz"]]
+    points = result.measured
+    scale = sensitivity_scale(result)
+    places = [int(np.argmin(np.abs(points.frequency_hz - f))) for f in document["frequency_hz"]]
     kinds = [("magnitude", "magnitude", scale.factor, scale.unit, points.magnitude_uncertainty)]
     kinds += [("phase_deg", "phase", 1.0, "°", points.phase_deg_uncertainty)]
     tables = []
     for key, word, factor, unit, total in kinds:
         if not np.isfinite(total).any():
             continue
-        sizes = [source[key] for source in found["sources"]]
+        sizes = [source[key] for source in document["sources"]]
         rows = []
         for i, place in enumerate(places):
             u = None if np.isnan(total[place]) else factor * float(total[place])
             cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
             both = uncertainty(u), uncertainty(None if u is None else K * u)
-            rows.append((f"{found['frequency_hz'][i]:.5g}", *cells, *both))
-        sources = columns(*(_translated(str(source["source"]), say) for source in found["sources"]), kind="number")
-        heads = (Column("f", "number", "Hz"), *sources, Column("u", "number", unit), Column("U", "number", unit))
-        tables.append(Table(heads, tuple(rows), title=f"{word}, standard uncertainties in {unit}", name=word))
+            rows.append((f"{document['frequency_hz'][i]:.5g}", *cells, *both))
+        sources = columns(
+            *(_translated(str(source["source"]), say) for source in document["sources"]),
+            kind="number",
+        )
+        heads = (
+            Column("f", "number", "Hz"),
+            *sources,
+            Column("u", "number", unit),
+            Column("U", "number", unit),
+        )
+        tables.append(
+            Table(heads, tuple(rows), title=f"{word}, standard uncertainties in {unit}", name=word)
+        )
     return tuple(tables)
 
 
 def repeats(result: Result) -> Table | None:
-    """The values of each run; None for a single one."""
-    found = result.settings.get("repeats")
-    if not isinstance(found, Mapping) or not found.get("values"):
+    """Return the values of each run; None for a single one."""
+    repeated = result.settings.get("repeats")
+    if not isinstance(repeated, Mapping) or not repeated.get("values"):
         return None
-    names = [name for name in found["values"][0] if name in result.parameters]
+    names = [name for name in repeated["values"][0] if name in result.parameters]
     scales = [parameter_scale(result, result.parameters[name]) for name in names]
-    runs = found["values"]
+    runs = repeated["values"]
     scatter = [float(np.std([row[name] for row in runs])) or None for name in names]
     printed = list(zip(names, scatter, scales, strict=True))
     rows = tuple(
-        (row["mounting"], row["run"], *(with_u(row[n], u, scale.factor)[0] for n, u, scale in printed)) for row in runs
+        (
+            row["mounting"],
+            row["run"],
+            *(with_u(row[n], u, scale.factor)[0] for n, u, scale in printed),
+        )
+        for row in runs
     )
-    heads = [Column(parameter_name(n).words, "number", scale.printed) for n, scale in zip(names, scales, strict=True)]
+    heads = [
+        Column(parameter_name(n).words, "number", scale.printed)
+        for n, scale in zip(names, scales, strict=True)
+    ]
     return Table((*columns("mounting", "run"), *heads), rows).telling()
 
 
 def regimes(result: Result) -> Table | None:
-    """Return times and parameters of each regime of a sensor that changed; None of one that did not."""
+    """Return times and parameters of each regime of a changed sensor; None without a change."""
     stated = result.settings.get("regimes")
     if not isinstance(stated, list | tuple) or not stated:
         return None
@@ -106,13 +140,20 @@ def regimes(result: Result) -> Table | None:
             factor = scales[name].factor
             cells.append(with_u(each["value"], each["standard_uncertainty"], factor)[0])
         rows.append((plain(regime["from_s"], 5), plain(regime["to_s"], 5), *cells))
-    heads = [Column(parameter_name(name).words, "number", scale.printed) for name, scale in scales.items()]
+    heads = [
+        Column(parameter_name(name).words, "number", scale.printed)
+        for name, scale in scales.items()
+    ]
     times = Column("from", "number", "s"), Column("to", "number", "s")
     return Table((*times, *heads), tuple(rows), title="Regimes of the sensor")
 
 
 def _is_row(row: Any) -> bool:
-    return isinstance(row, Mapping) and "source" in row and isinstance(row.get("contributions"), Mapping)
+    return (
+        isinstance(row, Mapping)
+        and "source" in row
+        and isinstance(row.get("contributions"), Mapping)
+    )
 
 
 def _size(value: float | None, scale: UnitScale) -> str:
@@ -120,8 +161,13 @@ def _size(value: float | None, scale: UnitScale) -> str:
 
 
 def _stated(row: Mapping[str, Any]) -> str:
-    value, unit = row.get("standard_uncertainty"), str(row.get("unit") or "")
-    return NONE if value is None else f"{plain(value, 4)} {pretty(unit) if unit != '1' else ''}".strip()
+    value = row.get("standard_uncertainty")
+    unit = str(row.get("unit") or "")
+    return (
+        NONE
+        if value is None
+        else f"{plain(value, 4)} {pretty(unit) if unit != '1' else ''}".strip()
+    )
 
 
 _LIGHT_HEADS = (
@@ -135,27 +181,34 @@ _LIGHT_HEADS = (
     Column("cyclic error", "text", "rad"),
 )
 _LIGHT_NOTE = (
-    "Fringes: range of the phase in turns. Counted, by phase: half fringes by the signs of one signal and by the "
-    "unwrapped phase (– where samples are too far apart to count). Offsets over the amplitude and ratio of the "
-    "amplitudes are those of the ellipse that was used. Cyclic error: amplitudes of harmonics 1, 2 and 4 of the phase "
-    "in what is left, with their standard uncertainties."
+    "Fringes: range of the phase in turns. Counted, by phase: half fringes by the signs of one "
+    "signal and by the unwrapped phase (– where samples are too far apart to count). Offsets over "
+    "the amplitude and ratio of the amplitudes are those of the ellipse that was used. Cyclic "
+    "error: amplitudes of harmonics 1, 2 and 4 of the phase in what is left, with their standard "
+    "uncertainties."
 )
 
 
 def light(result: Result) -> Table | None:
-    """Quality of an interferometer's signals, a row a record; None where the reference was no raw light."""
-    found = result.settings.get("interferometer")
-    if not isinstance(found, Mapping) or not all(isinstance(row, Mapping) for row in found.values()):
+    """Return the quality of an interferometer's signals by record; None for other references."""
+    interferometer = result.settings.get("interferometer")
+    if not isinstance(interferometer, Mapping) or not all(
+        isinstance(row, Mapping) for row in interferometer.values()
+    ):
         return None
-    rows = tuple((str(name), *_cells(row)) for name, row in found.items())
+    rows = tuple((str(name), *_cells(row)) for name, row in interferometer.items())
     return Table(_LIGHT_HEADS, rows, notes=(_LIGHT_NOTE,)) if rows else None
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
     ellipse = row.get("ellipse") or {}
-    counted = [plain(row.get(key) or None, 6) for key in ("half_fringes_counted", "half_fringes_by_phase")]
-    amplitudes, centre = ellipse.get("amplitudes"), ellipse.get("centre")
-    offsets, ratio = NONE, NONE
+    counted = [
+        plain(row.get(key) or None, 6) for key in ("half_fringes_counted", "half_fringes_by_phase")
+    ]
+    amplitudes = ellipse.get("amplitudes")
+    centre = ellipse.get("centre")
+    offsets = NONE
+    ratio = NONE
     if amplitudes and centre:
         offsets = ", ".join(plain(c / a, 3) for c, a in zip(centre, amplitudes, strict=True))
         ratio = plain(amplitudes[1] / amplitudes[0], 5)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,11 +39,12 @@ from vibrident.show.numbers import (
 )
 from vibrident.show.views import Column, Doubt, Facts, FloatArray, K, Table, columns, count
 
-MOST_ROWS = 200  # rows of the table of measured points; more are thinned evenly, and the report says so
+# rows of the table of measured points; more are thinned evenly, and the report says so
+MAX_ROWS = 200
 
 
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
-    """What was calibrated and how, as pairs of name and text."""
+    """Return what was calibrated and how, as pairs of name and text."""
     reference = f"{reference_quantity(result)}, in {pretty(reference_unit(result))}"
     if not result.has_gain:
         reference = "none: free decays"
@@ -54,7 +54,10 @@ def facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("estimator", result.estimator),
         ("reference", reference),
         ("response", f"in {pretty(result.response_unit)}"),
-        *((f"known of the {row['channel']}", _known(row)) for row in result.settings.get("known_responses", ())),
+        *(
+            (f"known of the {row['channel']}", _known(row))
+            for row in result.settings.get("known_responses", ())
+        ),
         *((("frequencies", _band(result.measured)),) if result.has_gain else ()),
     )
 
@@ -68,23 +71,25 @@ def _band(measured: MeasuredCurve) -> str:
     known = measured.frequency_hz
     if not known.size:
         return "no measured points"
-    low, high = f"{known.min():.5g} Hz", f"{known.max():.5g} Hz"
+    low = f"{known.min():.5g} Hz"
+    high = f"{known.max():.5g} Hz"
     return f"{count(known.size, 'point')}, {low}" + (f" to {high}" if high != low else "")
 
 
 def doubts(result: Result, word: Word = python_word) -> tuple[Doubt, ...]:
     """Return every warning in plain words; settings in those of a surface."""
-    found = []
+    blocks = []
     for code in result.warning_codes:
         kind = words.explain(code)
         messages = tuple(warning.message for warning in result.warnings if warning.code == code)
-        found.append(Doubt(kind.title, code, messages, kind.meaning, rendered(kind.action, word)))
-    return tuple(found)
+        blocks.append(Doubt(kind.title, code, messages, kind.meaning, rendered(kind.action, word)))
+    return tuple(blocks)
 
 
 def parameters(result: Result) -> Table:
     """Value, u, k, U, unit and interval of each parameter, derived ones last."""
-    rows, k = [], parameter_factor(result)
+    rows = []
+    k = parameter_factor(result)
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
         number = stated(parameter, k, parameter_scale(result, parameter))
         full = parameter_name(name)
@@ -114,30 +119,35 @@ def parameters(result: Result) -> Table:
 
 def one_frequency(result: Result) -> str:
     """Return at which frequency the sensitivity of a gain alone holds; empty for other models."""
-    model, at = installed(result.model), result.measured.frequency_hz
+    model = installed(result.model)
+    at = result.measured.frequency_hz
     if model is None or not model.is_gain_alone or len(set(at.tolist())) != 1:
         return ""
     return f"The sensitivity is that at {at[0]:.6g} Hz, the only frequency that was measured."
 
 
 def small_signals(result: Result) -> str:
-    """What a sensitivity means where the spring is not linear; empty for a linear sensor."""
+    """Return what a sensitivity means for a nonlinear spring; empty for a linear sensor."""
     model = installed(result.model)
     return " ".join(addon.remark for addon in model.add_ons if addon.remark) if model else ""
 
 
 def per_g(result: Result, say: Say = ENGLISH) -> str:
-    """The sensitivity per standard gravity, in a sentence; empty where it is not one to acceleration."""
+    """Return the sensitivity per standard gravity; empty where it is not one to acceleration."""
     model = installed(result.model)
     sensitivity = result.parameters.get(model.gain_name) if model else None
     if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
         return ""
-    u, k = sensitivity.standard_uncertainty, parameter_factor(result)
+    u = sensitivity.standard_uncertainty
+    k = parameter_factor(result)
     unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
-    value, u = sensitivity.value * STANDARD_GRAVITY, None if u is None else u * STANDARD_GRAVITY
+    value = sensitivity.value * STANDARD_GRAVITY
+    u = None if u is None else u * STANDARD_GRAVITY
     number = stated(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return Mixed(say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}"))
+    return Mixed(
+        say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}")
+    )
 
 
 def correlation(result: Result) -> Table | None:
@@ -162,10 +172,15 @@ def fit(result: Result) -> Table:
         value = getattr(result.fit, field)
         power = metric.in_response_unit
         if power == 1 and value:
-            text, label = plain(value * scale.factor, 4), scale.unit
+            text = plain(value * scale.factor, 4)
+            label = scale.unit
         else:
             text = plain(value, 6 if field in ("r2", "explained", "coherent") else 4)
-            label = {0: "1", 1: pretty(unit), 2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²"}[power]
+            label = {
+                0: "1",
+                1: pretty(unit),
+                2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²",
+            }[power]
         rows.append((metric.label, text, label, metric.definition))
     verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"
     lead = (
@@ -177,7 +192,7 @@ def fit(result: Result) -> Table:
 
 
 def measured(result: Result) -> Table | None:
-    """What the data say at each frequency, and how far the model is from it."""
+    """Return the measured values at each frequency, and how far the model is from them."""
     points = result.measured
     total = len(points.frequency_hz)
     if total == 0:
@@ -185,31 +200,56 @@ def measured(result: Result) -> Table | None:
     scale = sensitivity_scale(result)
     phases = bool(np.isfinite(points.phase_deg).any())
     apart = bool(np.isfinite(points.magnitude_noise).any())
-    step = max(1, -(-total // MOST_ROWS))
+    step = max(1, -(-total // MAX_ROWS))
 
-    def cells(quantity: str, factor: float, off: FloatArray, off_u: str, said: Callable[..., str]) -> Iterator[Any]:
+    def cells(
+        quantity: str, factor: float, off: FloatArray, off_u: str, text_of: Callable[..., str]
+    ) -> Iterator[Any]:
         """Value, U, U of the noise, deviation and E_n of each row."""
-        own = (column(points, quantity + part) for part in ("", "_uncertainty", "_noise"))
-        every = (values[::step].tolist() for values in (*own, off, K * column(points, off_u)))
+        uncertainties = (column(points, quantity + part) for part in ("", "_uncertainty", "_noise"))
+        every = (
+            values[::step].tolist() for values in (*uncertainties, off, K * column(points, off_u))
+        )
         for value, u, noise, d, d_u in zip(*every, strict=True):
             en = signed(d / d_u, 2) if d_u else NONE
-            yield *with_u(value, u, factor), uncertainty(K * noise * factor) * apart, said(d, d_u), en * apart
+            yield (
+                *with_u(value, u, factor),
+                uncertainty(K * noise * factor) * apart,
+                text_of(d, d_u),
+                en * apart,
+            )
 
-    off, turned = column(points, "deviation_percent"), principal(column(points, "deviation_phase_deg"))
+    off = column(points, "deviation_percent")
+    turned = principal(column(points, "deviation_phase_deg"))
     magnitudes = cells("magnitude", scale.factor, off, "deviation_uncertainty_percent", percent)
     angles = cells("phase_deg", 1.0, turned, "deviation_phase_uncertainty_deg", _turned)
-    places = [(f"{f:.6g}", nominal_frequency(f) or "") for f in points.frequency_hz[::step].tolist()]
+    places = [
+        (f"{f:.6g}", nominal_frequency(f) or "") for f in points.frequency_hz[::step].tolist()
+    ]
     names = points.record[::step] or ("",) * len(places)
     rows = [
         (*place, *magnitude, *(text * phases for text in angle), name)
         for place, magnitude, angle, name in zip(places, magnitudes, angles, names, strict=True)
     ]
     heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
-    heads += [("noise", scale.unit), ("deviation", ""), (Words("E_n"), ""), ("phase", "°"), ("U", "°"), ("noise", "°")]
+    heads += [
+        ("noise", scale.unit),
+        ("deviation", ""),
+        (Words("E_n"), ""),
+        ("phase", "°"),
+        ("U", "°"),
+        ("noise", "°"),
+    ]
     heads += [("deviation", "°"), (Words("E_n of phase"), "")]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
-    lead = f"Deviation is model − measured, of the magnitude relative to the measured one; U with k = 2.{thinned}"
-    notes = [*(["phase"] if phases else []), *(["unstated"] if np.isnan(points.magnitude_uncertainty).any() else [])]
+    lead = (
+        "Deviation is model − measured, of the magnitude relative to the measured one; U with "
+        f"k = 2.{thinned}"
+    )
+    notes = [
+        *(["phase"] if phases else []),
+        *(["unstated"] if np.isnan(points.magnitude_uncertainty).any() else []),
+    ]
     return Table(
         (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
         tuple(rows),
@@ -219,13 +259,14 @@ def measured(result: Result) -> Table | None:
 
 
 _APART = Words(
-    "U is of noise and stated systematic effects together, noise the U of the point's noise alone. E_n is the "
-    "deviation over its own U, which is not that of the point: the model follows what is common to all points."
+    "U is of noise and stated systematic effects together, noise the U of the point's noise alone. "
+    "E_n is the deviation over its own U, which is not that of the point: the model follows what "
+    "is common to all points."
 )
 
 
 def _turned(deviation_deg: float, expanded_deg: float) -> str:
-    """A deviation of the phase: to the place of its U, else three places."""
+    """Return a deviation of the phase: to the place of its U, else three places."""
     if expanded_deg > 0.0 and not math.isnan(deviation_deg):
         return with_sign(rounded(deviation_deg, expanded_deg)[0])
     return signed(deviation_deg, 3)
@@ -237,38 +278,28 @@ def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
     if np.isnan(off).all():
         return ""
     place = int(np.nanargmax(off))
-    mean, largest = plain(float(np.nanmean(off)), 2), plain(float(off[place]), 2)
-    return say("text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[place]:.5g}")
+    mean = plain(float(np.nanmean(off)), 2)
+    largest = plain(float(off[place]), 2)
+    return say(
+        "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[place]:.5g}"
+    )
 
 
 def training(result: Result) -> str:
-    """The course of the optimisation in a sentence; empty if it is not known."""
+    """Return the course of the optimisation in a sentence; empty if it is not known."""
     run = result.training
     if run is None:
         return ""
-    last = run.weighting_changes[-1] if run.weighting_changes else 0  # losses of other weights cannot be compared
+    # losses of other weights cannot be compared
+    last = run.weighting_changes[-1] if run.weighting_changes else 0
     losses = [loss for loss in run.loss[last:] if loss is not None]
     ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
     ran += f" with the last weights, from iteration {last + 1} on" if losses and last else ""
     return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
 
 
-def weights(result: Result, between: str = "; ") -> Table | None:
-    """The network's weights as the paper's Table 1; ``between``: what separates rows of a matrix."""
-    if not result.weights:
-        return None
-    rows = tuple(
-        (row.name, row.layer, row.meaning, between.join(f"[{'  '.join(numbers)}]" for numbers in row.numbers))
-        for row in weight_rows(result.weights)
-    )
-    single = {key: value for key, value in result.weights.items() if not isinstance(value, Mapping | list | tuple)}
-    others = ", ".join(f"{_spoken(key)} {leaf(value)}" for key, value in single.items())
-    notes = ("Each row of a matrix in brackets.", *((f"Of the network: {others}.",) if others else ()))
-    return Table(columns("weight", "layer", "is (paper, Table 1)", "value"), rows, notes=notes)
-
-
 def leaf(value: Any) -> str:
-    """A setting as text."""
+    """Return a setting as text."""
     if value is None or (isinstance(value, dict | list | tuple) and not value):
         return NONE
     if isinstance(value, bool):
@@ -280,7 +311,8 @@ def leaf(value: Any) -> str:
 
 def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
     """Nested settings: names and plain values, and a table for each list of alike mappings."""
-    rows, lists = [], []
+    rows = []
+    lists = []
     for name, value in _leaves(settings, "") if settings else ():
         if isinstance(value, list):
             lists.append(_listed(name, value))
@@ -292,21 +324,23 @@ def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Names, the parts of a path after each other, and plain values or lists of alike mappings."""
     if isinstance(value, Mapping) and len(value) > 1 and _alike(list(value.values())):
-        yield name, [{"": _spoken(key), **row} for key, row in value.items()]
+        yield name, [{"": spoken_key(key), **row} for key, row in value.items()]
     elif isinstance(value, list | tuple) and _alike(value):
         yield name, list(value)
-    elif isinstance(value, list | tuple) and not any(isinstance(item, Mapping | list | tuple) for item in value):
+    elif isinstance(value, list | tuple) and not any(
+        isinstance(item, Mapping | list | tuple) for item in value
+    ):
         yield name, ", ".join(leaf(item) for item in value) or NONE
     elif isinstance(value, Mapping | list | tuple) and value:
         parts = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
         for key, item in parts:
-            yield from _leaves(item, f"{name} · {_spoken(key)}" if name else _spoken(key))
+            yield from _leaves(item, f"{name} · {spoken_key(key)}" if name else spoken_key(key))
     else:
         yield name, value
 
 
-def _spoken(key: Any) -> str:
-    """A key of the settings in words; a name of others, such as a file's, as it is."""
+def spoken_key(key: Any) -> str:
+    """Return a key of the settings in words; foreign names, such as a file's, stay."""
     name = str(key)
     return name.replace("_", " ") if name.isidentifier() and name.islower() else name
 
@@ -314,35 +348,21 @@ def _spoken(key: Any) -> str:
 def _listed(title: str, rows: list[Mapping[str, Any]]) -> Table:
     keys = list(dict.fromkeys(key for row in rows for key in row))
     numeric = {key for key in keys if all(isinstance(row.get(key, 0), int | float) for row in rows)}
-    heads = tuple(Column(_spoken(key), "number" if key in numeric else "text") for key in keys)
-    return Table(heads, tuple(tuple(leaf(row.get(key, "")) for key in keys) for row in rows), title=title)
+    heads = tuple(Column(spoken_key(key), "number" if key in numeric else "text") for key in keys)
+    return Table(
+        heads, tuple(tuple(leaf(row.get(key, "")) for key in keys) for row in rows), title=title
+    )
 
 
 def _alike(values: Sequence[Any]) -> bool:
-    """Whether these are mappings of plain values that share most of their keys."""
+    """Return whether these are mappings of plain values that share most of their keys."""
     if not values or not all(isinstance(value, Mapping) and value for value in values):
         return False
-    if any(isinstance(item, Mapping | list | tuple) and item for value in values for item in value.values()):
+    if any(
+        isinstance(item, Mapping | list | tuple) and item
+        for value in values
+        for item in value.values()
+    ):
         return False
     keys = [set(value) for value in values]
     return len(set.intersection(*keys)) * 2 >= len(set.union(*keys))
-
-
-@dataclass(frozen=True)
-class WeightRow:
-    """One weight for print."""
-
-    name: str  # W1 … W4
-    layer: str  # which neurons it connects
-    meaning: str  # what it is of the physics, under forward Euler at least
-    numbers: tuple[tuple[str, ...], ...]  # rows of the matrix as text
-
-
-def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
-    """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
-    rows = []
-    for name, entry in ((name, weights[name]) for name in ("W1", "W2", "W3", "W4") if name in weights):
-        matrix = np.atleast_2d(np.array(entry["value"], dtype=float)).tolist()
-        numbers = tuple(tuple(plain(value, digits) for value in row) for row in matrix)
-        rows.append(WeightRow(name, entry["layer"], entry["meaning"], numbers))
-    return rows

@@ -1,4 +1,4 @@
-"""What the terminal shows of a result: tables and sentences for rich to print, from values alone."""
+"""Print a result on the terminal: tables and sentences for rich, from values alone."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from vibrident.base.amounts import pretty, scaled
 from vibrident.base.settings import Word, python_word
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show import tables, words
+from vibrident.show import tables, weight_tables, words
 from vibrident.show.coverage import interval_text, parameter_factor, scatter_only
-from vibrident.show.findings import told
+from vibrident.show.findings import describe_findings
 from vibrident.show.media.console import Shown, shown
 from vibrident.show.media.console import written as paths_written
 from vibrident.show.numbers import fit_unit, plain, sensor_name
@@ -24,35 +24,53 @@ from vibrident.show.views import Column, Sentence, Table, columns
 __all__ = ["fit_line", "parameter_table", "posterior_table", "summary", "text", "weights_table"]
 
 
-def summary(result: Result, written: Sequence[str | os.PathLike[str]] = (), word: Word = python_word) -> Any:
-    """Return all that ``vibrident identify`` prints: parameters, fit, what U covers, warnings, findings, files written.
+def summary(
+    result: Result, written: Sequence[str | os.PathLike[str]] = (), word: Word = python_word
+) -> Any:
+    """Return all that ``vibrident identify`` prints.
 
     ``word``: the words of a surface for settings.
     """
     from rich.console import Group
 
-    own = regimes(result)
-    changed = () if own is None else (own,)
-    said = shown(parameter_table(result), *changed, fit_line(result), *scatter_only(result), *told(result, word))
-    return Group(said, paths_written(written)) if written else said
+    regime_table = regimes(result)
+    changed = () if regime_table is None else (regime_table,)
+    printed = shown(
+        parameter_table(result),
+        *changed,
+        fit_line(result),
+        *scatter_only(result),
+        *describe_findings(result, word),
+    )
+    return Group(printed, paths_written(written)) if written else printed
 
 
 def text(result: Result) -> str:
-    """The same as plain text, a hundred characters wide at most."""
+    """Return the summary as plain text, a hundred characters wide at most."""
     from rich.console import Console
 
-    console = Console(width=100, color_system=None, markup=False, highlight=False, emoji=False, force_terminal=False)
+    console = Console(
+        width=100,
+        color_system=None,
+        markup=False,
+        highlight=False,
+        emoji=False,
+        force_terminal=False,
+    )
     with console.capture() as capture:
         console.print(summary(result))
     return "\n".join(line.rstrip() for line in capture.get().splitlines())
 
 
 def parameter_table(result: Result) -> Table:
-    """Name, value, u, U (k = 2, or what covers), unit and 95 % interval of each parameter, derived ones last."""
-    k, rows, doubtful, groups = parameter_factor(result), [], [], {}
-    whole = tables.parameters(result)
-    place = {column.title: j for j, column in enumerate(whole.columns)}
-    for i, row in enumerate(whole.rows):
+    """Return value, u, U, unit and 95 % interval of each parameter, derived ones last."""
+    k = parameter_factor(result)
+    rows = []
+    doubtful = []
+    groups = {}
+    table = tables.parameters(result)
+    place = {column.title: j for j, column in enumerate(table.columns)}
+    for i, row in enumerate(table.rows):
         remarks = [part for part in row[place["remark"]].split(", ") if part and part != "derived"]
         if "derived" in row[place["remark"]] and not groups:
             groups[i] = "derived from these:"
@@ -71,11 +89,13 @@ def parameter_table(result: Result) -> Table:
     sensor = sensor_name(result.sensor)
     title = f"{result.model}, estimator {result.estimator}{f' · {sensor}' if sensor else ''}"
     notes = tuple(text for text in (tables.one_frequency(result), interval_text(result)) if text)
-    return Table(heads, tuple(rows), notes=notes, title=title, groups=groups, doubtful=tuple(doubtful))
+    return Table(
+        heads, tuple(rows), notes=notes, title=title, groups=groups, doubtful=tuple(doubtful)
+    )
 
 
 def fit_line(result: Result) -> Sentence:
-    """Root mean square residual, its relation to the signal, reduced chi squared, and the verdict."""
+    """Return the residual rms, its relation to the signal, reduced χ², and the verdict."""
     fit = result.fit
     scale = scaled(fit_unit(result), fit.rmse or 0.0)
     parts = [f"rmse {plain((fit.rmse or 0.0) * scale.factor, 3)} {scale.unit}"]
@@ -84,31 +104,49 @@ def fit_line(result: Result) -> Sentence:
     if fit.r2 is not None:
         parts.append(f"R² {plain(fit.r2, 6)}")
     if math.isfinite(fit.explained):
-        parts.append(f"explained {plain(100 * fit.explained, 4)} % of {plain(100 * fit.coherent, 4)} % coherent")
+        parts.append(
+            f"explained {plain(100 * fit.explained, 4)} % of {plain(100 * fit.coherent, 4)} % "
+            "coherent"
+        )
     if fit.chi2_reduced is not None:
         parts.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
-    said = ("fine", "adequate") if fit.adequate else ("doubt", "not adequate")
-    return Sentence(f"Fit: {', '.join(parts)}:", said[0], end=said[1])  # type: ignore[arg-type]
+    text = f"Fit: {', '.join(parts)}:"
+    if fit.adequate:
+        return Sentence(text, "fine", end="adequate")
+    return Sentence(text, "doubt", end="not adequate")
 
 
 def weights_table(result: Result) -> Shown:
-    """The identified weights as in the paper's Table 1, a row of a matrix a line."""
-    found = tables.weights(result, between="\n")
-    return shown(None if found is None else replace(found, notes=(), title="Weights of the network"))
+    """Return the weights as in the paper's Table 1, a row of a matrix a line."""
+    table = weight_tables.weights(result, between="\n")
+    return shown(
+        None if table is None else replace(table, notes=(), title="Weights of the network")
+    )
 
 
 def posterior_table(result: Result) -> Shown:
-    """What the sampled posterior says of each parameter, in ``settings.posterior``."""
+    """Return the sampled posterior of each parameter, from ``settings.posterior``."""
     rows = []
     for key, row in result.settings["posterior"]["parameters"].items():
         low, high = row["interval_95"]
-        cells = (f"{row['mean']:.6g}", f"{row['standard_deviation']:.2g}", f"{low:.6g} to {high:.6g}")
+        cells = (
+            f"{row['mean']:.6g}",
+            f"{row['standard_deviation']:.2g}",
+            f"{low:.6g} to {high:.6g}",
+        )
         more = (
             pretty(result.parameters[key].unit),
             f"{row['autocorrelation_time']:.0f}",
             f"{row['effective_sample_size']:.0f}",
         )
         rows.append((parameter_name(key).words, *cells, *more))
-    heads = ("mean", "standard deviation", "95 % credible interval", "unit", "autocorrelation time", "effective draws")
+    heads = (
+        "mean",
+        "standard deviation",
+        "95 % credible interval",
+        "unit",
+        "autocorrelation time",
+        "effective draws",
+    )
     columns_ = (Column("parameter"), *columns(*heads, kind="number"))
     return shown(Table(columns_, tuple(rows), title="Posterior distribution"))

@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 # Okabe & Ito (2008), distinguishable with all common kinds of colour vision
-BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
-SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#767676"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+PURPLE = "#CC79A7"
+BLACK = "#000000"
+GREY = "#767676"
 
 K = 2.0  # coverage factor of every band and bar
 CROWD = 200  # more points than this are drawn without bars, which would hide everything else
@@ -33,10 +39,12 @@ class Column:
     """A column of a table."""
 
     title: str  # what it holds
-    # a ``number`` is set flush right; a ``share`` is a percentage, with a bar behind it where the medium can
+    # a ``number`` is set flush right; a ``share`` is a percentage, with a bar behind it where the
+    # medium can
     kind: Literal["text", "number", "share"] = "text"
     unit: str = ""  # of its numbers, ready for print
-    spare: bool = False  # omitted in a narrow terminal, because other columns hold the same information
+    # omitted in a narrow terminal, because other columns hold the same information
+    spare: bool = False
 
     @property
     def heading(self) -> str:
@@ -58,7 +66,8 @@ class Table:
     """Cells as text, and what is said before and after them."""
 
     columns: tuple[Column, ...]  # what each column holds
-    # as many cells each as there are columns. A row whose first cell is empty belongs to the row above
+    # as many cells each as there are columns. A row whose first cell is empty belongs to the row
+    # above
     rows: tuple[tuple[str, ...], ...]
     lead: tuple[str, ...] = ()  # paragraphs before the table
     notes: tuple[str, ...] = ()  # paragraphs after it
@@ -81,20 +90,24 @@ class Table:
         return tuple(j for j, column in enumerate(self.columns) if column.kind != "text")
 
     def select(self, keep: tuple[int, ...]) -> Table:
-        """The same with these columns only."""
+        """Return the table with these columns only."""
         rows = tuple(tuple(row[j] for j in keep) for row in self.rows)
         chosen = tuple(self.columns[j] for j in keep)
         return replace(self, columns=chosen, rows=rows)
 
     def telling(self) -> Table:
-        """The same without empty columns; the first one is kept."""
-        keep = (j for j in range(len(self.columns)) if j == 0 or not self.rows or any(row[j] for row in self.rows))
+        """Return the table without empty columns; the first one is kept."""
+        keep = (
+            j
+            for j in range(len(self.columns))
+            if j == 0 or not self.rows or any(row[j] for row in self.rows)
+        )
         return self.select(tuple(keep))
 
 
 @dataclass(frozen=True)
 class Sentence:
-    """A paragraph; ``lead`` is set in bold before it, ``end`` in the colour of its kind after it."""
+    """A paragraph with a bold ``lead``, and an ``end`` in the colour of its kind."""
 
     text: str
     kind: Literal["plain", "note", "fine", "doubt"] = "plain"
@@ -153,7 +166,7 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Look:
-    """How a line or a mark is drawn."""
+    """Style of a line or a mark."""
 
     colour: str
     dash: Literal["solid", "dashed", "dotted", "dashdot"] = "solid"
@@ -161,7 +174,8 @@ class Look:
     marker: Marker = ""
 
 
-MODEL, MEASURED = Look(BLUE), Look(VERMILION, marker="o")
+MODEL = Look(BLUE)
+MEASURED = Look(VERMILION, marker="o")
 #: Of several lines: every pair differs without colour too.
 LINES = (
     Look(BLUE, marker="o"),
@@ -181,13 +195,14 @@ def band_colour(look: Look) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One thing drawn in a panel."""
+    """A line, cloud, band or bars in a panel."""
 
     x: FloatArray  # shape (points,)
     y: FloatArray  # shape (points,)
     label: str = ""  # for the key; empty for no entry
     look: Look = MODEL  # colour, dash and mark
-    kind: Literal["line", "points", "stems", "columns"] = "line"  # a line, marks, marks on stems, or columns around x
+    # a line, marks, marks on stems, or columns around x
+    kind: Literal["line", "points", "stems", "columns"] = "line"
     # half width of a line's band or half lengths of the bars, shape (points,); None for neither
     half: FloatArray | None = None
     band: str = ""  # what the band is called in the key
@@ -210,7 +225,7 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One of several drawings above each other that share x."""
+    """A drawing that shares x with those above and below it."""
 
     x: Axis  # axis below the last panel
     y: Axis  # axis at the left
@@ -238,8 +253,8 @@ class Figure:
 
     name: str  # of its file, without suffix
     title: str  # what is shown
-    # beside each other; where ``choice`` is set, one can be chosen where the medium allows it, and a few are drawn
-    # where it does not
+    # beside each other; where ``choice`` is set, one can be chosen where the medium allows it, and
+    # a few are drawn where it does not
     stacks: tuple[Stack, ...]
     subject: str = ""  # model and sensor
     caption: str = ""  # what is drawn, and how to read it
@@ -281,14 +296,15 @@ class Section:
 
 @dataclass(frozen=True)
 class Letterhead:
-    """Of a document that is issued."""
+    """The head of a document that is issued."""
 
     lines: tuple[str, ...]  # who issues it; empty for a blank
     number: str | None  # None is a blank
     subject: str  # on each page, beside the title
     foot: str  # below each page
     date: datetime.date | None  # of the document
-    words: dict[str, str] = field(default_factory=dict)  # of the frame: page, no, laboratory, place_and_date
+    # of the frame: page, no, laboratory, place_and_date
+    words: dict[str, str] = field(default_factory=dict)
     logo: str = ""  # SVG, PNG or JPEG in base64
 
 
@@ -306,20 +322,20 @@ class Document:
 
 
 def section(name: str, title: str, *blocks: Block | None) -> Section:
-    """A section of the blocks that are not None."""
+    """Return a section of the blocks that are not None."""
     return Section(name, title, tuple(block for block in blocks if block is not None))
 
 
 def document(title: str, head: tuple[Block, ...], sections: list[Section]) -> Document:
-    """A document of the sections that hold something."""
+    """Return a document of the sections that are not empty."""
     return Document(title, head, tuple(part for part in sections if part.blocks))
 
 
 def listed(length: int, most: int) -> int:
-    """How many of a list's entries to show: all, or ``most`` where that leaves out more than one."""
+    """Return how many entries to show: all, or ``most`` if more than one would be left out."""
     return length if length <= most + 1 else most
 
 
-def count(number: int, thing: str) -> str:
+def count(number: int, noun: str) -> str:
     """``1 point``, ``2 points``."""
-    return f"{number} {thing}{'' if number == 1 else 's'}"
+    return f"{number} {noun}{'' if number == 1 else 's'}"

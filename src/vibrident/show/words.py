@@ -11,7 +11,8 @@ from vibrident.base.warning_kinds import explain as explain
 from vibrident.result import Parameter
 
 #: Remarks on what the data determine little of, and nothing of.
-WEAK, UNKNOWN = "weakly determined", "not identifiable"
+WEAK = "weakly determined"
+UNKNOWN = "not identifiable"
 
 
 def remark(parameter: Parameter) -> str:
@@ -39,7 +40,8 @@ class Metric:
     in_response_unit: int = 0
 
 
-#: Field of ``Fit`` to what it is; e is the residual (measured minus predicted), y the measured response.
+#: Field of ``Fit`` to what it is; e is the residual (measured minus predicted), y the measured
+#: response.
 METRICS: Mapping[str, Metric] = MappingProxyType(
     {
         "rmse": Metric("RMSE", "√mean(|e|²), root mean square of the residual", 1),
@@ -48,19 +50,25 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "r2": Metric("R²", "1 − MSE / var(y); 1 is perfect"),
         "rpd": Metric("RPD", "sd(y) / RMSE, population standard deviation; large is good"),
         "nrmse": Metric("NRMSE", "RMSE / sd(y); small is good"),
-        "explained": Metric("explained", "share of the response's power in the band that the model explains"),
-        "coherent": Metric("coherent", "share of that power that any linear sensor could explain: local coherence"),
+        "explained": Metric(
+            "explained", "share of the response's power in the band that the model explains"
+        ),
+        "coherent": Metric(
+            "coherent", "share of that power that any linear sensor could explain: local coherence"
+        ),
         "chi2_reduced": Metric(
             "χ²/ν",
-            "mean squared deviation at the excited frequencies over its squared uncertainty; about 1 is adequate",
+            "mean squared deviation at the excited frequencies over its squared uncertainty; about "
+            "1 is adequate",
         ),
         "degrees_of_freedom": Metric("ν", "degrees of freedom of χ²"),
     }
 )
 
 COVERAGE = (
-    "u is the standard uncertainty (GUM), k the coverage factor and U = k·u the expanded uncertainty, with k = 2 "
-    "unless another is stated, which for a normal distribution has a coverage probability of about 95 %. The 95 % "
-    "interval is stated as computed and need not be symmetric. Uncertainties are rounded to two significant "
-    "digits, values to the place of u (GUM 7.2.6)."
+    "u is the standard uncertainty (GUM), k the coverage factor and U = k·u the expanded "
+    "uncertainty, with k = 2 unless another is stated, which for a normal distribution has a "
+    "coverage probability of about 95 %. The 95 % interval is stated as computed and need not be "
+    "symmetric. Uncertainties are rounded to two significant digits, values to the place of u (GUM "
+    "7.2.6)."
 )

@@ -7,8 +7,8 @@ import shlex
 import pytest
 
 from vibrident.app.cli.options import DISCRETISATIONS, UNCERTAINTIES
-from vibrident.app.web.held import Choices
 from vibrident.app.web.session import safe_name
+from vibrident.app.web.state import Choices
 from vibrident.app.workflow.estimators import estimator_names
 
 

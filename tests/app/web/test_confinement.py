@@ -9,10 +9,10 @@ import socket
 import pytest
 from tests.support.tasks import killed, names_in, priority, reached, written
 
-from vibrident.app.web.confinement import confined, possible
-from vibrident.base.process import Process, ProcessDied, WorkerError
+from vibrident.app.web.confinement import can_confine, confinement_command
+from vibrident.base.process import ProcessDied, Process, WorkerError
 
-walled = pytest.mark.skipif(not possible(), reason="bubblewrap is not installed, or not allowed here")
+walled = pytest.mark.skipif(not can_confine(), reason="bubblewrap is not installed, or not allowed here")
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def reader(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.csv").touch()
     (tmp_path / "theirs").mkdir()
-    with Process(wrapper=confined(tmp_path / "mine")) as process:
+    with Process(wrapper=confinement_command(tmp_path / "mine")) as process:
         yield process
 
 
@@ -43,15 +43,15 @@ def test_it_reaches_no_network(reader):
 
 @walled
 def test_an_identification_may_write_in_its_own_folder(tmp_path):
-    with Process(folder=tmp_path, wrapper=confined(tmp_path, writable=True)) as process:
+    with Process(folder=tmp_path, wrapper=confinement_command(tmp_path, writable=True)) as process:
         process.call(written, "result.json")
     assert (tmp_path / "result.json").exists()
 
 
 @pytest.mark.skipif(not shutil.which("nice"), reason="the system has no nice")
 def test_the_server_goes_first(tmp_path):
-    with Process(wrapper=confined(tmp_path)) as process:
+    with Process(wrapper=confinement_command(tmp_path)) as process:
         assert process.call(priority) == min(os.nice(0) + 10, 19)
-    with Process(wrapper=confined(tmp_path)) as process, pytest.raises(ProcessDied) as death:
+    with Process(wrapper=confinement_command(tmp_path)) as process, pytest.raises(ProcessDied) as death:
         process.call(killed)
     assert "signal" in death.value.ending

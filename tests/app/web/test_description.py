@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 import vibrident
-from vibrident.app.web.form.columns import merged
-from vibrident.app.web.form.description import Description, calibration_text, described, mark
-from vibrident.app.web.looks import chart, guess
+from vibrident.app.web.column_guess import guess
+from vibrident.app.web.form.columns import merge_guess
+from vibrident.app.web.form.description import Description, calibration_text, describe_guess, find_optical_part
+from vibrident.app.web.sandboxed import draw_chart
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import read_calibration_file
 from vibrident.data.io.guess import guess_columns
@@ -155,7 +156,7 @@ def test_what_is_missing_or_wrong_is_said(given, files, problem):
 def test_a_guess_is_a_description_that_can_be_corrected(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("frequency_hz,magnitude,phase_rad\n1,2,3\n2,2,3\n")
-    given = described(guess_columns(path))
+    given = describe_guess(guess_columns(path))
     assert (given.table, given.get("table.phase_unit")) == (True, None)  # the file states it
     (tmp_path / "calibration.toml").write_text(calibration_text(given, ["table.csv"]))
     table = vibrident.read(tmp_path / "calibration.toml").table
@@ -163,7 +164,9 @@ def test_a_guess_is_a_description_that_can_be_corrected(tmp_path):
     assert list(table.phase_rad) == [3.0, 3.0]
     assert given.get("sensor.model") == "accelerometer+delay"
     path.write_text("frequency_hz,magnitude\n1,2\n2,2\n")
-    assert described(guess_columns(path)).get("sensor.model") == "accelerometer"  # a magnitude alone knows no delay
+    assert (
+        describe_guess(guess_columns(path)).get("sensor.model") == "accelerometer"
+    )  # a magnitude alone knows no delay
 
 
 def test_optical_signals_in_files_of_their_own_are_paired_by_their_names(tmp_path):
@@ -173,11 +176,11 @@ def test_optical_signals_in_files_of_their_own_are_paired_by_their_names(tmp_pat
     write_optical_calibration(tmp_path, "paper", "sine", optics, seed=1, **settings)
     files = sorted(path.name for path in tmp_path.glob("*.h5"))
     found = guess(tmp_path, files)
-    given = merged(None, found).given
+    given = merge_guess(None, found).description
     assert (found.optical_part, given.signals, given.get("response.column")) == ("_optical", ("u1", "u2"), "response")
     for path, value in {"sampling.rate_hz": 5e4, "interferometer.rate_hz": 1e6, "interferometer.direction": 1}.items():
         given.set(path, value)
-    assert b"u2" in chart(given, tmp_path, files)
+    assert b"u2" in draw_chart(given, tmp_path, files)
     read = reread(tmp_path, given, *files)
     assert [(r.file, r.reference_file) for r in read.records] == [
         (f"record_0{i}.h5", f"record_0{i}_optical.h5") for i in (1, 2)
@@ -199,4 +202,4 @@ def test_optical_signals_in_files_of_their_own_are_paired_by_their_names(tmp_pat
     ],
 )
 def test_files_are_pairs_where_names_differ_by_one_part(files, part):
-    assert mark(files) == part
+    assert find_optical_part(files) == part

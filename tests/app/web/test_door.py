@@ -17,11 +17,11 @@ from tests.support.serving import VIBRIDENT, alone
 
 pytest.importorskip("argon2")
 
-from vibrident.app.web.door import Door, team
+from vibrident.app.web.authentication import Authenticator, build_authenticator
 from vibrident.app.web.guard import ACCOUNT, OWNER, Guard
 from vibrident.app.web.users import Users
 from vibrident.app.workflow import accounts
-from vibrident.app.workflow.accounts import Accounts, add
+from vibrident.app.workflow.accounts import Accounts, add_account
 from vibrident.base.errors import InputError
 
 HOST = b"127.0.0.1:8080"
@@ -54,7 +54,7 @@ def cheap():
 def hashed(tmp_path_factory):
     file = tmp_path_factory.mktemp("accounts") / "accounts"
     for name, role in (("eve", "look"), ("ina", "identify"), ("bob", "approve")):
-        add(file, name, role, SECRET)
+        add_account(file, name, role, SECRET)
     return file
 
 
@@ -65,10 +65,12 @@ def file(hashed, tmp_path):
 
 @pytest.fixture
 def door(file, tmp_path):
-    return Door(Accounts(file), tmp_path / "audit.jsonl", tmp_path / "sessions.json")
+    return Authenticator(Accounts(file), tmp_path / "audit.jsonl", tmp_path / "sessions.json")
 
 
-def ask(door: Door, path: str = "/", method: str = "GET", body: bytes = b"", at: str = "10.0.0.9", **headers: str):
+def ask(
+    door: Authenticator, path: str = "/", method: str = "GET", body: bytes = b"", at: str = "10.0.0.9", **headers: str
+):
     """Status, headers and body of an answer."""
     said: list[dict[str, Any]] = []
 
@@ -84,7 +86,7 @@ def ask(door: Door, path: str = "/", method: str = "GET", body: bytes = b"", at:
     return said[0]["status"], dict(said[0]["headers"]), said[1]["body"]
 
 
-def sign_in(door: Door, name: str, password: str = SECRET, **more: str):
+def sign_in(door: Authenticator, name: str, password: str = SECRET, **more: str):
     return ask(door, "/sign-in", "POST", urlencode({"name": name, "password": password}).encode(), **more)
 
 
@@ -117,7 +119,7 @@ def test_who_signs_in_comes_in_until_signed_out_and_the_next_server_knows(door, 
 
     token = inside["cookie"].partition("=")[2]
     assert token not in (tmp_path / "sessions.json").read_text()  # who reads it cannot come in
-    again = Door(Accounts(file), None, tmp_path / "sessions.json")
+    again = Authenticator(Accounts(file), None, tmp_path / "sessions.json")
     assert ask(again, **inside)[0] == 200
     assert ask(door, "/sign-out", "POST", **inside)[0] == 303
     assert ask(door, **inside)[0] == 303
@@ -188,7 +190,7 @@ def test_websockets_end_with_their_session(door):
 
 def test_a_proxy_vouches_for_people_from_its_own_address_alone(file, tmp_path):
     for auth, role in ((None, "identify"), (file, "look")):
-        made = team(auth, "10.0.0.1", "X-User", None, tmp_path, loopback=False)
+        made = build_authenticator(auth, "10.0.0.1", "X-User", None, tmp_path, loopback=False)
         assert made is not None
         assert ask(made, at="10.0.0.1", x_user="zoe")[2].endswith(f"zoe {role}".encode())
         assert ask(made, at="10.0.0.2", x_user="zoe")[0] == 403
@@ -199,7 +201,7 @@ def test_a_proxy_vouches_for_people_from_its_own_address_alone(file, tmp_path):
 
 
 def test_behind_tls_the_cookie_is_for_tls_alone(file, tmp_path):
-    made = team(file, "10.0.0.1", None, None, tmp_path, loopback=False)
+    made = build_authenticator(file, "10.0.0.1", None, None, tmp_path, loopback=False)
     assert made is not None
     assert b"Secure" in sign_in(made, "ina", at="10.0.0.1", x_forwarded_proto="https")[1][b"set-cookie"]
     assert b"Secure" not in sign_in(made, "ina", at="10.0.0.2", x_forwarded_proto="https")[1][b"set-cookie"]
@@ -210,7 +212,7 @@ def test_behind_tls_the_cookie_is_for_tls_alone(file, tmp_path):
 )
 def test_an_open_address_needs_a_door(auth, proxy, header, tmp_path):
     with pytest.raises(InputError, match="without signing in"):
-        team(auth, proxy, header, None, tmp_path, loopback=False)
+        build_authenticator(auth, proxy, header, None, tmp_path, loopback=False)
 
 
 def test_the_command_refuses_in_one_message():

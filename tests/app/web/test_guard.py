@@ -12,7 +12,7 @@ import pytest
 from tests.support.serving import alone
 
 from vibrident.app.web.guard import Guard, policy
-from vibrident.app.web.server import own_names, reachable, serve
+from vibrident.app.web.server import page_names, reachable_address, serve
 from vibrident.app.workflow.accounts import LOOPBACK
 from vibrident.base.errors import InputError
 
@@ -98,7 +98,7 @@ STRANGERS = [
 @pytest.mark.parametrize("host", STRANGERS)
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_a_foreign_name_that_leads_here_is_refused(host, kind):
-    for names in (LOOPBACK, own_names("0.0.0.0")):  # DNS rebinding works as well on a page for all
+    for names in (LOOPBACK, page_names("0.0.0.0")):  # DNS rebinding works as well on a page for all
         said = ask(host=host, kind=kind, names=names, origin=f"http://{host}")
         assert said[0].get("status", said[0].get("code")) in (403, 1008)
 
@@ -109,7 +109,7 @@ def test_two_names_at_once_are_none():
 
 
 def test_served_to_others_it_answers_to_its_address_and_names_alone():
-    everywhere = own_names("0.0.0.0") | {"Lab.example"}
+    everywhere = page_names("0.0.0.0") | {"Lab.example"}
     for host in ("lab.example:8080", socket.gethostname(), "127.0.0.1"):
         assert ask(names=everywhere, host=host, origin=f"http://{host}")[0]["status"] == 200
     assert ask(names=everywhere, host="192.0.2.7:8080", at="192.0.2.7")[0]["status"] == 200
@@ -214,7 +214,7 @@ def test_a_place_that_cannot_be_had_gets_the_remedy_that_helps():
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "lab.example", "::1"])
 def test_the_address_that_is_printed_is_the_one_given(host):
-    assert reachable(host) == host
+    assert reachable_address(host) == host
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])
@@ -224,6 +224,6 @@ def test_the_address_that_is_printed_can_be_opened(host):
     except OSError:
         pytest.skip("this machine has no such network")
     with listening:
-        shown = reachable(host)
+        shown = reachable_address(host)
         assert shown not in ("0.0.0.0", "::")
         socket.create_connection((shown, listening.getsockname()[1]), timeout=5).close()

@@ -7,9 +7,9 @@ import wave
 import numpy as np
 import pytest
 
-from vibrident.app.web.form.description import described
+from vibrident.app.web.column_guess import likely_excitation
+from vibrident.app.web.form.description import describe_guess
 from vibrident.app.web.language import language
-from vibrident.app.web.looks import likely_excitation
 from vibrident.app.web.preview import preview
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import guess_columns
@@ -83,7 +83,7 @@ def test_the_preview_names_the_units_of_the_file(tmp_path):
     (tmp_path / "b.csv").write_text("Zeit [s];Laser [m/s²];Prüfling [mV]\n" + rows)
     expected = {"a.csv": {"Laser / m/s²", "Prüfling / mV"}, "b.csv": {"Laser [m/s²]", "Prüfling [mV]"}}
     for name, names in expected.items():
-        given = described(guess_columns(tmp_path / name))
+        given = describe_guess(guess_columns(tmp_path / name))
         drawn = preview(given, tmp_path, [name], language("en"))
         assert {trace["name"] for trace in drawn["data"]} == names
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from vibrident.app.web.home import PREFIX, Home, remove_leftovers
+from vibrident.app.web.home import PREFIX, ServerFolder, remove_leftovers
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no lock tells a dead server there")
 _SERVER = """
 import time
-from vibrident.app.web.home import Home
-print(Home().folder, flush=True)
+from vibrident.app.web.home import ServerFolder
+print(ServerFolder().folder, flush=True)
 time.sleep(60)
 """
 
@@ -35,7 +35,7 @@ def other_server(top: Path) -> tuple[subprocess.Popen[str], Path]:
 
 
 def test_a_home_is_private_and_goes_with_all_that_is_in_it(top):
-    home = Home()
+    home = ServerFolder()
     assert home.folder.stat().st_mode & 0o777 == 0o700
     (home.folder / "user" / "data").mkdir(parents=True)
     home.close()
@@ -53,7 +53,7 @@ def test_leftovers_of_the_dead_go_and_the_living_keep_theirs(top):
         (left / "user" / "data.csv").write_text("1,2\n")
         dead.send_signal(signal.SIGKILL)
         dead.wait()
-        home = Home()
+        home = ServerFolder()
         assert not left.exists()
         assert kept.is_dir()
         assert remove_leftovers(top) == []

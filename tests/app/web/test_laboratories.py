@@ -30,7 +30,7 @@ def test_what_was_written_is_read_and_a_refused_change_leaves_it(tmp_path):
     assert laboratories.names == []
     assert laboratories.write(" Halle  2, links ", DOCUMENT, {"logo": b"<svg/>"}) == "Halle 2, links"
     assert laboratories.read("Halle 2, links") == DOCUMENT
-    assert laboratories.own("Halle 2, links", "logo") == b"<svg/>"
+    assert laboratories.file_content("Halle 2, links", "logo") == b"<svg/>"
     wrong = {**DOCUMENT, "uncertainty": [{"source": "Laser", "kind": "gain"}]}
     with pytest.raises(InputError, match="one size"):
         laboratories.write("Halle 2, links", wrong, {})

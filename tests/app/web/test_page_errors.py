@@ -134,7 +134,7 @@ def wait_for_worker(server: int) -> int:
         for thread in children.iterdir():
             for child in (thread / "children").read_text().split():
                 arguments = Path(f"/proc/{child}/cmdline").read_text()
-                if "vibrident.base.process" in arguments and "vibrident.app.web.looks" not in arguments:
+                if "vibrident.base.process" in arguments and "vibrident.app.web.column_guess" not in arguments:
                     return int(child)
         time.sleep(0.02)
 

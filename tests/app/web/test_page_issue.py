@@ -16,7 +16,7 @@ from vibrident.lab.issue.verification import verify
 
 pytest.importorskip("argon2")
 
-from vibrident.app.workflow.accounts import add
+from vibrident.app.workflow.accounts import add_account
 
 SECRET = "correct horse"
 
@@ -25,7 +25,7 @@ SECRET = "correct horse"
 def start(tmp_path):
     """Start the server of a team in one folder, again and again."""
     for name, role in (("alice", "approve"), ("bob", "approve"), ("eve", "look")):
-        add(tmp_path / "accounts", name, role, SECRET)
+        add_account(tmp_path / "accounts", name, role, SECRET)
     (tmp_path / "phrase").write_text(PHRASE)
     options = {
         "--auth": tmp_path / "accounts",

@@ -12,10 +12,10 @@ from tests.support.sample_results import table2
 from tests.support.serving import WAIT_MS, upload
 from tests.support.sources import ROOT, modules, tree
 
-from vibrident.app.web import looks
+from vibrident.app.web import sandboxed
 from vibrident.app.web.form.certify import ENTRY_NAMES as CERTIFICATE_ENTRIES
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, KEYS, SECTIONS
-from vibrident.app.web.language import COOKIE, LANGUAGES, LOCALES, catalogue, chosen, language
+from vibrident.app.web.language import COOKIE, LANGUAGES, LOCALES, catalogue, choose_language, language
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
 from vibrident.export.form import OPTIONS
@@ -28,15 +28,15 @@ OTHERS = ("de", "zh")
 #: Literals that are read by nobody on the page, or stand in the English message of an error.
 UNSAID = {
     "vibrident.app.web.confinement": ("import vibrident",),
-    "vibrident.app.web.door": ("<!doctype html>",),
+    "vibrident.app.web.authentication": ("<!doctype html>",),
     "vibrident.app.web.form.description": (
         *("columns and units", "Reference and response are", "Both photodetector signals"),
         *("A tabulated response is", " is empty.", "the file of a record that differs"),
     ),
     "vibrident.app.web.form.entries": ("dense outlined stack-label",),
-    "vibrident.app.web.held": ("vibrident identify",),
+    "vibrident.app.web.state": ("vibrident identify",),
     "vibrident.app.web.language": ("English", "Deutsch"),
-    "vibrident.app.web.looks": (" characters more", "entered by "),
+    "vibrident.app.web.sandboxed": (" characters more", "entered by "),
     "vibrident.app.web.outcome": ("the page",),
     "vibrident.app.web.tools": ("identify first, or", " or above"),
     "vibrident.app.web.words": ("(in Python or", "the ", "ask whoever runs", "` (on the command line)"),
@@ -173,13 +173,13 @@ def test_numbers_have_a_comma_in_german_and_names_keep_their_point():
     ],
 )
 def test_the_language_is_what_was_chosen_else_what_the_browser_accepts(cookie, accepted, code):
-    assert chosen({COOKIE: cookie}, accepted) == code
+    assert choose_language({COOKIE: cookie}, accepted) == code
 
 
 @pytest.mark.parametrize("code", OTHERS)
 def test_a_result_is_shown_in_the_language(tmp_path, code):
     path = table2().save(tmp_path / "result.json")
-    english, other = looks.outcome(path), looks.outcome(path, code)
+    english, other = sandboxed.read_outcome(path), sandboxed.read_outcome(path, code)
     plain = [re.sub(r"<[^>]+>", " ", one["verdict"] + one["parameters"]) for one in (english, other)]
     words = [set(re.findall(r"\b(?:the|of|and|value|unit|damping|interval|with)\b", text)) for text in plain]
     assert words[0] > words[1] == set()

@@ -10,7 +10,7 @@ from tests.support.serving import VIBRIDENT, WAIT_MS, serving, upload
 
 pytest.importorskip("argon2")
 
-from vibrident.app.workflow.accounts import add
+from vibrident.app.workflow.accounts import add_account
 
 SECRET = "correct horse"
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
@@ -20,7 +20,7 @@ ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for 
 def team(tmp_path_factory):
     folder = tmp_path_factory.mktemp("team")
     for name, role in (("eve", "look"), ("bob", "approve")):
-        add(folder / "accounts", name, role, SECRET)
+        add_account(folder / "accounts", name, role, SECRET)
     options = ("--auth", str(folder / "accounts"), "--audit", str(folder / "audit.jsonl"))
     with serving(folder, *VIBRIDENT, "serve", "--port", "0", *options) as made:
         yield made

@@ -18,7 +18,7 @@ import pytest
 from tests.support.sample_results import table2
 from tests.support.serving import VIBRIDENT, WAIT_MS, serving, start_anew, upload
 
-from vibrident.app.workflow.accounts import add
+from vibrident.app.workflow.accounts import add_account
 
 TAG = "<img src=x onerror=window.pwned=1>"
 LINK = '<a href="https://evil.example/">u</a>'
@@ -149,7 +149,7 @@ def test_no_other_name_and_no_other_site_gets_in(server, tmp_path):
 
 def test_served_to_all_the_address_opens_and_rebinding_is_refused(tmp_path):
     pytest.importorskip("argon2")
-    add(tmp_path / "accounts", "ina", "identify", "correct horse")
+    add_account(tmp_path / "accounts", "ina", "identify", "correct horse")
     options = ("--host", "0.0.0.0", "--name", "lab.example", "--auth", str(tmp_path / "accounts"))
     with serving(tmp_path, *VIBRIDENT, "serve", *options) as everywhere:
         assert "0.0.0.0" not in everywhere.address

@@ -8,10 +8,10 @@ import pytest
 from tests.support.serving import alone
 from tests.support.sources import modules, tree
 
-from vibrident.app.web import looks
-from vibrident.app.web.form.description import described
+from vibrident.app.web import sandboxed
+from vibrident.app.web.form.description import describe_guess
 from vibrident.app.web.words import page_word
-from vibrident.app.web.worker import Stopped, Worker
+from vibrident.app.web.worker import StoppedError, Worker
 from vibrident.base.errors import InputError
 from vibrident.data.io.guess import guess_columns
 
@@ -53,7 +53,7 @@ def test_no_message_has_words_of_a_shell():
 
 
 def test_a_process_that_was_killed_is_told_of_by_its_signal(tmp_path):
-    with pytest.raises(Stopped) as caught:
+    with pytest.raises(StoppedError) as caught:
         alone(Worker().run(signal.raise_signal, 9, folder=tmp_path))
     assert caught.value.found == "a process that ended with signal 9, SIGKILL"
     assert "repeat it" in caught.value.remedy
@@ -80,9 +80,9 @@ def test_every_file_is_examined_when_it_is_dropped(tmp_path):
     (tmp_path / "a.csv").write_text("time,reference,response\n" + rows)
     (tmp_path / "b.csv").write_text("time,reference,response\n" + rows.replace("0.2,6,0", "0.2,6,NaN"))
     (tmp_path / "c.csv").write_text("time,reference,out\n" + rows)
-    given = described(guess_columns(tmp_path / "a.csv"))
-    assert looks.faults(given, tmp_path, ["a.csv"]) == []
-    nan, header = looks.faults(given, tmp_path, ["a.csv", "b.csv", "c.csv"])
+    given = describe_guess(guess_columns(tmp_path / "a.csv"))
+    assert sandboxed.find_faults(given, tmp_path, ["a.csv"]) == []
+    nan, header = sandboxed.find_faults(given, tmp_path, ["a.csv", "b.csv", "c.csv"])
     assert "not a number" in nan["problem"]
     assert "b.csv, line 22" in nan["where"]
     assert "c.csv" in header["where"]

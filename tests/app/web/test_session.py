@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vibrident.app.web.session import CALIBRATION, MOST_RESULTS, Session, refuse_outside, safe_name
+from vibrident.app.web.session import CALIBRATION, MAX_RESULTS, Session, refuse_outside, safe_name
 from vibrident.base.errors import InputError
 
 TOML = """[reference]
@@ -65,17 +65,17 @@ def test_a_long_name_is_cut_and_keeps_its_ending():
 
 def test_what_is_no_data_what_is_there_and_what_has_no_room_is_refused(session):
     with pytest.raises(InputError, match="format is not known"):
-        session.place_for("data.npy", 1)
+        session.reserve_path("data.npy", 1)
     with pytest.raises(InputError, match="A spreadsheet is not read"):
-        session.place_for("data.ods", 1)
-    place = session.place_for("../a.csv", 600_000)
+        session.reserve_path("data.ods", 1)
+    place = session.reserve_path("../a.csv", 600_000)
     assert place == session.data / "a.csv"
     place.write_bytes(b"x" * 600_000)
     with pytest.raises(InputError, match="of that name already exists"):
-        session.place_for("a.csv", 1)
+        session.reserve_path("a.csv", 1)
     with pytest.raises(InputError, match="too large"):
-        session.place_for("b.csv", 600_000)
-    assert session.place_for("b.csv", 400_000).parent == session.data
+        session.reserve_path("b.csv", 600_000)
+    assert session.reserve_path("b.csv", 400_000).parent == session.data
 
 
 def test_files_are_in_natural_order(session):
@@ -95,7 +95,7 @@ def test_what_the_page_wrote_is_never_taken_as_the_users_own(session):
     session.clear()
     assert session.calibration is None
     session.write_calibration("four")
-    session.place_for(CALIBRATION, 1).write_text("own")
+    session.reserve_path(CALIBRATION, 1).write_text("own")
     assert session.calibration == CALIBRATION
     session.forget_calibration()
     assert session.calibration == CALIBRATION
@@ -103,8 +103,8 @@ def test_what_the_page_wrote_is_never_taken_as_the_users_own(session):
 
 
 def test_a_mended_calibration_file_takes_the_place_of_the_broken_one(session):
-    session.place_for("my.toml", 1).write_text("broken")
-    session.place_for("my.toml", 1).write_text("mended")
+    session.reserve_path("my.toml", 1).write_text("broken")
+    session.reserve_path("my.toml", 1).write_text("mended")
     assert session.calibration == "my.toml"
     put(session, "other.toml")
     with pytest.raises(InputError, match="More than one calibration file"):
@@ -114,7 +114,7 @@ def test_a_mended_calibration_file_takes_the_place_of_the_broken_one(session):
 
 
 def put(session, name: str, text: str = "") -> None:
-    session.place_for(name, len(text)).write_text(text)
+    session.reserve_path(name, len(text)).write_text(text)
 
 
 def test_a_file_of_the_same_name_in_capitals_is_the_same_file(session):
@@ -141,12 +141,12 @@ def test_the_oldest_results_go_when_there_are_too_many_or_they_are_too_large(ses
         (made := tmp_path / "made.json").write_bytes(bytes(size))
         return session.keep_result(made)
 
-    kept = [keep(10)[0] for _ in range(MOST_RESULTS)]
+    kept = [keep(10)[0] for _ in range(MAX_RESULTS)]
     assert all(path.exists() for path in kept)
     _, gone = keep(10)
     assert gone == kept[:1]
     _, gone = keep(1_000_000)
-    assert len(gone) == MOST_RESULTS
+    assert len(gone) == MAX_RESULTS
     assert not any(path.exists() for path in gone)
     last, gone = keep(2_000_000)
     assert len(gone) == 1
@@ -166,7 +166,7 @@ def test_a_calibration_file_reaches_no_other_folder(session, file):
     place.write_text(TOML.format(file=file))
     with pytest.raises(InputError, match="beside the calibration file only") as caught:
         refuse_outside(place)
-    assert session.local(caught.value).where == f"{CALIBRATION}, file"
+    assert session.with_local_paths(caught.value).where == f"{CALIBRATION}, file"
 
 
 @pytest.mark.parametrize("file", ["x.csv", "*.csv", "folder/x.csv", "a..b.csv"])

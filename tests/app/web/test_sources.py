@@ -8,7 +8,7 @@ from tests.support.serving import WAIT_MS, field, upload
 
 from vibrident.app.web.form.description import ENTRIES
 from vibrident.app.web.form.entries import filled
-from vibrident.app.web.form.sources import asked, bands_of, source_keys, table_of, written
+from vibrident.app.web.form.sources import bands_of, entry_in_file, entry_in_form, source_keys, table_of
 from vibrident.data.io.sections import UncertaintyEntry, check_uncertainties
 
 ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(50))
@@ -16,7 +16,7 @@ ROWS = "time,reference,response\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for 
 
 def of_file(row):
     """The entry of a calibration file, checked as the reader checks it."""
-    entry = UncertaintyEntry(**written(row))
+    entry = UncertaintyEntry(**entry_in_file(row))
     check_uncertainties([entry], "here")
     return entry
 
@@ -47,14 +47,14 @@ def test_bands_that_touch_have_their_own_values_up_to_the_edge():
     size = of_file(row).effect.standard_uncertainty
     at = np.interp([10.0, 300.0, 999.9, 1000.1, 4000.0], [f for f, _, _ in rows], [size * part for _, part, _ in rows])
     assert at == pytest.approx([0.005, 0.005, 0.005, 0.01, 0.01], rel=1e-6)
-    assert asked(written(row)) == row
+    assert entry_in_form(entry_in_file(row)) == row
 
 
 def test_a_band_without_a_value_is_refused_by_name():
     from vibrident.base.errors import InputError
     from vibrident.data.io.calibration_file import checked_calibration
 
-    entry = written({"stated_as": "table", "source": "a", "kind": "gain", "table": table_of([{"from_hz": 10.0}])})
+    entry = entry_in_file({"stated_as": "table", "source": "a", "kind": "gain", "table": table_of([{"from_hz": 10.0}])})
     with pytest.raises(InputError) as caught:
         checked_calibration({"uncertainty": [entry]}, "form")
     assert "[[uncertainty]]" in caught.value.where

@@ -22,7 +22,7 @@ from tests.support.serving import VIBRIDENT, Server, serving
 
 pytest.importorskip("argon2")
 
-from vibrident.app.workflow.accounts import add
+from vibrident.app.workflow.accounts import add_account
 
 SECRET = "correct horse"
 PROXY = "127.0.0.3"
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs several a
 def accounts(tmp_path_factory):
     file = tmp_path_factory.mktemp("accounts") / "accounts"
     for name, role in (("ina", "identify"), ("bob", "approve")):
-        add(file, name, role, SECRET)
+        add_account(file, name, role, SECRET)
     return file
 
 

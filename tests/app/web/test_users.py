@@ -16,11 +16,12 @@ pytest.importorskip("nicegui")
 from tests.support import tasks
 from tests.support.serving import alone
 
-from vibrident.app.web import held, looks, users, worker
-from vibrident.app.web.form.columns import merged
-from vibrident.app.web.held import Job
+from vibrident.app.web import column_guess, sandboxed, state, users, worker
+from vibrident.app.web.column_guess import ColumnGuess
+from vibrident.app.web.form.columns import merge_guess
 from vibrident.app.web.language import language
-from vibrident.app.web.looks import Guess
+from vibrident.app.web.state import Job
+from vibrident.app.web.user import User
 from vibrident.app.web.users import Users
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.base.process import WorkerError
@@ -56,9 +57,9 @@ def everybody(tmp_path, clock):
     assert not list(tmp_path.iterdir())
 
 
-def with_file(everybody: Users, tab: Browser, size: int = 10) -> users.User:
+def with_file(everybody: Users, tab: Browser, size: int = 10) -> User:
     user = everybody.attach(tab.client)
-    user.session.place_for("a.csv", size).write_bytes(bytes(size))
+    user.session.reserve_path("a.csv", size).write_bytes(bytes(size))
     return user
 
 
@@ -67,14 +68,14 @@ def test_a_tab_that_comes_back_within_the_hour_finds_what_it_left(everybody, clo
     user = with_file(everybody, tab)
     tab.leave()
     clock.s = 3500.0
-    everybody.forget()
+    everybody.remove_absent()
     tab.open()
     assert everybody.attach(tab.client) is user
     clock.s = 10_000.0
-    everybody.forget()  # it is looked at
+    everybody.remove_absent()  # it is looked at
     tab.leave()
     clock.s += 3700.0
-    everybody.forget()
+    everybody.remove_absent()
     tab.open()
     fresh = everybody.attach(tab.client)
     assert fresh is not user
@@ -99,12 +100,12 @@ def test_who_has_nothing_is_forgotten_at_once(everybody, clock):
     everybody.attach(tab.client)
     tab.leave()
     clock.s = 60.0
-    everybody.forget()
+    everybody.remove_absent()
     assert not everybody.kept
 
 
 def test_too_many_users(everybody, clock, monkeypatch):
-    monkeypatch.setattr(users, "MOST_USERS", 3)
+    monkeypatch.setattr(users, "MAX_USERS", 3)
     tabs = [Browser(str(i)) for i in range(3)]
     for second, tab in enumerate(tabs):
         clock.s = float(second)
@@ -114,7 +115,7 @@ def test_too_many_users(everybody, clock, monkeypatch):
         everybody.attach(late.client)
     tabs[1].leave()
     clock.s = 10.0
-    everybody.forget()
+    everybody.remove_absent()
     tabs[2].leave()
     everybody.attach(late.client)
     left = {user.tab for user in everybody.kept}
@@ -131,7 +132,7 @@ def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
         with_file(everybody, late)
     tabs[4].leave()
     user = everybody.attach(late.client)
-    user.session.place_for("a.csv", 1_000_000)
+    user.session.reserve_path("a.csv", 1_000_000)
     left = {user.tab for user in everybody.kept}
     assert [tab.identity in left for tab in tabs] == [number != 4 for number in range(10)]
 
@@ -139,12 +140,12 @@ def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
 def test_what_was_left_is_offered_to_its_owner_alone(everybody):
     tab, other = Browser("one"), Browser("two")
     left = everybody.attach(tab.client, "me")
-    left.session.place_for("a.csv", 10).write_bytes(bytes(10))
+    left.session.reserve_path("a.csv", 10).write_bytes(bytes(10))
     user = everybody.attach(other.client, "me")
-    assert everybody.left_by("me") == []  # it is open
+    assert everybody.closed_tabs_of("me") == []  # it is open
     tab.leave()
-    assert everybody.left_by("me") == [left]
-    assert everybody.left_by("you") == everybody.left_by("") == []
+    assert everybody.closed_tabs_of("me") == [left]
+    assert everybody.closed_tabs_of("you") == everybody.closed_tabs_of("") == []
     assert not everybody.hand_over(left, everybody.attach(Browser("three").client, "you"))
     assert everybody.hand_over(left, user)
     assert everybody.attach(other.client, "me") is left
@@ -154,15 +155,15 @@ def test_what_was_left_is_offered_to_its_owner_alone(everybody):
 def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     before = Users(tmp_path, 1.0, keep_s=1000.0)
     user = before.attach(Browser().client, "me")
-    user.session.place_for("a.csv", 10).write_bytes(bytes(10))
-    user.session.place_for("b.csv", 20).write_bytes(bytes(5))  # it was arriving
+    user.session.reserve_path("a.csv", 10).write_bytes(bytes(10))
+    user.session.reserve_path("b.csv", 20).write_bytes(bytes(5))  # it was arriving
     (user.session.folder / "run-1").mkdir()
-    user.form = merged(None, guessed(user.session.data, "t,ref [mm/s],out [pC]", "c.csv"))
+    user.form = merge_guess(None, guessed(user.session.data, "t,ref [mm/s],out [pC]", "c.csv"))
     user.form.set("reference.scale", 2.0)
     (user.session.data / "c.csv").unlink()
     (tmp_path / "made.json").write_text("{}")
-    user.keep("1: mine", tmp_path / "made.json", choices=held.Choices("calibration.toml"))
-    user.running = held.Choices("calibration.toml", "ml")
+    user.keep_result("1: mine", tmp_path / "made.json", choices=state.Choices("calibration.toml"))
+    user.running = state.Choices("calibration.toml", "ml")
     user.write()
 
     after = Users(tmp_path, 1.0, keep_s=1000.0)
@@ -172,9 +173,9 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     assert again.session.names == ["a.csv"]
     assert not (again.session.folder / "run-1").exists()
     assert again.form is not None
-    assert (again.form.given, again.form.touched) == (user.form.given, {"reference.scale"})
+    assert (again.form.description, again.form.touched) == (user.form.description, {"reference.scale"})
     assert again.results == user.results
-    assert isinstance(again.job.error, worker.Stopped)
+    assert isinstance(again.job.error, worker.StoppedError)
 
     (again.session.folder / "state").write_bytes(b"[0, 3]\n")  # of another version
     late = Users(tmp_path, 1.0, keep_s=1000.0)
@@ -186,7 +187,7 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
 def test_what_was_left_too_long_ago_is_not_taken_up(tmp_path, clock):
     before = Users(tmp_path, 1.0, keep_s=1000.0)
     user = before.attach(Browser().client, "me")
-    user.session.place_for("a.csv", 10).write_bytes(bytes(10))
+    user.session.reserve_path("a.csv", 10).write_bytes(bytes(10))
     user.write()
     clock.s = 1001.0
     after = Users(tmp_path, 1.0, keep_s=1000.0)
@@ -197,7 +198,7 @@ def test_what_was_left_too_long_ago_is_not_taken_up(tmp_path, clock):
 
 def test_a_job_says_its_share_and_the_most_time_left(monkeypatch):
     now = SimpleNamespace(s=0.0)
-    monkeypatch.setattr(held.time, "monotonic", lambda: now.s)
+    monkeypatch.setattr(state.time, "monotonic", lambda: now.s)
     job = Job(began=0.0)
     job.add(1, 11, 3.0)
     assert job.most_left_s is None
@@ -228,7 +229,7 @@ def worked(task, *args, folder: Path, progress=None) -> worker.Worker:
         (tasks.refused, InputError, "xxx"),
         (tasks.not_converged, NotConverged, "no optimum"),
         (tasks.broken, WorkerError, "a bug"),
-        (tasks.killed, worker.Stopped, "signal 9"),
+        (tasks.killed, worker.StoppedError, "signal 9"),
         (tasks.talkative, WorkerError, "the end"),
         (tasks.hungry, InputError, "more memory than the page allows"),
     ],
@@ -257,26 +258,26 @@ def test_a_worker_that_is_cancelled_ends_at_once(tmp_path):
     alone(cancelled())
 
 
-def guessed(tmp_path, header: str, name: str = "a.csv") -> Guess:
+def guessed(tmp_path, header: str, name: str = "a.csv") -> ColumnGuess:
     width = header.count(",") + 1
     (tmp_path / name).write_text(header + "\n" + "\n".join(",".join([f"{i}.5"] * width) for i in range(4)) + "\n")
-    return Guess(guess_columns(tmp_path / name), None, width, b"")
+    return ColumnGuess(guess_columns(tmp_path / name), None, width, b"")
 
 
 def test_a_guess_sets_nothing_that_a_person_set(tmp_path):
     first = guessed(tmp_path, "t,ref [mm/s],out [pC],x")
-    form = merged(None, first)
+    form = merge_guess(None, first)
     assert [form.get(f"reference.{key}") for key in ("column", "quantity", "scale")] == ["ref [mm/s]", "velocity", 1.0]
-    again = merged(form, guessed(tmp_path, "t,laser,coil"))  # untouched: the new guess holds
+    again = merge_guess(form, guessed(tmp_path, "t,laser,coil"))  # untouched: the new guess holds
     assert [again.get(f"reference.{key}") for key in ("column", "quantity")] == ["laser", "displacement"]
 
     form.set("reference.scale", 2.0)
     form.set("sensor.serial_number", "7")
-    kept = merged(form, guessed(tmp_path, "t,ref [mm/s],out [pC],laser"))
-    assert kept.given == form.given
+    kept = merge_guess(form, guessed(tmp_path, "t,ref [mm/s],out [pC],laser"))
+    assert kept.description == form.description
     assert kept.touched == {"reference.scale", "sensor.serial_number"}
     form.set("response.column", "x")
-    other = merged(form, guessed(tmp_path, "t,laser,coil"))
+    other = merge_guess(form, guessed(tmp_path, "t,laser,coil"))
     assert [other.get(path) for path in ("reference.scale", "response.column")] == [
         2.0,
         "x",
@@ -287,15 +288,18 @@ def test_a_guess_sets_nothing_that_a_person_set(tmp_path):
 def test_a_wide_file_offers_few_columns_and_those_that_were_guessed(tmp_path):
     names = [f"channel {i}" for i in range(2000)] + ["ref", "response"]
     wide = guessed(tmp_path, ",".join(names)).columns
-    few = looks._few(wide)
-    assert len(few.columns) == len(few.labels) == looks.MOST_COLUMNS + 2
+    few = column_guess._offered_columns(wide)
+    assert len(few.columns) == len(few.labels) == column_guess.MAX_OFFERED_COLUMNS + 2
     assert {"ref", "response"} <= set(few.columns)
-    assert looks._few(replace(wide, columns=wide.columns[:3], labels=wide.labels[:3])).columns == wide.columns[:3]
+    assert (
+        column_guess._offered_columns(replace(wide, columns=wide.columns[:3], labels=wide.labels[:3])).columns
+        == wide.columns[:3]
+    )
 
 
 def test_charts_that_are_too_large_are_left_out():
     drawn = [(name, {"x": [0] * count, "layout": {"height": 3}}) for name, count in (("a", 10), ("b", 1000), ("c", 1))]
-    found, left = looks._fitting(drawn, 100)
+    found, left = sandboxed._fitting(drawn, 100)
     assert [(title, json.loads(text), height) for title, text, height in found] == [("a", drawn[0][1], 3)]
     assert left < 0
-    assert len(looks._fitting(drawn, 10_000)[0]) == 3
+    assert len(sandboxed._fitting(drawn, 10_000)[0]) == 3

@@ -123,8 +123,8 @@ from vibrident.export.registry import EXPORTS
 from vibrident.data.io.reader import by_ending
 from vibrident.physics.models import CORES
 from vibrident.physics.naming import in_words
-from vibrident.app.web.session import KNOWN
-assert "convective" in CORES and "octave" in EXPORTS and ".jsonc" in by_ending() and ".jsonc" in KNOWN
+from vibrident.app.web.session import ACCEPTED_ENDINGS
+assert "convective" in CORES and "octave" in EXPORTS and ".jsonc" in by_ending() and ".jsonc" in ACCEPTED_ENDINGS
 assert "huber" in [one.name for one in ranked()]
 assert in_words("cutoff_frequency") == "cut-off frequency"
 assert "`convective`" in models() and "`cutoff_frequency`" in models()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vibrident
-from vibrident.app.workflow.estimators import checked
+from vibrident.app.workflow.estimators import check_settings
 from vibrident.base.errors import InputError, ModelError
 from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Ipnn
@@ -141,4 +141,4 @@ def test_what_it_cannot_stand_beside_is_refused():
     with pytest.raises(ModelError, match="tied"):
         vibrident.identify(records("paper"), estimator=ResidualIpnn(physics=FreeIpnn()))
     with pytest.raises(InputError, match="residual does not fit"):
-        checked("ml", {"residual": True})
+        check_settings("ml", {"residual": True})

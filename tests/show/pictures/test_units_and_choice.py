@@ -8,7 +8,7 @@ from vibrident.base.amounts import pretty, scaled
 from vibrident.show import curves, data_figures
 from vibrident.show import numbers as units
 from vibrident.show.curves import continuous
-from vibrident.show.media import drawing
+from vibrident.show.media import fonts
 
 
 @pytest.mark.parametrize(
@@ -100,5 +100,5 @@ def test_continuous_phase_starts_in_the_principal_range():
 
 
 def test_unknown_characters_become_boxes():
-    assert drawing.printable("Brüel\n µ²") == "Brüel µ²"
-    assert drawing.printable("a\U000e0041b") == "a□b"
+    assert fonts.printable("Brüel\n µ²") == "Brüel µ²"
+    assert fonts.printable("a\U000e0041b") == "a□b"

@@ -24,8 +24,8 @@ import vibrident.show
 from vibrident.export import export
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve, MeasuredCurve, Result
+from vibrident.show import certificate_decisions, document, report, tables
 from vibrident.show import certificate_tables as parts
-from vibrident.show import document, report, tables
 from vibrident.show.certificate import certificate
 from vibrident.show.certified import certified, raised_to_measured, stated_parameters
 from vibrident.show.issue import Issue, missing
@@ -200,11 +200,11 @@ def test_every_document_says_what_the_result_says(seed, tmp_path):
     require_rounded(shown)
 
     text = printed(one)
-    for table in (parts.measured(shown), parts.sensitivity(shown), *parts.conformity(shown)[1:]):
+    for table in (parts.measured(shown), parts.sensitivity(shown), *certificate_decisions.conformity(shown)[1:]):
         if table is not None:
             require_cells(table, text, one.say)
     if one.issue.before is not None:
-        require_cells(parts.adjustment(shown, one.issue.before), text, one.say)
+        require_cells(certificate_decisions.adjustment(shown, one.issue.before), text, one.say)
     if one.result.fit.adequate:
         require_cells(parts.parameters(shown), text, one.say)
     squeezed = re.sub(r"\s", "", text)

@@ -46,9 +46,9 @@ def test_the_table_says_what_where_how_probable_and_how_far():
 
 
 def test_a_long_table_is_cut_and_says_so():
-    many = [finding(record=f"{i}.csv") for i in range(findings.MOST_ROWS + 7)]
+    many = [finding(record=f"{i}.csv") for i in range(findings.MAX_TABLE_ROWS + 7)]
     table = findings.table(departing(*many))
-    assert len(table.rows) == findings.MOST_ROWS
+    assert len(table.rows) == findings.MAX_TABLE_ROWS
     assert table.notes[0] == "and 7 more, listed in result.json"
 
 
@@ -116,7 +116,7 @@ def test_a_notebook_has_the_line_and_the_table():
 
 def test_nothing_is_said_where_nothing_departs():
     clean = table2()
-    assert findings.told(clean) == ()
+    assert findings.describe_findings(clean) == ()
     assert findings.table(clean) is None
     texts = (terminal.text(clean), report.render(clean), report.content(clean, "html").decode(), clean._repr_html_())
     assert not any("Finding" in text or "a finding" in text for text in texts)

@@ -17,7 +17,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Fit
 from vibrident.show import report, words
 from vibrident.show.certified import raised_to_measured
-from vibrident.show.media.charts import MOST_POINTS
+from vibrident.show.media.charts import MAX_POINTS
 from vibrident.show.numbers import frequency_text
 from vibrident.show.residual_tests import residual_tests
 
@@ -129,8 +129,8 @@ def test_a_choice_of_records_only_where_there_is_one():
 def test_crowds_are_thinned_and_it_is_said():
     page = read(dense_points())
     points = next(t for t in page.figures["deviation"]["data"] if str(t.get("name")).startswith("model −"))
-    assert len(points["x"]) == MOST_POINTS
-    assert f"{MOST_POINTS} of 4000 measured points are drawn" in "".join(page.words)
+    assert len(points["x"]) == MAX_POINTS
+    assert f"{MAX_POINTS} of 4000 measured points are drawn" in "".join(page.words)
 
 
 def test_the_largest_result_stays_below_the_limit():

@@ -21,7 +21,7 @@ from tests.support.sample_results import table2, table_only, troubled
 import vibrident.show
 from vibrident.base.errors import InputError
 from vibrident.data.io.certificate import CertificateSection, certificate_data, certificate_section
-from vibrident.show import certificate, report
+from vibrident.show import certificate, certificate_decisions, report
 from vibrident.show import certificate_tables as parts
 from vibrident.show.issue import REQUIRED, form, issued, missing
 from vibrident.show.language import Say
@@ -179,15 +179,15 @@ def test_the_decision_rules():
 
 def test_conformity_is_judged_where_u_covers_the_chain(tmp_path):
     result, _ = issued(full(table2()), [file(tmp_path, WHOLE + JUDGED)])
-    rule, table = parts.conformity(result)
+    rule, table = certificate_decisions.conformity(result)
     assert "guarded" in rule.text
     assert [row[-1] for row in table.rows] == ["met", "not met"]
     certain = {"quantity": "natural_frequency", "low": 1.0}
     one_sided = replace(result, certificate={**result.certificate, "requirements": [certain]})
-    assert parts.conformity(one_sided)[1].rows[0][1] == "≥ 1"
-    assert parts.conformity(one_sided)[1].rows[0][5] == "> 99 %"
+    assert certificate_decisions.conformity(one_sided)[1].rows[0][1] == "≥ 1"
+    assert certificate_decisions.conformity(one_sided)[1].rows[0][5] == "> 99 %"
     scatter = replace(result, uncertainty={"covers": ["noise"]})
-    (sentence,) = parts.conformity(scatter)
+    (sentence,) = certificate_decisions.conformity(scatter)
     assert "No statement of conformity" in sentence.text
     unknown = replace(result, certificate={"requirements": [{"quantity": "mass", "low": 1.0}]})
     with pytest.raises(InputError, match="natural_frequency"):
@@ -200,7 +200,7 @@ def test_before_and_after_adjustment(tmp_path):
         parameters={n: replace(p, value=p.value * 1.01) for n, p in table2().parameters.items()},
     ).save(tmp_path / "before.json")
     result, issue = issued(full(table2()), [file(tmp_path, WHOLE + f'before = "{before.name}"\n')])
-    rows = {row[0]: row for row in parts.adjustment(result, issue.before).rows}
+    rows = {row[0]: row for row in certificate_decisions.adjustment(result, issue.before).rows}
     assert rows["natural frequency"][-2] == "−0.990 %"
     assert "Before and after adjustment" in " ".join(pages(report.content(result, "pdf", issue=issue)))
 
@@ -208,12 +208,12 @@ def test_before_and_after_adjustment(tmp_path):
 def test_what_two_calibrations_share_is_no_part_of_the_change():
     """The change of a gain by 1 % under one reference of 0.5 % is as well known as the noise of 0.1 % lets it be."""
     before, after = calibrated(), calibrated(0.101, "2020-01-02")
-    magnitude, sensitivity, frequency = parts.adjustment(after, before).rows
+    magnitude, sensitivity, frequency = certificate_decisions.adjustment(after, before).rows
     for row in (magnitude, sensitivity):
         assert row[-2:] == ("+1.00 %", "0.29 %")  # 2 √2 · 0.1 % · 1.01
     assert frequency[-2:] == ("0.0 %", "1.1 %")  # 2 √2 · 20/5000
     anew = calibrated(0.101, "2020-01-02", shared={"another reference": 0.005})
-    assert parts.adjustment(anew, before).rows[1][-1] == "1.5 %"  # 2 · 1.01 √2 √(0.5² + 0.1²) %
+    assert certificate_decisions.adjustment(anew, before).rows[1][-1] == "1.5 %"  # 2 · 1.01 √2 √(0.5² + 0.1²) %
 
 
 def with_gain(result, gain, noise=0.001):

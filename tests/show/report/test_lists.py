@@ -36,7 +36,7 @@ def rows_of_findings(number):
 
 
 def names_on_the_page(number):
-    text = frame.listed([f"{i}.csv" for i in range(number)])
+    text = frame.list_names([f"{i}.csv" for i in range(number)])
     return text.split(" and ")[0].split(", "), text.split(" and ")[1:]
 
 

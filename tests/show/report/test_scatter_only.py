@@ -7,7 +7,7 @@ import pypdf
 import pytest
 from tests.support.sample_results import table2, table_only
 
-from vibrident.app.web import looks
+from vibrident.app.web import sandboxed
 from vibrident.show import report
 from vibrident.show.media import html
 from vibrident.show.terminal import text
@@ -26,7 +26,7 @@ def covering(result, covers):
 
 def said(result, folder) -> dict[str, str]:
     """What each document says, blanks made one; and the name of the PDF."""
-    shown, file = looks.outcome(result.save(folder / "result.json")), report.write(result, "pdf", folder)
+    shown, file = sandboxed.read_outcome(result.save(folder / "result.json")), report.write(result, "pdf", folder)
     pages = [page.extract_text() for page in pypdf.PdfReader(file).pages]
     found = {
         "page": shown["verdict"],

@@ -17,7 +17,7 @@ from tests.support.sample_results import table2
 
 from vibrident.result import ResultWarning
 from vibrident.show import report
-from vibrident.show.media import charts, drawing
+from vibrident.show.media import charts, fonts
 from vibrident.show.views import Axis, Figure, Panel, Series, Stack
 
 #: What looks like a formula, a unit, a number or markup, and is none.
@@ -125,7 +125,7 @@ def test_figures(name):
     axis = Axis(name, 0.0, 1.0, ((0.5, name),))
     series = Series(np.array([0.0, 1.0]), np.array([0.0, 1.0]), label=name)
     figure = Figure("figure", name, (Stack((Panel(axis, axis, (series,), title=name),), title=name),))
-    assert drawing.printable(name) == name
+    assert fonts.printable(name) == name
     ((_, chart),) = charts.charts(figure)
     layout = chart["layout"]
     said = (chart["data"][0]["name"], layout["xaxis"]["title"]["text"], layout["annotations"][0]["text"])

@@ -1,4 +1,7 @@
-"""The command line: ``vibrident --help``. One file a command; no arithmetic, heavy libraries only inside commands."""
+"""Run the command line, ``vibrident --help``.
+
+One file a command; no arithmetic, and heavy libraries are loaded only inside commands.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,21 @@ import gc
 from collections.abc import Callable
 
 from vibrident.app.cli.application import app
-from vibrident.app.cli.console import forgiving_streams
+from vibrident.app.cli.console import make_streams_forgiving
 from vibrident.app.workflow.interruption import end_on_signals
 from vibrident.base.memory import keep_freed, use_one_thread
 
 __all__ = ["app", "main"]
 
-#: Objects after which the first garbage is looked for: libraries that are loaded make many, and no garbage.
+#: Objects after which the first garbage is looked for: libraries that are loaded make many, and no
+#: garbage.
 SELDOM = 50_000
 
 
 def main(page: Callable[..., None] | None = None) -> None:
-    """Run the command line and exit: 0 done, 2 bad input, 3 with ``--strict`` and a warning, 130 interrupted.
+    """Run the command line and exit.
+
+    Exit codes: 0 done, 2 bad input, 3 with ``--strict`` and a warning, 130 interrupted.
 
     Args:
         page: what ``vibrident serve`` calls; None: there is no page.
@@ -26,5 +32,5 @@ def main(page: Callable[..., None] | None = None) -> None:
     use_one_thread()
     keep_freed()
     end_on_signals()
-    forgiving_streams()
+    make_streams_forgiving()
     app(obj=page, prog_name="vibrident")

@@ -1,4 +1,4 @@
-"""The commands in the order of the help, and the handling of their errors."""
+"""Register the commands in the order of the help, and handle their errors."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ from vibrident.app.cli.commands.simulate import simulate
 from vibrident.app.cli.commands.track import track
 from vibrident.app.cli.commands.verify import verify
 from vibrident.app.cli.console import BAD_INPUT, INTERRUPTED, show_error
-from vibrident.app.cli.options import filled
+from vibrident.app.cli.options import fill_in_names
 from vibrident.app.cli.words import shell_word
 from vibrident.base.errors import VibridentError
 from vibrident.base.version import __version__
 
 
 class Commands(TyperGroup):
-    """Commands whose errors are one message on stderr. A bug keeps its traceback."""
+    """A group of commands whose errors are one message on stderr. A bug keeps its traceback."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find a command; names from plug-ins are looked up only for its help."""
-        name, command, rest = super().resolve_command(ctx, args)
-        if command is not None and {"-h", "--help"} & set(rest):
+        name, command, arguments = super().resolve_command(ctx, args)
+        if command is not None and {"-h", "--help"} & set(arguments):
             # Each paragraph on one line: typer keeps other line ends.
             parts = (command.help or "").split("\n\n")
             command.help = "\n\n".join(" ".join(part.split()) for part in parts)
             for parameter in command.params:
                 for text in ("metavar", "help"):
                     if hasattr(parameter, text):
-                        setattr(parameter, text, filled(getattr(parameter, text)))
-        return name, command, rest
+                        setattr(parameter, text, fill_in_names(getattr(parameter, text)))
+        return name, command, arguments
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command."""
@@ -73,7 +73,17 @@ app = typer.Typer(
 _PANELS = {
     "Begin": (demo, serve, doctor),
     "From files to a model": (inspect, identify, axes, fleet, report),
-    "Use and judge a model": (predict, correct, track, plan, compare, simulate, export, verify, reproduce),
+    "Use and judge a model": (
+        predict,
+        correct,
+        track,
+        plan,
+        compare,
+        simulate,
+        export,
+        verify,
+        reproduce,
+    ),
 }
 app.add_typer(history, name="history", rich_help_panel="Use and judge a model")
 app.add_typer(issue, name="issue", rich_help_panel="Use and judge a model")
@@ -88,13 +98,20 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+_HELP = """From calibration records of a vibration sensor to its dynamic model, with uncertainty.
+
+Exit codes: 0 done; 2 bad input, with one message that says what to do; 3 with --strict, a result \
+with a warning.
+"""
+
+
+@app.callback(help=_HELP)
 def vibrident(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Print the version and exit."
+        ),
     ] = False,
 ) -> None:
-    """From calibration records of a vibration sensor to its dynamic model, with uncertainty.
-
-    Exit codes: 0 done; 2 bad input, with one message that says what to do; 3 with --strict, a result with a warning.
-    """
+    """Define the options of the program itself."""

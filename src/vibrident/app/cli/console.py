@@ -1,4 +1,4 @@
-"""Output: tables to stdout, all else to stderr, no control codes in files; samples as CSV, and names for results."""
+"""Print tables to stdout and all else to stderr, without control codes in files."""
 
 from __future__ import annotations
 
@@ -16,19 +16,23 @@ from vibrident.base.settings import Word
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from vibrident.app.workflow.made import Made
+    from vibrident.app.workflow.made import TaskOutput
     from vibrident.show.views import Block
 
 
 #: Least width of what is printed, characters: a broken line is better than a cut number.
 MIN_COLUMNS = 76
 #: Exit codes: of input that cannot be used, of a warning with --strict, after Ctrl-C.
-BAD_INPUT, DOUBTFUL, INTERRUPTED = 2, 3, 130
+BAD_INPUT = 2
+DOUBTFUL = 3
+INTERRUPTED = 130
 
 
-def forgiving_streams() -> None:
-    """Print ``?`` for a character that the terminal's encoding lacks, and nothing to a closed stream."""
-    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()  # None: closed by the caller
+def make_streams_forgiving() -> None:
+    """Print ``?`` for characters that the encoding lacks, and nothing to a closed stream."""
+    # None: closed by the caller
+    sys.stdout = sys.stdout or _nowhere()
+    sys.stderr = sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -38,16 +42,19 @@ def _nowhere() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")
 
 
-def out() -> Console:
-    """Console for the command's results: 120 columns in a file or a pipe; a broken line is better than a cut number."""
+def output_console() -> Console:
+    """Return the console of the command's results.
+
+    It has 120 columns in a file or a pipe: a broken line is better than a cut number.
+    """
     console = _console(stderr=False)
     free = not sys.stdout.isatty() and not os.environ.get("COLUMNS")
     console.width = 120 if free else max(console.width, MIN_COLUMNS)
     return console
 
 
-def err() -> Console:
-    """Console for everything else: errors, warnings, progress."""
+def error_console() -> Console:
+    """Return the console for everything else: errors, warnings, progress."""
     return _console(stderr=True)
 
 
@@ -58,48 +65,48 @@ def _console(*, stderr: bool) -> Console:
 
 
 def say(text: str, style: str = "") -> None:
-    """A line on stdout."""
-    out().print(printable(text), style=style, soft_wrap=True)
+    """Print a line on stdout."""
+    output_console().print(printable(text), style=style, soft_wrap=True)
 
 
 def show(*blocks: Block | None) -> None:
-    """Tables and sentences, on stdout."""
+    """Print tables and sentences on stdout."""
     from vibrident.show.media.console import shown
 
-    out().print(shown(*blocks))
+    output_console().print(shown(*blocks))
 
 
 def show_rows(rows: Sequence[Mapping[str, object]], title: str) -> None:
-    """A table of rows, column name to value, on stdout."""
+    """Print a table of rows, column name to value, on stdout."""
     from vibrident.show.rows import table_of
 
     show(table_of(rows, title))
 
 
-def show_made(made: Made) -> None:
+def show_output(output: TaskOutput) -> None:
     """Print what a task made: warnings and remarks on stderr, tables and sentences on stdout."""
-    warn(made.findings)
-    for text in made.notes:
+    warn(output.findings)
+    for text in output.notes:
         note(text)
-    show(*made.blocks)
+    show(*output.blocks)
 
 
 def note(text: str) -> None:
-    """A line on stderr."""
-    err().print(printable(text), soft_wrap=True)
+    """Print a line on stderr."""
+    error_console().print(printable(text), soft_wrap=True)
 
 
 def warn(findings: Iterable[Any]) -> None:
-    """Findings or warnings, each with its code, on stderr."""
+    """Print findings or warnings on stderr, each with its code."""
     for finding in findings:
         note(f"Warning ({finding.code}): {finding.message}")
 
 
-def wrote(paths: Sequence[str | os.PathLike[str]]) -> None:
-    """Paths of written files, on stdout, unbroken."""
+def show_written(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Print the paths of written files on stdout, unbroken."""
     from vibrident.show.media.console import written
 
-    out().print(written(paths), soft_wrap=True)
+    output_console().print(written(paths), soft_wrap=True)
 
 
 def show_error(error: VibridentError, word: Word) -> None:
@@ -112,7 +119,7 @@ def show_error(error: VibridentError, word: Word) -> None:
 
     if isinstance(error, InputError):
         error = error.in_words(word)
-    console = err()
+    console = error_console()
     if not isinstance(error, InputError) or not console.is_terminal:
         console.print(Text.assemble(("Error: ", "bold red"), printable(str(error))), soft_wrap=True)
         return
@@ -125,8 +132,14 @@ def show_error(error: VibridentError, word: Word) -> None:
     console.print(grid)
 
 
-def distinct(paths: Sequence[Path]) -> list[str]:
-    """A name for each result: the last part of the path that differs."""
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each result: the last part of the path that differs."""
     parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
-    names = next((list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1), [p[0] for p in parts])
-    return [f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
+    names = next(
+        (list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1),
+        [p[0] for p in parts],
+    )
+    return [
+        f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]

@@ -1,7 +1,7 @@
-"""Pictures drawn by another process, which loads matplotlib while this one computes.
+"""Draw pictures in another process, which loads matplotlib while this one computes.
 
-One process, which draws with a copy of itself: a second one that loads matplotlib, too, delays the identification by
-more than it saves on two cores.
+There is one such process, which draws with a copy of itself: a second one that loads matplotlib,
+too, delays the identification by more than it saves on two cores.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from vibrident.base.process import Process, ProcessDied, WorkerError, processors
 if TYPE_CHECKING:
     from vibrident.result import Result
 
-BY_COPY = ("deviation", "signals")  # pictures that take about as long as the others
+DRAWN_BY_COPY = ("deviation", "signals")  # pictures that take about as long as the others
 
 
 class Painter:
-    """Draws results, in a process that is waiting for them; None: there is none."""
+    """Draws results in a process that waits for them; in this one if there is none."""
 
     def __init__(self, process: Process | None) -> None:
         self._process = process
@@ -35,7 +35,8 @@ class Painter:
                 return self._process.call(draw, file.resolve())
         from vibrident.show import plots
 
-        plots.save_all(result, file.parent)  # no process, or it failed: draw here, where an error shows
+        # no process, or it failed: draw here, where an error shows
+        plots.save_all(result, file.parent)
         return None
 
 
@@ -52,7 +53,7 @@ def painter(*, wanted: bool = True) -> Iterator[Painter]:
 
 
 def prepare() -> None:
-    """In the process: load matplotlib, and what reads a result."""
+    """Load matplotlib, and what reads a result, in the drawing process."""
     gc.disable()  # figures are full of cycles, and this process ends soon
     import matplotlib.backends.backend_agg
     import matplotlib.figure
@@ -68,18 +69,21 @@ def prepare() -> None:
 
 
 def draw(file: Path) -> None:
-    """In the process: every picture of a saved result, beside it; about half of the work by a copy of the process."""
+    """Draw every picture of a saved result beside it, in the drawing process.
+
+    A copy of the process does about half of the work.
+    """
     from vibrident.result import Result
     from vibrident.show import plots
 
     result = Result.load(file)
-    others = [name for name in plots.PICTURES if name not in BY_COPY]
+    remaining = [name for name in plots.PICTURES if name not in DRAWN_BY_COPY]
     copy = os.fork() if hasattr(os, "fork") else None
     if copy == 0:
         with contextlib.suppress(BaseException):  # then they are drawn below, where an error shows
-            plots.save_all(result, file.parent, names=BY_COPY)
+            plots.save_all(result, file.parent, names=DRAWN_BY_COPY)
             os._exit(0)
         os._exit(1)
-    plots.save_all(result, file.parent, names=others)
+    plots.save_all(result, file.parent, names=remaining)
     if copy is None or os.waitpid(copy, 0)[1]:
-        plots.save_all(result, file.parent, names=BY_COPY)
+        plots.save_all(result, file.parent, names=DRAWN_BY_COPY)

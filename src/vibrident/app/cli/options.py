@@ -1,4 +1,4 @@
-"""Values of options: names to choose from, lists, ranges. Checked here, with a message that names the option."""
+"""Define options: names to choose from, lists, ranges; their messages name the option."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seism
 
 FORMATS = ("html", "pdf", "md")
 
-Names = Sequence[str] | Callable[[], Sequence[str]]  # names to choose from, or a function that returns them
+# names to choose from, or a function that returns them
+Names = Sequence[str] | Callable[[], Sequence[str]]
 
 
-# ``value``: that of a command's parameter without the option (...: there is none, it must be given). ``default``: what
-# holds without it, in words, or whether to print the value.
+# ``value``: that of a command's parameter without the option (...: there is none, it must be
+# given). ``default``: what holds without it, in words, or whether to print the value.
 
 
 def argument(metavar: str, help: str, value: Any = ..., default: str = "") -> Any:
-    """An argument of a command."""
+    """Define an argument of a command."""
     return typer.Argument(value, metavar=metavar, help=help, show_default=default or False)
 
 
@@ -44,19 +45,27 @@ def option(
     panel: str | None = None,
     **more: Any,
 ) -> Any:
-    """An option with a value."""
-    return typer.Option(value, name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more)
+    """Define an option with a value."""
+    return typer.Option(
+        value, name, metavar=metavar, help=help, show_default=default, rich_help_panel=panel, **more
+    )
 
 
 def flag(*names: str, help: str, value: bool = False, panel: str | None = None) -> Any:
-    """An option without a value."""
+    """Define an option without a value."""
     return typer.Option(value, *names, help=help, rich_help_panel=panel)
 
 
 def between(
-    name: str, metavar: str, help: str, low: float, high: float, value: Any = None, default: str | bool = True
+    name: str,
+    metavar: str,
+    help: str,
+    low: float,
+    high: float,
+    value: Any = None,
+    default: str | bool = True,
 ) -> Any:
-    """An option that takes a number between two limits, or one of them."""
+    """Define an option that takes a number between two limits, or one of them."""
 
     def check(value: float | None) -> float | None:
         if value is None or low <= value <= high:
@@ -81,19 +90,20 @@ def choice(
     default: str | bool = True,
     panel: str | None = None,
 ) -> Any:
-    """An option that takes one of a few names, which the help lists unless there is a ``metavar`` for them.
+    """Define an option that takes one of a few names, listed in the help.
 
-    Names that plug-ins may add to are loaded on demand: ``metavar`` is then a key of ``REGISTERED``.
+    Names that plug-ins may add to are loaded on demand: ``metavar`` is then a key of
+    ``REGISTERED``.
     """
     return option(
         name,
-        metavar or "|".join(_given(allowed)),
+        metavar or "|".join(_names_of(allowed)),
         help,
         value,
         default,
         panel,
-        callback=lambda value: None if value is None else one_of(name, value, _given(allowed)),
-        autocompletion=lambda: list(_given(allowed)),
+        callback=lambda value: None if value is None else one_of(name, value, _names_of(allowed)),
+        autocompletion=lambda: list(_names_of(allowed)),
     )
 
 
@@ -108,7 +118,7 @@ CERTIFICATE_FILES = option(
 RESULT_FILES = argument("RESULT...", "result.json, one or more.")
 
 
-def _given(names: Names) -> Sequence[str]:
+def _names_of(names: Names) -> Sequence[str]:
     return names() if callable(names) else names
 
 
@@ -117,14 +127,14 @@ SETTINGS = ("discretisation", "optimiser", "steps", "learning_rate", "weighting"
 
 
 def not_rational() -> tuple[str, ...]:
-    """Add-ons that an export may leave out."""
+    """Return the add-ons that an export may leave out."""
     from vibrident.export.sensor import not_rational as names
 
     return names()
 
 
 def _with(option: str) -> str:
-    """Export formats that an option concerns."""
+    """Return the export formats that an option concerns."""
     return ", ".join(name for name, form in EXPORTS.all().items() if option in form.options)
 
 
@@ -142,8 +152,8 @@ REGISTERED: Mapping[str, Callable[[], str]] = {
 }
 
 
-def filled(text: str | None) -> str | None:
-    """A help text with the registered names filled in."""
+def fill_in_names(text: str | None) -> str | None:
+    """Return a help text with the registered names filled in."""
     for key, names in REGISTERED.items():
         if text and key in text:
             text = text.replace(key, names())
@@ -151,14 +161,14 @@ def filled(text: str | None) -> str | None:
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
-    """The value, if it is one of those allowed."""
+    """Return the value if it is one of those allowed; else InputError."""
     if value in allowed:
         return value
     raise unknown(f"{value!r} is not a choice of {marked(name)}.", value, allowed, marked(name))
 
 
 def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:
-    """Split names joined by commas; each must be allowed, if ``allowed`` is given."""
+    """Return a function that splits names joined by commas; ``allowed``: the names it accepts."""
 
     def split(text: str | None) -> list[str] | None:
         if text is None:
@@ -166,40 +176,50 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
         parts = [part.strip() for part in text.split(",") if part.strip()]
         if not parts:
             remedy = f"name at least one, or leave {marked(name)} out"
-            raise not_read(name, text, "names joined by commas", remedy)
-        checked = [part if allowed is None else one_of(name, part, _given(allowed)) for part in parts]
+            raise unreadable_error(name, text, "names joined by commas", remedy)
+        checked = [
+            part if allowed is None else one_of(name, part, _names_of(allowed)) for part in parts
+        ]
         return list(dict.fromkeys(checked))
 
     return split
 
 
-def not_read(name: str, text: str, expected: str, remedy: str) -> InputError:
-    """The error of an option whose value cannot be read."""
-    said = marked(name)
-    return InputError(f"{said} cannot be read.", expected=expected, found=repr(text), where=said, remedy=remedy)
+def unreadable_error(name: str, text: str, expected: str, remedy: str) -> InputError:
+    """Return the error of an option whose value cannot be read."""
+    option_name = marked(name)
+    return InputError(
+        f"{option_name} cannot be read.",
+        expected=expected,
+        found=repr(text),
+        where=option_name,
+        remedy=remedy,
+    )
 
 
 def marked(name: str) -> str:
-    """Return an option's name as a marker: a form that runs the command prints the label of its field."""
+    """Return an option's name as a marker, for which the page prints the label of its field."""
     flag, blank, more = name.partition(" ")
     return f"⟦{flag}⟧{blank}{more}" if flag.startswith("--") else name
 
 
-def pairs(name: str, given: Sequence[str], example: str) -> dict[str, str]:
-    """Names and values of ``NAME=VALUE``."""
-    found = {}
-    for text in given:
+def pairs(name: str, texts: Sequence[str], example: str) -> dict[str, str]:
+    """Return the names and values of ``NAME=VALUE``."""
+    values = {}
+    for text in texts:
         key, separator, value = (part.strip() for part in text.partition("="))
         if not (key and separator and value):
-            raise not_read(name, text, f"NAME=VALUE, such as {example}", "write a name, = and a value")
-        found[key] = value
-    return found
+            raise unreadable_error(
+                name, text, f"NAME=VALUE, such as {example}", "write a name, = and a value"
+            )
+        values[key] = value
+    return values
 
 
-def settings(given: Sequence[str]) -> dict[str, Any]:
-    """Settings of ``--set NAME=VALUE``: numbers, true, false, or text."""
-    found: dict[str, Any] = {}
-    for name, text in pairs("--set", given, "limit=2").items():
+def settings(texts: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of ``--set NAME=VALUE``: numbers, true, false, or text."""
+    values: dict[str, Any] = {}
+    for name, text in pairs("--set", texts, "limit=2").items():
         if name in SETTINGS:
             raise InputError(
                 f"The setting {name!r} has an option of its own.",
@@ -209,26 +229,31 @@ def settings(given: Sequence[str]) -> dict[str, Any]:
                 remedy="use that option",
             )
         try:
-            found[name] = json.loads(text)
+            values[name] = json.loads(text)
         except ValueError:
-            found[name] = text
-    return found
+            values[name] = text
+    return values
 
 
 def band(text: str | None) -> tuple[float, float] | None:
-    """``10:1000``, a lower and a higher frequency in Hz."""
+    """Return both ends of ``10:1000``, a lower and a higher frequency in Hz."""
     if text is None:
         return None
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
         expected = "two frequencies in Hz, a lower and a higher one, such as 10:1000"
-        raise not_read("--band", text, expected, "write LOW:HIGH, numbers with a point, without units") from None
+        raise unreadable_error(
+            "--band", text, expected, "write LOW:HIGH, numbers with a point, without units"
+        ) from None
     return low, high
 
 
 def frequencies(text: str | None) -> list[float] | None:
-    """``10:1000``, the exact one-third-octave frequencies in that range, or a list such as ``10,20,50``; in Hz."""
+    """Return frequencies in Hz from a list such as ``10,20,50`` or a range such as ``10:1000``.
+
+    A range stands for the exact one-third-octave frequencies in it.
+    """
     if text is None:
         return None
     separator = ":" if ":" in text else ","
@@ -238,7 +263,9 @@ def frequencies(text: str | None) -> list[float] | None:
         numbers = []
     if not numbers or (separator == ":" and len(numbers) != 2):
         expected = "a range of one-third octaves such as 10:1000, or a list such as 10,20,50; in Hz"
-        raise not_read("--frequencies", text, expected, "write numbers with a point, without units")
+        raise unreadable_error(
+            "--frequencies", text, expected, "write numbers with a point, without units"
+        )
     if separator == ",":
         return numbers
     from vibrident.physics.simulation import one_third_octave

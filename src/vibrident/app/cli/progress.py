@@ -1,4 +1,4 @@
-"""A progress bar on stderr for steps longer than a second, if stderr is a terminal."""
+"""Show a progress bar on stderr for steps longer than a second, if stderr is a terminal."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import threading
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from vibrident.app.cli.console import err, note
+from vibrident.app.cli.console import error_console, note
 from vibrident.app.workflow.interruption import tidied_up
-from vibrident.app.workflow.made import Teller
+from vibrident.app.workflow.made import ProgressReporter
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 
-class Busy(Teller):
-    """Shows the current step, and an optimiser's progress when called with it."""
+class ProgressBar(ProgressReporter):
+    """Show the current step, and an optimiser's progress when called with it."""
 
     def __init__(self, what: str) -> None:
         self._what = what
@@ -27,13 +27,18 @@ class Busy(Teller):
         self._timer: threading.Timer | None = None
         self._open = contextlib.ExitStack()
 
-    def __enter__(self) -> Busy:
-        console = err()
+    def __enter__(self) -> ProgressBar:
+        console = error_console()
         if not console.is_terminal or console.is_dumb_terminal:
             return self
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(24), TimeElapsedColumn())
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(24),
+            TimeElapsedColumn(),
+        )
         self._bar = Progress(*columns, console=console, transient=True)
         self._task = self._bar.add_task(self._what, total=None)
         self._timer = threading.Timer(1.0, self._show)
@@ -43,28 +48,37 @@ class Busy(Teller):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._timer is not None:
             self._timer.cancel()
         with self._lock:
-            bar, self._bar = self._bar, None
+            bar = self._bar
+            self._bar = None
             if bar is not None and bar.live.is_started:
                 bar.stop()
         self._open.close()
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
         """Show an optimiser's progress; see ``vibrident.fit.optimise.Progress``."""
-        self.share(f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}", iteration, most)
+        self.share(
+            f"{self._what}: iteration {iteration} of at most {most}, cost {cost:.4g}",
+            iteration,
+            most,
+        )
 
     @property
     def shown(self) -> bool:
-        """Whether stderr is a terminal."""
+        """Return whether stderr is a terminal."""
         return self._bar is not None
 
     def share(self, words: str, done: int, most: int) -> None:
         """Show a text and the part done."""
-        bar, task = self._bar, self._task
+        bar = self._bar
+        task = self._task
         if bar is not None and task is not None:
             bar.update(task, description=words, completed=done, total=most)
 
@@ -85,4 +99,5 @@ class Busy(Teller):
 
     def _restore(self) -> None:
         if self._bar is not None and self._bar.live.is_started:
-            os.write(2, b"\r\x1b[2K\x1b[?25h")  # clears the line and shows the cursor, which the bar hides
+            # clears the line and shows the cursor, which the bar hides
+            os.write(2, b"\r\x1b[2K\x1b[?25h")

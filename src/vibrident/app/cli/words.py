@@ -1,4 +1,4 @@
-"""The command line's words for the settings that messages name: the options of its commands."""
+"""Name the settings of messages by the options of the command line."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def shell_word(root: Any, running: str | None = None) -> Word:
 
 
 def _flags(root: Any, names: list[str], keyword: str) -> Iterator[str]:
-    """Options for a keyword, by the name of a command's parameter or by their own."""
-    own = f"--{_UNIT.sub('', keyword).replace('_', '-')}"
+    """Yield the options for a keyword, by the name of a command's parameter or by their own."""
+    flag_of_keyword = f"--{_UNIT.sub('', keyword).replace('_', '-')}"
     for name in names:
         command = root.commands.get(name)
         for each in getattr(command, "commands", {"": command}).values():
             for parameter in getattr(each, "params", ()):
                 flags = [*parameter.opts, *parameter.secondary_opts]
-                if own in flags:
-                    yield own
+                if flag_of_keyword in flags:
+                    yield flag_of_keyword
                 elif parameter.name == keyword and flags[0].startswith("--"):
                     yield flags[0]

@@ -1,4 +1,4 @@
-"""Drafts and certificates of the store, for the page; each function runs in a process of its own."""
+"""Read and change drafts and certificates of the store; each function runs in its own process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vibrident.lab.issue.keys import load_key
 from vibrident.result import Result
 from vibrident.show.issue import issued
 
-MOST_SHOWN = 30  # newest drafts on the page; the others are listed by the command line
+MAX_DRAFTS_SHOWN = 30  # newest drafts on the page; the others are listed by the command line
 #: Form of a document → ending of its file and field of what was issued.
 FORMS = {
     "pdf": (".pdf", "pdf"),
@@ -24,16 +24,16 @@ FORMS = {
 }
 
 
-def shown(store: str) -> list[dict[str, Any]]:
+def list_drafts(store: str) -> list[dict[str, Any]]:
     """Return the newest drafts, each with its fields; none where there is no store yet."""
     with Store(store) as opened:
         if opened.revision() is None:
             return []
-        known = drafts.drafts(opened)[:MOST_SHOWN]
+        known = drafts.drafts(opened)[:MAX_DRAFTS_SHOWN]
     return [{**vars(each), "date": None if each.date is None else str(each.date)} for each in known]
 
 
-def handed_in(path: Path, store: str, stated: CertificateData, by: str) -> int:
+def hand_in_draft(path: Path, store: str, stated: CertificateData, by: str) -> int:
     """Return the number of a new draft of a result, with what is stated for its certificate."""
     _without_network()
     result, issue = issued(Result.load(path), stated)
@@ -41,20 +41,20 @@ def handed_in(path: Path, store: str, stated: CertificateData, by: str) -> int:
         return drafts.hand_in(opened, result, issue, by=by)
 
 
-def reviewed(store: str, draft_id: int, by: str, accepted: bool, note: str) -> None:
+def review_draft(store: str, draft_id: int, by: str, accepted: bool, note: str) -> None:
     """Record the review of an account."""
     with Store(store) as opened:
         drafts.review_draft(opened, draft_id, accepted=accepted, by=by, note=note)
 
 
-def certified(store: str, draft_id: int, by: str, key: Path, phrase: str) -> str:
+def issue_certificate(store: str, draft_id: int, by: str, key: Path, phrase: str) -> str:
     """Return the number of the certificate that a reviewed draft has become."""
     _without_network()
     with Store(store) as opened:
         return issuing.issue_draft(opened, draft_id, load_key(key, phrase), by=by)[0].number
 
 
-def document(store: str, draft_id: int, form: str) -> tuple[bytes, str]:
+def read_document(store: str, draft_id: int, form: str) -> tuple[bytes, str]:
     """Return a document of a certificate, or the PDF of a draft, and the name of its file."""
     _without_network()
     with Store(store) as opened:

@@ -1,4 +1,4 @@
-"""Last step: results side by side, of this page and uploaded ones."""
+"""Build the last step: results side by side, of this page and uploaded ones."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from pathlib import Path
 
 from nicegui import ui
 
-from vibrident.app.web import frame, looks
+from vibrident.app.web import frame, sandboxed
 from vibrident.app.web.language import say, spoken
-from vibrident.app.web.outcome import give
-from vibrident.app.web.users import User
+from vibrident.app.web.outcome import offer_download
+from vibrident.app.web.user import User
 from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
 
 class CompareStep:
-    """Several results."""
+    """The section that compares several results."""
 
     def __init__(self, user: User) -> None:
         self.user = user
@@ -24,7 +24,7 @@ class CompareStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
-        self.section = frame.step(say("Compare"), "compare")
+        self.section = frame.add_step(say("Compare"), "compare")
         with self.section:
             self.choice = ui.select([], label=say("Results"), multiple=True)
             self.choice.props("dense outlined stack-label use-chips").classes("w-full")
@@ -50,7 +50,9 @@ class CompareStep:
         self.body.clear()
         if len(paths) < 2:
             return
-        shown = await frame.looked(self.user, self.body, looks.comparison, paths, names, spoken().code)
+        shown = await frame.run_sandboxed(
+            self.user, self.body, sandboxed.compare_results, paths, names, spoken().code
+        )
         if shown is None or turn != self.turn or self.body.is_deleted:
             return
         with self.body:
@@ -59,11 +61,24 @@ class CompareStep:
             for title, table in shown["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with ui.element("div").classes("actions"):
-                ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props("outline")
-                ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props("outline")
+                ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props(
+                    "outline"
+                )
+                ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props(
+                    "outline"
+                )
             self.errors = ui.element("div").props("aria-live=assertive")
 
     async def _report(self, form: str) -> None:
         self.errors.clear()
         paths, names = self._chosen()
-        await give(self.user, self.errors, FILE_NAMES[form][1], looks.report, paths, form, names, CertificateData())
+        await offer_download(
+            self.user,
+            self.errors,
+            FILE_NAMES[form][1],
+            sandboxed.write_report,
+            paths,
+            form,
+            names,
+            CertificateData(),
+        )

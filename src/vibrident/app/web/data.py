@@ -1,4 +1,4 @@
-"""First step: files by drop, by choice, as a folder, or from the simulated demo."""
+"""Build the first step: files by drop, by choice, as a folder, or from an example."""
 
 from __future__ import annotations
 
@@ -13,47 +13,69 @@ from nicegui import events, ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.language import say, say_count
-from vibrident.app.web.looks import facts
-from vibrident.app.web.session import KNOWN, MEGABYTE, MOST_FILES, safe_name, too_large
-from vibrident.app.web.users import User
+from vibrident.app.web.sandboxed import model_and_estimator
+from vibrident.app.web.session import (
+    ACCEPTED_ENDINGS,
+    MAX_FILES,
+    MEGABYTE,
+    safe_name,
+    too_large_error,
+)
+from vibrident.app.web.user import User
 from vibrident.app.web.worker import simulate_demo
 from vibrident.base.errors import InputError
 from vibrident.data.io.reader import unknown_format
 from vibrident.show import views
 
-_MOST_NAMED = 40  # most files listed one by one, each with a button to remove it
-_MOST_TOLD = 1000  # most omitted files whose names the browser reports
+_MAX_LISTED_FILES = 40  # most files listed one by one, each with a button to remove it
+_MAX_REPORTED_FILES = 1000  # most omitted files whose names the browser reports
 _UNKNOWN = "Not a supported kind of file ({kinds})"
 #: Files of unknown format are not sent; the browser reports their names.
-_FILTER = f"files => files.filter(f => {json.dumps(KNOWN)}.some(e => f.name.toLowerCase().endsWith(e)))"
-_TOLD = f"rejected => emit(rejected.slice(0, {_MOST_TOLD}).map(r => [r.failedPropValidation, r.file.name]))"
+_FILTER = (
+    f"files => files.filter(f => {json.dumps(ACCEPTED_ENDINGS)}.some(e => "
+    "f.name.toLowerCase().endsWith(e)))"
+)
+_ON_REJECTED = (
+    f"rejected => emit(rejected.slice(0, {_MAX_REPORTED_FILES}).map(r => [r.failedPropValidation, "
+    "r.file.name]))"
+)
 
 
 class DataStep:
-    """Files into the user's folder."""
+    """The section that takes files into the user's folder."""
 
     def __init__(self, user: User) -> None:
         self.user = user
         self.not_sent: dict[str, list[str]] = {}
 
-    def build(self, on_data: Callable[[], Awaitable[Any]], on_result: Callable[[], Awaitable[Any]]) -> None:
-        """Build the section; ``on_data`` is called after files have arrived, ``on_result`` after an earlier result."""
-        self.on_data, self.on_result = on_data, on_result
+    def build(
+        self, on_data: Callable[[], Awaitable[Any]], on_result: Callable[[], Awaitable[Any]]
+    ) -> None:
+        """Build the section.
+
+        ``on_data`` is called after files have arrived, ``on_result`` after an earlier result has.
+        """
+        self.on_data = on_data
+        self.on_result = on_result
         limit_mb = self.user.session.limit_mb
-        with frame.step(say("Data"), "data"):
+        with frame.add_step(say("Data"), "data"):
             ui.label(
                 say(
-                    "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or several, or one table "
-                    "of magnitude and phase; with a calibration file, if you have one. Earlier results can be compared."
+                    "Records of a calibration (CSV, HDF5, MATLAB, WAV, …), one file a record or "
+                    "several, or one table of magnitude and phase; with a calibration file, if you "
+                    "have one. Earlier results can be compared."
                 )
             ).classes("hint")
             self.upload = (
                 ui.upload(
                     multiple=True,
                     auto_upload=True,
-                    label=say("Drop files or a folder here, or press + (at most {limit} MB)", limit=f"{limit_mb:g}"),
+                    label=say(
+                        "Drop files or a folder here, or press + (at most {limit} MB)",
+                        limit=f"{limit_mb:g}",
+                    ),
                     max_total_size=int(limit_mb * MEGABYTE),
-                    max_files=MOST_FILES,
+                    max_files=MAX_FILES,
                     on_multi_upload=self._arrived,
                 )
                 .classes("uploader")
@@ -61,12 +83,14 @@ class DataStep:
             )
             self.upload.props[":filter"] = _FILTER
             self.upload.on("start", lambda: self.errors.clear(), args=[])
-            self.upload.on("rejected", self._rejected, js_handler=_TOLD)
+            self.upload.on("rejected", self._rejected, js_handler=_ON_REJECTED)
             self.upload.on("failed", self._failed, args=[])
             self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
             with ui.element("div").classes("actions"):
                 ui.button(say("Choose a folder")).props("outline id=choose-folder")
-                self.demo_button = ui.button(say("Load the simulated demo"), on_click=self._demo).props("outline")
+                self.demo_button = ui.button(
+                    say("Load the simulated demo"), on_click=self._demo
+                ).props("outline")
                 ui.button(say("Start anew"), on_click=self._ask_anew).props("flat")
             self.errors = ui.element("div").props("aria-live=assertive")
             self.left = ui.element("div").props("aria-live=polite")
@@ -83,11 +107,11 @@ class DataStep:
         self.upload.client.run_javascript(f"vibrident.hold({str(not self.user.empty).lower()})")
 
     def _rejected(self, event: events.GenericEventArguments) -> None:
-        """Files that the browser did not send."""
-        told = [(str(why), safe_name(str(name))) for why, name in event.args]
-        unknown = [name for why, name in told if why == "filter"]
-        large = [name for why, name in told if why != "filter"]
-        if len(told) == 1 and unknown:
+        """Report the files that the browser did not send."""
+        rejected = [(str(why), safe_name(str(name))) for why, name in event.args]
+        unknown = [name for why, name in rejected if why == "filter"]
+        large = [name for why, name in rejected if why != "filter"]
+        if len(rejected) == 1 and unknown:
             frame.show_error(self.errors, unknown_format(Path(unknown[0]).suffix, unknown[0]))
             return
         self.not_sent = {self._unknown(): unknown, self._large(): large}
@@ -108,22 +132,31 @@ class DataStep:
         )
 
     def _unknown(self) -> str:
-        return say(_UNKNOWN, kinds=", ".join(KNOWN))
+        return say(_UNKNOWN, kinds=", ".join(ACCEPTED_ENDINGS))
 
     def _large(self) -> str:
         limit = f"{self.user.session.limit_mb:g}"
-        return say("Beyond the limit of {limit} MB and {number} files in all", limit=limit, number=MOST_FILES)
+        return say(
+            "Beyond the limit of {limit} MB and {number} files in all",
+            limit=limit,
+            number=MAX_FILES,
+        )
 
     async def _arrived(self, event: events.MultiUploadEventArguments) -> None:
-        session, came, results = self.user.session, [], False
+        session = self.user.session
+        came = []
+        results = False
         alone = len(event.files) == 1
-        known = {unknown_format("", "").problem: self._unknown(), too_large(1.0).problem: self._large()}
+        known = {
+            unknown_format("", "").problem: self._unknown(),
+            too_large_error(1.0).problem: self._large(),
+        }
         left_out: dict[str, list[str]] = {}
         for file in event.files:
             try:
                 if not file.name.lower().endswith(".json"):
                     self.user.require("identify", "upload data")
-                place = session.place_for(file.name, file.size())
+                place = session.reserve_path(file.name, file.size())
                 try:
                     await file.save(place)
                 except BaseException:
@@ -133,8 +166,8 @@ class DataStep:
                     came.append(place.name)
                     continue
                 try:  # an earlier result, checked in a separate process
-                    await self.user.look(facts, place)
-                    self.user.keep(place.stem, place)
+                    await self.user.run_sandboxed(model_and_estimator, place)
+                    self.user.keep_result(place.stem, place)
                 finally:
                     session.remove(place.name)
                 results = True
@@ -158,7 +191,9 @@ class DataStep:
 
     def _left_out(self, left_out: dict[str, list[str]]) -> None:
         self.left.clear()
-        frame.show_left_out(self.left, {reason: names for reason, names in left_out.items() if names})
+        frame.show_left_out(
+            self.left, {reason: names for reason, names in left_out.items() if names}
+        )
 
     async def _demo(self) -> None:
         """Replace the data by the simulated demo."""
@@ -207,8 +242,12 @@ class DataStep:
         results = say_count(len(self.user.results), "{count} result", "{count} results")
         with ui.dialog() as dialog, ui.card().props("role=alertdialog") as card:
             card.props["aria-label"] = say("Start anew")
-            asked = say("Remove {files}, the form and {results} from the page?", files=files, results=results)
-            ui.label(asked).classes("problem")
+            question = say(
+                "Remove {files}, the form and {results} from the page?",
+                files=files,
+                results=results,
+            )
+            ui.label(question).classes("problem")
             with ui.element("div").classes("actions"):
                 remove = ui.button(say("Remove all"), on_click=lambda: dialog.submit(True))
                 remove.props("color=negative")
@@ -231,8 +270,8 @@ class DataStep:
         names = self.user.session.names
         number = say_count(len(names), "{count} file", "{count} files")
         self.named.clear()
-        if len(names) > views.listed(len(names), _MOST_NAMED):
-            self.listing.text = f"{number}: {frame.listed(names)}"
+        if len(names) > views.listed(len(names), _MAX_LISTED_FILES):
+            self.listing.text = f"{number}: {frame.list_names(names)}"
         else:
             self.listing.text = f"{number}:" if names else say("No data yet.")
             with self.named:
@@ -240,5 +279,7 @@ class DataStep:
                     with ui.element("span").classes("file").props("role=listitem"):
                         ui.label(name)
                         button = ui.button(icon="close", on_click=partial(self._remove, name))
-                        button.props("flat round size=xs").props["aria-label"] = say("remove {thing}", thing=name)
+                        button.props("flat round size=xs").props["aria-label"] = say(
+                            "remove {thing}", thing=name
+                        )
         self.hold()

@@ -1,4 +1,4 @@
-"""Third step: the estimator, and the identification with its progress and training curve."""
+"""Build the third step: the estimator, and the identification with its progress and cost curve."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.description import calibration_text
-from vibrident.app.web.held import Choices, Confirmed, Job
 from vibrident.app.web.language import phrase, say, spoken
-from vibrident.app.web.looks import calibration
+from vibrident.app.web.sandboxed import read_calibration_text
+from vibrident.app.web.state import Choices, ConfirmedCalibration, Job
 from vibrident.app.web.translated import charts
-from vibrident.app.web.users import User
+from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
-from vibrident.app.web.worker import Stopped
+from vibrident.app.web.worker import StoppedError
 from vibrident.app.workflow.estimators import AUTO, DISCRETISATIONS, UNCERTAINTIES, estimators_with
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.show import axes
 from vibrident.show.views import BLUE, ORANGE, Figure, Look, Panel, Series, Stack
 
 _PACE_S = 0.25  # seconds between two updates from the identification
-HEIGHT = 230  # height of the curve in pixels
+CURVE_HEIGHT_PX = 230  # height of the curve in pixels
 #: What the uncertainties cover, in words.
 _COVERS = {
     "auto": phrase("auto: the noise, and a misfit where there is one"),
     "noise": phrase("noise: the noise alone"),
     "inflated": phrase("inflated: the misfit always"),
 }
-_MOST_DRAWN = 2000  # most iterations drawn, of all starts together
+_MAX_DRAWN_ITERATIONS = 2000  # most iterations drawn, of all starts together
 
 
 class FitStep:
-    """From the confirmed calibration file to a result."""
+    """The section from the confirmed calibration file to a result."""
 
     def __init__(self, user: User) -> None:
         self.user = user
@@ -44,13 +44,16 @@ class FitStep:
     def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
         """Build the section, hidden until the columns are confirmed."""
         self.on_result = on_result
-        self.section = frame.step(say("Identify"), "identify")
+        self.section = frame.add_step(say("Identify"), "identify")
         with self.section:
             with ui.expansion(say("The calibration file: as confirmed above")).classes("w-full"):
                 self.text = frame.Text("calibration-text", say("Calibration file"))
             stepping = estimators_with("discretisation")
             with ui.element("div").classes("fields wide"):
-                known = {name: f"{name}: {say(one.title)}" for name, one in ESTIMATORS.all().items()}
+                known = {
+                    name: f"{name}: {say(estimator.title)}"
+                    for name, estimator in ESTIMATORS.all().items()
+                }
                 self.estimator = ui.select(
                     {AUTO: say("{name}: chosen by the data", name=AUTO), **known},
                     value=AUTO,
@@ -62,36 +65,42 @@ class FitStep:
                     label=f"{say(LABELS['identify.discretisation'])} ({', '.join(stepping)})",
                 )
                 covers = {name: say(_COVERS[name]) for name in UNCERTAINTIES}
-                self.uncertainty = ui.select(covers, value="auto", label=say(LABELS["identify.uncertainty"]))
+                self.uncertainty = ui.select(
+                    covers, value="auto", label=say(LABELS["identify.uncertainty"])
+                )
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
             self.discretisation.visible = False
-            self.estimator.on_value_change(lambda event: self.discretisation.set_visibility(event.value in stepping))
+            self.estimator.on_value_change(
+                lambda event: self.discretisation.set_visibility(event.value in stepping)
+            )
             with ui.element("div").classes("actions"):
                 self.start = ui.button(say("Identify"), on_click=self._identify).props("id=start")
-                self.stop = ui.button(say("Cancel"), on_click=self.user.worker.cancel).props("outline color=negative")
+                self.stop = ui.button(say("Cancel"), on_click=self.user.worker.cancel).props(
+                    "outline color=negative"
+                )
                 self.spinner = ui.spinner(size="28px")
                 self.status = ui.label("").props("role=status id=status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props("id=share").props["aria-label"] = say("share of the iterations")
             self.errors = ui.element("div").props("aria-live=assertive")
-            self.curve = frame.GrowingChart(ui.element("div").classes("chart"), HEIGHT)
+            self.curve = frame.GrowingChart(ui.element("div").classes("chart"), CURVE_HEIGHT_PX)
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
         self.stop.visible = self.spinner.visible = self.section.visible = self.share.visible = False
 
-    def doubt(self) -> None:
-        """The confirmation no longer holds; a running identification continues with its copy of the data."""
+    def withdraw_confirmation(self) -> None:
+        """Withdraw the confirmation; a running identification goes on with its copy of the data."""
         self.user.confirmed = None
         self.user.changed()
         self._renew()
 
-    async def show(self, confirmed: Confirmed) -> None:
+    async def show(self, confirmed: ConfirmedCalibration) -> None:
         """Offer to identify with this calibration file."""
         self.user.confirmed = confirmed
         self.user.changed()
         self.errors.clear()
         await self._read()
-        frame.go(self.section)
+        frame.scroll_to(self.section)
 
     async def restore(self) -> None:
         """Show the confirmed file and the running identification again."""
@@ -109,7 +118,7 @@ class FitStep:
             return
         self.errors.clear()
         try:
-            self.text.show(calibration_text(self.user.form.given, self.user.session.files))
+            self.text.show(calibration_text(self.user.form.description, self.user.session.files))
         except Exception as error:
             frame.show_error(self.errors, error, self.user.session)
             self.start.disable()
@@ -117,12 +126,15 @@ class FitStep:
         self._renew()
 
     async def _read(self) -> None:
-        confirmed, session = self.user.confirmed, self.user.session
+        confirmed = self.user.confirmed
+        session = self.user.session
         assert confirmed is not None
         if confirmed.from_form:
             self.refresh()
             return
-        text = await frame.looked(self.user, self.errors, calibration, session.data, confirmed.name)
+        text = await frame.run_sandboxed(
+            self.user, self.errors, read_calibration_text, session.data, confirmed.name
+        )
         if text is None:
             self.user.confirmed = None
         else:
@@ -131,21 +143,23 @@ class FitStep:
 
     def _renew(self) -> None:
         """Update enabled buttons and visible parts."""
-        busy, confirmed = self.user.busy, self.user.confirmed is not None
+        busy = self.user.busy
+        confirmed = self.user.confirmed is not None
         broken_off = self.user.running is not None  # which can be repeated
         self.section.visible = confirmed or busy or broken_off
         self.start.set_enabled(confirmed and not busy)
         self.stop.visible = self.spinner.visible = busy
 
     async def _repeat(self, choices: Choices) -> None:
-        """Identify again as it was asked for, whatever the form has been set to since."""
+        """Identify again with the earlier choices, whatever the form has been set to since."""
         self.estimator.value = choices.estimator
         self.discretisation.value = choices.discretisation
         self.uncertainty.value = choices.uncertainty
         self._begin(lambda: self.user.start(choices, again=True))
 
     async def _identify(self) -> None:
-        user, confirmed = self.user, self.user.confirmed
+        user = self.user
+        confirmed = self.user.confirmed
         if confirmed is None:
             return
         wanted = (self.estimator.value, self.discretisation.value, self.uncertainty.value)
@@ -196,7 +210,7 @@ class FitStep:
         if job.error is None:
             return
         frame.show_error(self.errors, job.error, self.user.session)
-        if isinstance(job.error, Stopped) and job.choices and not self.errors.is_deleted:
+        if isinstance(job.error, StoppedError) and job.choices and not self.errors.is_deleted:
             with self.errors:
                 broken_off = say("Broken off: {what}", what=job.choices.command)
                 ui.label(broken_off).classes("hint").props("id=broken-off")
@@ -206,18 +220,30 @@ class FitStep:
 
 def _curve(starts: list[list[float]]) -> dict[str, Any]:
     """Return the chart of the cost over the iterations, a line for each start."""
-    left, series = _MOST_DRAWN, []
+    remaining = _MAX_DRAWN_ITERATIONS
+    series = []
     for number, costs in reversed(list(enumerate(starts, 1))):
-        points = [(i, cost) for i, cost in enumerate(costs, 1) if np.isfinite(cost) and cost > 0][-max(left, 1) :]
-        left -= len(points)
+        points = [(i, cost) for i, cost in enumerate(costs, 1) if np.isfinite(cost) and cost > 0][
+            -max(remaining, 1) :
+        ]
+        remaining -= len(points)
         x, y = np.array(points, dtype=float).reshape(-1, 2).T
         look = Look(BLUE if number == len(starts) else ORANGE, marker="o")
-        series.append(Series(x, y, phrase("start {number}", number=number) if 1 < len(starts) <= 8 else "", look))
-        if left <= 0:
+        series.append(
+            Series(
+                x, y, phrase("start {number}", number=number) if 1 < len(starts) <= 8 else "", look
+            )
+        )
+        if remaining <= 0:
             break
     x_axis = axes.linear(
-        phrase("Iteration"), np.concatenate([[0.0, 2.0], *(one.x for one in series)]), whole=True, most=8
+        phrase("Iteration"),
+        np.concatenate([[0.0, 2.0], *(line.x for line in series)]),
+        whole_numbers=True,
+        most=8,
     )
-    y_axis = axes.size(phrase("Cost"), np.concatenate([one.y for one in series]))
-    ((_, chart),) = charts(spoken(), Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),)))
+    y_axis = axes.size(phrase("Cost"), np.concatenate([line.y for line in series]))
+    ((_, chart),) = charts(
+        spoken(), Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),))
+    )
     return chart

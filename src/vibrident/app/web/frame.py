@@ -1,4 +1,4 @@
-"""Shared by the steps of the page: the frame of a section, boxes of errors and notes, untrusted text, charts."""
+"""Build what the steps of the page share: sections, error boxes, notes, untrusted text, charts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nicegui import ui
 
 from vibrident.app.web.language import say, say_count
 from vibrident.app.web.session import Session
-from vibrident.app.web.users import User
+from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS, page_word
 from vibrident.base.errors import InputError, VibridentError
 from vibrident.base.escaping import html
@@ -22,14 +22,17 @@ from vibrident.show import views
 
 _PLOTLY = ui.plotly  # naming it makes its library available to the browser
 _LOG = logging.getLogger("vibrident.app.web")
-_LONGEST = 20_000  # most characters of an unexpected error in the log
-_MOST_NAMES = 12  # most names in a list; the rest is counted
+_MAX_LOGGED_CHARACTERS = 20_000  # most characters of an unexpected error in the log
+_MAX_LISTED_NAMES = 12  # most names in a list; the rest is counted
 
 
 def show_error(
-    place: ui.element, error: BaseException, session: Session | None = None, labels: Mapping[str, str] = LABELS
+    place: ui.element,
+    error: BaseException,
+    session: Session | None = None,
+    labels: Mapping[str, str] = LABELS,
 ) -> None:
-    """Show an error in a box, with the labels of the form for its settings; for unexpected ones, the number in the log.
+    """Show an error in a box, in the words of the form; for unexpected ones, the number in the log.
 
     ``labels``: by setting, or by option of a command.
     """
@@ -50,68 +53,84 @@ def show_error(
 
 
 def _spoken_as_is(text: str) -> ui.label:
-    """Show a text of the engine: in English, and marked so for a screen reader, where no catalogue has it."""
+    """Show a text of the engine, marked as English where no catalogue translates it."""
     known = say(text)
     return ui.label(known).props("lang=en" if known == text else "")
 
 
-async def looked(user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any) -> Any:
-    """What a function of ``looks`` returns; None if it failed, and its error is shown."""
+async def run_sandboxed(
+    user: User, errors: ui.element, function: Callable[..., Any], *args: Any, **limits: Any
+) -> Any:
+    """Return what a function of ``sandboxed`` returns; None after showing its error."""
     try:
-        return await user.look(function, *args, **limits)
+        return await user.run_sandboxed(function, *args, **limits)
     except Exception as error:
         show_error(errors, error, user.session)
         return None
 
 
 def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
-    """Omitted files, by reason."""
+    """Show the omitted files, by reason."""
     if place.is_deleted or not left_out:
         return
     number = sum(map(len, left_out.values()))
     with place, ui.element("div").classes("warning").props('role=alert id="left-out"'):
-        one, several = "{count} file was left out; the rest is here.", "{count} files were left out; the rest is here."
-        ui.label(say_count(number, one, several)).classes("problem")
+        singular = "{count} file was left out; the rest is here."
+        plural = "{count} files were left out; the rest is here."
+        ui.label(say_count(number, singular, plural)).classes("problem")
         for reason, names in left_out.items():
-            ui.label(f"{say(reason)}: {listed(names)}")
+            ui.label(f"{say(reason)}: {list_names(names)}")
 
 
 def show_faults(place: ui.element, errors: Sequence[InputError], session: Session) -> None:
-    """What is wrong in the files, each once with the places where it is."""
+    """Show what is wrong in the files, each problem once with its places."""
     places: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
-        places.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(error.where)
+        places.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(
+            error.where
+        )
     with place, ui.element("div").classes("warning").props("role=alert"):
-        one = "To mend before you identify, in {count} file:"
-        several = "To mend before you identify, in {count} files:"
-        ui.label(say_count(len(errors), one, several)).classes("problem")
+        singular = "To mend before you identify, in {count} file:"
+        plural = "To mend before you identify, in {count} files:"
+        ui.label(say_count(len(errors), singular, plural)).classes("problem")
         for problem, where in places.items():
-            ui.label(f"{problem}: {listed(where)}")
+            ui.label(f"{problem}: {list_names(where)}")
 
 
-def listed(names: Sequence[str]) -> str:
-    """Some names, and the number of the others."""
-    kept = views.listed(len(names), _MOST_NAMES)
-    first = ", ".join(names[:kept])
-    return say("{names} and {number} more", names=first, number=len(names) - kept) if len(names) > kept else first
+def list_names(names: Sequence[str]) -> str:
+    """Return the first names as a list, and the number of the others."""
+    count = views.listed(len(names), _MAX_LISTED_NAMES)
+    first = ", ".join(names[:count])
+    return (
+        say("{names} and {number} more", names=first, number=len(names) - count)
+        if len(names) > count
+        else first
+    )
 
 
-def step(title: str, name: str, mark: str = "") -> ui.element:
-    """A section of the page with its heading; its number is its place among those that are shown, or ``mark``.
+def add_step(title: str, name: str, mark: str = "") -> ui.element:
+    """Add a section of the page with its heading.
 
-    ``title``: in the page's language, as all words that are given to this module's functions.
+    Its number is its place among the shown sections, or ``mark``. ``title``: in the page's
+    language, as all words that are given to this module's functions.
     """
-    section = ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
+    section = (
+        ui.element("section").classes("step").props(f'aria-labelledby="{name}-title" id="{name}"')
+    )
     with section:
         ui.html(
-            f'<h2 id="{name}-title" tabindex="-1"><span aria-hidden="true">{mark}</span>{html(title)}</h2>',
+            f'<h2 id="{name}-title" tabindex="-1"><span '
+            f'aria-hidden="true">{mark}</span>{html(title)}</h2>',
             sanitize=False,
         )
     return section
 
 
-def group(title: str, heading: int = 3) -> ui.element:
-    """A group of fields, below a heading of this level; 0 for a group that has its name for a screen reader alone."""
+def add_group(title: str, heading: int = 3) -> ui.element:
+    """Add a group of fields below a heading of this level.
+
+    ``heading``: 0 for a group that has its name for a screen reader alone.
+    """
     if heading:
         ui.html(f"<h{heading}>{html(title)}</h{heading}>", sanitize=False)
     place = ui.element("div").classes("fields w-full").props("role=group")
@@ -119,7 +138,7 @@ def group(title: str, heading: int = 3) -> ui.element:
     return place
 
 
-def go(section: ui.element) -> None:
+def scroll_to(section: ui.element) -> None:
     """Scroll to a step and focus its heading."""
     section.client.run_javascript(f"vibrident.go('{section.props['id']}')")
 
@@ -131,20 +150,24 @@ class Text:
         with ui.element("div").classes("code w-full").props(f"id={name}"):
             self._label = ui.label(text).classes("plain").props("tabindex=0 role=region")
             self._label.props["aria-label"] = title
-            copy = f"() => navigator.clipboard.writeText(document.querySelector('#{name} .plain').textContent)"
+            copy = (
+                f"() => navigator.clipboard.writeText(document.querySelector('#{name} "
+                ".plain').textContent)"
+            )
             button = ui.button(icon="content_copy").props("round flat size=sm").classes("copy")
             button.props["aria-label"] = say("Copy")
             button.on("click", js_handler=copy)
 
     def show(self, text: str) -> None:
-        """Another text."""
+        """Show another text."""
         self._label.text = text
 
 
 class Chart:
     """A chart from its JSON, which is passed to the browser unread.
 
-    NiceGUI's own element would copy every number several times, and asks plotly to fit charts that are hidden or gone.
+    NiceGUI's own element would copy every number several times, and asks plotly to fit charts that
+    are hidden or gone.
     """
 
     def __init__(self, figure: bytes, height: int) -> None:
@@ -153,13 +176,13 @@ class Chart:
         self.show(figure)
 
     def show(self, figure: bytes) -> None:
-        """Draw, or draw anew."""
+        """Draw the chart, or draw it anew."""
         text = json.dumps(figure.decode())
         self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
 
 
 class GrowingChart:
-    """A chart that is made with its first points and drawn anew as they grow; so far none."""
+    """A chart that is made with its first points and drawn anew as they grow."""
 
     def __init__(self, place: ui.element, height: int) -> None:
         self.place = place
@@ -174,7 +197,10 @@ class GrowingChart:
         return grows
 
     def show(self, figure: dict[str, Any]) -> None:
-        """Draw, or draw anew: plotly draws nothing in a hidden element, so none is made before."""
+        """Draw the chart, or draw it anew.
+
+        Plotly draws nothing in a hidden element, so none is made before.
+        """
         drawn = json.dumps(figure).encode()
         if self.chart is None:
             with self.place:
@@ -189,23 +215,33 @@ class GrowingChart:
         self.points = 0
 
 
-def _for_page(error: InputError, session: Session | None, labels: Mapping[str, str] = LABELS) -> InputError:
+def _for_page(
+    error: InputError, session: Session | None, labels: Mapping[str, str] = LABELS
+) -> InputError:
     """Return the error in the words of the page, without the server's folders."""
-    said = error.in_words(page_word(labels))
-    return session.local(said) if session else said
+    error_on_page = error.in_words(page_word(labels))
+    return session.with_local_paths(error_on_page) if session else error_on_page
 
 
 def _error_to_show(error: BaseException) -> VibridentError:
-    """The error to show: vibrident's own unchanged; anything else goes to the log, with a number."""
+    """Return vibrident's own errors unchanged; log others, and return their number in the log."""
     if isinstance(error, VibridentError):
         return error
     number = secrets.token_hex(4)
-    text = str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
-    lines = ("".join(c if c.isprintable() else " " for c in line) for line in text[-_LONGEST:].splitlines())
-    _LOG.error("something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines))
+    text = (
+        str(error) if isinstance(error, WorkerError) else "".join(traceback.format_exception(error))
+    )
+    lines = (
+        "".join(c if c.isprintable() else " " for c in line)
+        for line in text[-_MAX_LOGGED_CHARACTERS:].splitlines()
+    )
+    _LOG.error(
+        "something went wrong, %s\n%s", number, "\n".join(f"{number}  {line}" for line in lines)
+    )
     return InputError(
         "Something went wrong.",
         expected="no error of the program",
         found=f"an unexpected error, number {number} in the server's log",
-        remedy="your files and results are kept; try again, and report a repeated error with that number",
+        remedy="your files and results are kept; try again, and report a repeated error with that "
+        "number",
     )

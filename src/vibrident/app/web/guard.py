@@ -1,4 +1,4 @@
-"""The guard before the page: refuses foreign host names and other sites, and cuts uploads at their limit."""
+"""Guard the page: refuse foreign host names and other sites, and limit the size of uploads."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import secrets
 from typing import Any
 from urllib.parse import urlsplit
 
-from vibrident.app.web.door import Door, cookies, say
-from vibrident.app.web.language import SCOPE, chosen
+from vibrident.app.web.authentication import Authenticator, read_cookies, respond
+from vibrident.app.web.language import SCOPE, choose_language
 
 _ENVELOPE_BYTES = 1_000_000  # allowance for the browser's envelope around files
-_MOST_DIGITS = 18
-_AT_ONCE = 4  # most simultaneous uploads of the largest size, of all users together
+_MAX_LENGTH_DIGITS = 18
+_MAX_FULL_UPLOADS = 4  # most simultaneous uploads of the largest size, of all users together
 OWNER = "vibrident.owner"  # key of a request's scope: whose browser it is
 ACCOUNT = "vibrident.account"  # the same: who signed in, if the page has a door
 _COOKIE_S = 30 * 86_400
@@ -28,7 +28,8 @@ _HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 _STRANGER = (
-    b"The page is not known by this name. Open the address that the server printed, or start the server with this name "
+    b"The page is not known by this name. Open the address that the server printed, or start the "
+    b"server with this name "
     b"among its own."
 )
 _TOO_LARGE = b"The files are too large for the page."
@@ -36,37 +37,43 @@ _BUSY = b"The server takes as many files as it can at this moment. Try again in 
 
 
 def policy(host: str, nonce: str = "") -> str:
-    """The content security policy: only this server as source and target, and of inline scripts those with the nonce.
+    """Return the content security policy: this server only, and inline scripts with the nonce.
 
-    NiceGUI evaluates text that the server sends, and Vue sets styles of elements. Some browsers do not count the target
-    of the page's WebSocket, ``host``, as ``'self'``.
+    NiceGUI evaluates text that the server sends, and Vue sets styles of elements. Some browsers do
+    not count the target of the page's WebSocket, ``host``, as ``'self'``.
     """
     inline = f"'nonce-{nonce}' " if nonce else ""
     return (
-        f"default-src 'self'; script-src 'self' {inline}'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
-        "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; "
-        f"connect-src 'self' ws://{host} wss://{host}; "
-        "object-src 'none'; frame-src 'none'; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
+        f"default-src 'self'; script-src 'self' {inline}'unsafe-eval' blob:; style-src 'self' "
+        "'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' "
+        f"blob:; connect-src 'self' ws://{host} wss://{host}; "
+        "object-src 'none'; frame-src 'none'; frame-ancestors 'none'; form-action 'self'; base-uri "
+        "'self'"
     )
 
 
-class TooMuch(Exception):
+class BodyTooLarge(Exception):
     """The body exceeds the limit."""
 
 
 class Guard:
-    """ASGI middleware.
+    """ASGI middleware that passes allowed requests on to the page.
 
     Args:
         app: the guarded application.
         limit_bytes: most bytes of a request's body.
-        names: allowed host names, beside the address at which a request arrives; others could be DNS rebinding.
+        names: allowed host names, beside the address at which a request arrives; others could be
+            DNS rebinding.
         door: of a team's page; None lets in everybody who reaches it.
     """
 
-    def __init__(self, app: Any, limit_bytes: int, names: frozenset[str], door: Door | None = None) -> None:
-        self._app, self._limit, self._door = app, limit_bytes + _ENVELOPE_BYTES, door
-        self._names = frozenset(map(_plain, names))
+    def __init__(
+        self, app: Any, limit_bytes: int, names: frozenset[str], door: Authenticator | None = None
+    ) -> None:
+        self._app = app
+        self._limit = limit_bytes + _ENVELOPE_BYTES
+        self._door = door
+        self._names = frozenset(map(_normal_host, names))
         self._coming = 0
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
@@ -74,27 +81,34 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = _headers(scope)
-        scope[SCOPE] = chosen(cookies(headers), headers.get(b"accept-language", ""))
-        if not self._known(scope, headers) or _of_another_site(scope, headers):
+        headers = _read_headers(scope)
+        scope[SCOPE] = choose_language(read_cookies(headers), headers.get(b"accept-language", ""))
+        if not self._known(scope, headers) or _is_cross_site(scope, headers):
             await _refuse(scope, send, 403, _STRANGER)
         elif scope["type"] == "websocket":
             await self._connected(scope, receive, send, headers)
-        elif not (length := headers.get(b"content-length", "0")).isdecimal() or len(length) > _MOST_DIGITS:
+        elif (
+            not (length := headers.get(b"content-length", "0")).isdecimal()
+            or len(length) > _MAX_LENGTH_DIGITS
+        ):
             await _refuse(scope, send, 400, b"The length of the request is not a number.")
         elif int(length) > self._limit:
             await _refuse(scope, send, 413, _TOO_LARGE)
         elif self._door and await self._door.answer(scope, receive, send, headers, _HEADERS):
             return
-        elif self._coming + int(length) > _AT_ONCE * self._limit:
+        elif self._coming + int(length) > _MAX_FULL_UPLOADS * self._limit:
             await _refuse(scope, send, 503, _BUSY)
         else:
             account = self._door.visitor(scope, headers) if self._door else None
-            scope[OWNER], cookie = (account.name, ()) if account else owner(scope, headers)
+            scope[OWNER], cookie = (
+                (account.name, ()) if account else browser_identity(scope, headers)
+            )
             scope[ACCOUNT] = account
             await self._guarded(scope, receive, send, headers[b"host"], cookie)
 
-    async def _connected(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str]) -> None:
+    async def _connected(
+        self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str]
+    ) -> None:
         """Pass a WebSocket on for as long as its visitor may be here."""
         door = self._door
         if door and door.visitor(scope, headers) is None:
@@ -109,22 +123,32 @@ class Guard:
         await self._app(scope, checked, send)
 
     def _known(self, scope: Any, headers: dict[bytes, str]) -> bool:
-        """Whether the host is an allowed name, or the address at which the request arrived."""
+        """Return whether the host is an allowed name, or the address that the request reached."""
         host = headers.get(b"host", "")
         if not _HOST.fullmatch(host):
             return False
         try:
-            name = _plain(urlsplit(f"//{host}").hostname or "")
+            name = _normal_host(urlsplit(f"//{host}").hostname or "")
         except ValueError:
             return False
         here = scope.get("server")
-        return name in self._names or (bool(here) and _is_address(name) and name == _plain(str(here[0])))
+        return name in self._names or (
+            bool(here) and _is_address(name) and name == _normal_host(str(here[0]))
+        )
 
-    async def _guarded(self, scope: Any, receive: Any, send: Any, host: str, cookie: tuple[Any, ...]) -> None:
-        received, started = 0, False
+    async def _guarded(
+        self, scope: Any, receive: Any, send: Any, host: str, cookie: tuple[Any, ...]
+    ) -> None:
+        received = 0
+        started = False
         nonce = secrets.token_hex(16)
-        told = ((b"content-security-policy", policy(host, nonce).encode()), *_HEADERS, *cookie)
-        held: dict[str, Any] | None = None  # the start of a page, until its scripts have the nonce
+        added_headers = (
+            (b"content-security-policy", policy(host, nonce).encode()),
+            *_HEADERS,
+            *cookie,
+        )
+        # the start of a page, until its scripts have the nonce
+        page_start: dict[str, Any] | None = None
 
         async def counted() -> Any:
             nonlocal received
@@ -132,28 +156,33 @@ class Guard:
             size = len(message.get("body", b""))
             received += size
             self._coming += size
-            if received > self._limit or self._coming > _AT_ONCE * self._limit:
-                raise TooMuch
+            if received > self._limit or self._coming > _MAX_FULL_UPLOADS * self._limit:
+                raise BodyTooLarge
             return message
 
         async def marked(message: Any) -> None:
-            nonlocal started, held
+            nonlocal started, page_start
             if message["type"] == "http.response.start":
                 started = True
-                message = {**message, "headers": [*message["headers"], *told]}
+                message = {**message, "headers": [*message["headers"], *added_headers]}
                 if dict(message["headers"]).get(b"content-type", b"").startswith(b"text/html"):
-                    held = message
+                    page_start = message
                     return
-            elif held is not None:  # a page comes in one piece
-                body = message.get("body", b"").replace(b"<script", f'<script nonce="{nonce}"'.encode())
-                kept = [one for one in held["headers"] if one[0] != b"content-length"]
-                await send({**held, "headers": kept})
-                held, message = None, {**message, "body": body}
+            elif page_start is not None:  # a page comes in one piece
+                body = message.get("body", b"").replace(
+                    b"<script", f'<script nonce="{nonce}"'.encode()
+                )
+                other_headers = [
+                    header for header in page_start["headers"] if header[0] != b"content-length"
+                ]
+                await send({**page_start, "headers": other_headers})
+                page_start = None
+                message = {**message, "body": body}
             await send(message)
 
         try:
             await self._app(scope, counted, marked)
-        except TooMuch:
+        except BodyTooLarge:
             if not started:
                 large = received > self._limit
                 await _refuse(scope, send, 413 if large else 503, _TOO_LARGE if large else _BUSY)
@@ -161,28 +190,34 @@ class Guard:
             self._coming -= received
 
 
-def owner(scope: Any, headers: dict[bytes, str]) -> tuple[str, tuple[tuple[bytes, bytes], ...]]:
-    """Whose browser it is, and the header that gives it a cookie if it has none yet."""
+def browser_identity(
+    scope: Any, headers: dict[bytes, str]
+) -> tuple[str, tuple[tuple[bytes, bytes], ...]]:
+    """Return the hash of a browser's token, and the header that sets its cookie if it has none."""
     name = f"vibrident-{(scope.get('server') or ('', 0))[1]}"  # browsers do not tell ports apart
-    token, more = cookies(headers).get(name, ""), ()
+    token = read_cookies(headers).get(name, "")
+    more = ()
     if not _COOKIE.fullmatch(token):
         token = secrets.token_hex(32)
-        kept = f"{name}={token}; Path=/; Max-Age={_COOKIE_S}; HttpOnly; SameSite=Lax"
-        more = ((b"set-cookie", kept.encode()),) if scope.get("path") == "/" else ()
+        cookie = f"{name}={token}; Path=/; Max-Age={_COOKIE_S}; HttpOnly; SameSite=Lax"
+        more = ((b"set-cookie", cookie.encode()),) if scope.get("path") == "/" else ()
     return hashlib.sha256(token.encode()).hexdigest(), more
 
 
-def _headers(scope: Any) -> dict[bytes, str]:
-    """The headers; one that occurs twice with different values becomes a value that fits no rule."""
-    found: dict[bytes, str] = {}
+def _read_headers(scope: Any) -> dict[bytes, str]:
+    """Return the headers; one with contradictory values gets a value that fits no rule."""
+    headers: dict[bytes, str] = {}
     for key, value in scope["headers"]:
         text = value.decode("latin-1")
-        found[key] = text if found.get(key, text) == text else "\n"
-    return found
+        headers[key] = text if headers.get(key, text) == text else "\n"
+    return headers
 
 
-def _of_another_site(scope: Any, headers: dict[bytes, str]) -> bool:
-    """Whether a page of another origin makes the request; following a link to this page is allowed."""
+def _is_cross_site(scope: Any, headers: dict[bytes, str]) -> bool:
+    """Return whether a page of another origin makes the request.
+
+    Following a link to this page is allowed.
+    """
     origin = headers.get(b"origin")
     try:
         if origin is not None and urlsplit(origin).netloc != headers[b"host"]:
@@ -192,11 +227,15 @@ def _of_another_site(scope: Any, headers: dict[bytes, str]) -> bool:
     if headers.get(b"sec-fetch-site", "same-origin") in ("same-origin", "none"):
         return False
     visits = scope["type"] == "http" and scope.get("method") == "GET" and scope.get("path") == "/"
-    return not (visits and (headers.get(b"sec-fetch-mode"), headers.get(b"sec-fetch-dest")) == ("navigate", "document"))
+    return not (
+        visits
+        and (headers.get(b"sec-fetch-mode"), headers.get(b"sec-fetch-dest"))
+        == ("navigate", "document")
+    )
 
 
-def _plain(name: str) -> str:
-    """A name or address in normal form."""
+def _normal_host(name: str) -> str:
+    """Return a name or address in normal form."""
     try:
         address = ipaddress.ip_address(name)
     except ValueError:
@@ -218,4 +257,4 @@ async def _refuse(scope: Any, send: Any, status: int, text: bytes) -> None:
         await send({"type": "websocket.close", "code": 1008})
         return
     nothing = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
-    await say(send, status, ((b"connection", b"close"), nothing, *_HEADERS), text)
+    await respond(send, status, ((b"connection", b"close"), nothing, *_HEADERS), text)

@@ -1,4 +1,4 @@
-"""The folder of a running server with all uploads: kept for the next server at its address, or removed with it."""
+"""Own the folder of a running server: kept for the next server at its address, or removed."""
 
 from __future__ import annotations
 
@@ -21,27 +21,30 @@ except ImportError:  # Windows: without locks a dead server cannot be detected, 
     fcntl = None
 
 PREFIX = "vibrident-serve-"
-_LOCK = "lock"  # lock file, held while the server lives; the system releases it however the server ends
+# lock file, held while the server lives; the system releases it however the server ends
+_LOCK = "lock"
 _NEW = "vibrident-new-"
 
 
-class Home:
-    """A private folder: a temporary one, or in the folder ``kept`` of all kept ones, named by the server's address.
+class ServerFolder:
+    """A private folder: temporary, or in ``state_folder`` and named by the server's address.
 
     Folders of dead servers are kept for ``keep_s`` seconds.
     """
 
-    def __init__(self, kept: Path | None = None, address: str = "", keep_s: float = 0.0) -> None:
-        self.kept = kept is not None
+    def __init__(
+        self, state_folder: Path | None = None, address: str = "", keep_s: float = 0.0
+    ) -> None:
+        self.kept = state_folder is not None
         remove_leftovers(Path(tempfile.gettempdir()))
-        if kept is None:
+        if state_folder is None:
             top = Path(tempfile.gettempdir())
-            made = Path(tempfile.mkdtemp(prefix=_NEW, dir=top))
-            self._take(made)
-            self.folder = top / (PREFIX + made.name.removeprefix(_NEW))
-            made.rename(self.folder)  # another server sees it only now, locked
+            new_folder = Path(tempfile.mkdtemp(prefix=_NEW, dir=top))
+            self._take(new_folder)
+            self.folder = top / (PREFIX + new_folder.name.removeprefix(_NEW))
+            new_folder.rename(self.folder)  # another server sees it only now, locked
         else:
-            self.folder = kept / (PREFIX + re.sub(r"[^\w.-]", "_", address))
+            self.folder = state_folder / (PREFIX + re.sub(r"[^\w.-]", "_", address))
             try:
                 self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 self._take(self.folder)
@@ -51,15 +54,18 @@ class Home:
                     expected="a folder that this user may write and no other server uses",
                     found=error.strerror or str(error),
                     where=str(self.folder),
-                    remedy="stop the other server, choose another ⟦serve.port⟧, or keep nothing with ⟦serve.keep = 0⟧",
+                    remedy="stop the other server, choose another ⟦serve.port⟧, or keep nothing "
+                    "with ⟦serve.keep = 0⟧",
                 ) from error
-            remove_leftovers(kept, keep_s)
+            remove_leftovers(state_folder, keep_s)
         self.spool = self.folder / "spool"
         shutil.rmtree(self.spool, ignore_errors=True)
         self.spool.mkdir()
 
     def _take(self, folder: Path) -> None:
-        self._lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        self._lock = os.open(
+            folder / _LOCK, os.O_CREAT | os.O_RDWR | getattr(os, "O_NOFOLLOW", 0), 0o600
+        )
         if fcntl is not None:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.truncate(self._lock, 0)
@@ -78,10 +84,10 @@ class Home:
 
 
 def remove_leftovers(top: Path, older_s: float = 0.0) -> list[str]:
-    """Remove the folders of this user's servers that stopped so many seconds ago or more; returns their names.
+    """Remove folders of this user's servers that stopped ``older_s`` ago or more; return names.
 
-    A server holds the lock in its folder while it lives, which identifies it. Links, folders of other users, and
-    folders without a lock are left alone.
+    A server holds the lock in its folder while it lives, which identifies it. Links, folders of
+    other users, and folders without a lock are left alone.
     """
     if fcntl is None:
         return []

@@ -1,4 +1,4 @@
-"""The step of a team's page in which drafts are reviewed by a second account and issued."""
+"""Build the step of a team's page in which a second account reviews drafts and issues them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import certificates, frame
-from vibrident.app.web.held import Named
 from vibrident.app.web.language import phrase, say
-from vibrident.app.web.outcome import give
-from vibrident.app.web.users import User
+from vibrident.app.web.outcome import offer_download
+from vibrident.app.web.state import NamedResult
+from vibrident.app.web.user import User
 from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
 
-_ANY_SIZE = 1 << 42  # most bytes of the store's file, as of the history
+_MAX_STORE_BYTES = 1 << 42  # most bytes of the store's file, as of the history
 _LABELS = {
     "pdf": phrase("Certificate (PDF)"),
     "dcc": "DCC",
@@ -26,19 +26,22 @@ _LABELS = {
 
 
 class IssueStep:
-    """Drafts and certificates of the store that all accounts share."""
+    """The section of drafts and certificates of the store that all accounts share."""
 
     def __init__(self, user: User) -> None:
         self.user = user
 
     @property
     def offered(self) -> bool:
-        """Return whether the page has accounts and a store: one account cannot review its own draft."""
+        """Return whether the page has accounts and a store.
+
+        Without accounts nobody else could review a draft.
+        """
         return self.user.users.door is not None and bool(self.user.users.store)
 
     def build(self) -> None:
         """Build the section, hidden until there is a draft."""
-        self.section = frame.step(say("Review and issue"), "issue", mark="✓")
+        self.section = frame.add_step(say("Review and issue"), "issue", mark="✓")
         with self.section:
             with ui.element("div").classes("actions"):
                 refresh = ui.button(say("Look again"), on_click=self.show)
@@ -52,8 +55,10 @@ class IssueStep:
         """Show the drafts as the store has them now."""
         if not self.offered:
             return
-        asked = (certificates.shown, self.user.users.store)
-        drafts = await frame.looked(self.user, self.errors, *asked, file_bytes=_ANY_SIZE)
+        call = (certificates.list_drafts, self.user.users.store)
+        drafts = await frame.run_sandboxed(
+            self.user, self.errors, *call, file_bytes=_MAX_STORE_BYTES
+        )
         if drafts is None or self.body.is_deleted:
             return
         self.section.visible = bool(drafts)
@@ -63,25 +68,35 @@ class IssueStep:
             for each in drafts:
                 self._entry(each, replaced.get(each["number"] or None))
 
-    async def hand_in(self, named: Named, stated: CertificateData, errors: ui.element) -> None:
+    async def hand_in(
+        self, named: NamedResult, stated: CertificateData, errors: ui.element
+    ) -> None:
         """Hand in a draft of a result, and show it."""
         errors.clear()
         try:
             self.user.require("identify", "hand in a draft")
-            asked = (named.path, self.user.users.store, stated, self.user.owner)
-            number = await self.user.look(certificates.handed_in, *asked, file_bytes=_ANY_SIZE)
+            arguments = (named.path, self.user.users.store, stated, self.user.owner)
+            number = await self.user.run_sandboxed(
+                certificates.hand_in_draft, *arguments, file_bytes=_MAX_STORE_BYTES
+            )
         except Exception as error:
             frame.show_error(errors, error, self.user.session)
             return
         await self.user.note("handed in", named.path, draft=number)
         await self.show()
-        self.words.text = say("Draft {number} waits for a review by another account.", number=number)
-        frame.go(self.section)
+        self.words.text = say(
+            "Draft {number} waits for a review by another account.", number=number
+        )
+        frame.scroll_to(self.section)
 
     def _entry(self, draft: dict[str, Any], replaced_by: str | None) -> None:
         number = draft["id"]
         issued = draft["state"] == ISSUED
-        title = say("Certificate {number}", number=draft["number"]) if issued else say("Draft {number}", number=number)
+        title = (
+            say("Certificate {number}", number=draft["number"])
+            if issued
+            else say("Draft {number}", number=number)
+        )
         ui.html(f"<h3>{html(title)}: {html(draft['sensor'])}</h3>", sanitize=False)
         ui.label(_history(draft, replaced_by)).classes("hint")
         with ui.element("div").classes("actions").props(f'id="draft-{number}"'):
@@ -101,8 +116,12 @@ class IssueStep:
 
     def _review(self, number: int) -> None:
         note = ui.input(say("What was found")).props("dense outlined stack-label")
-        accept, back = say("Accept draft {number}", number=number), say("Return draft {number}", number=number)
-        for label, called, accepted in ((say("Accept"), accept, True), (say("Return"), back, False)):
+        accept = say("Accept draft {number}", number=number)
+        back = say("Return draft {number}", number=number)
+        for label, called, accepted in (
+            (say("Accept"), accept, True),
+            (say("Return"), back, False),
+        ):
 
             async def review(accepted: bool = accepted) -> None:
                 await self._reviewed(number, accepted, note.value or "")
@@ -111,53 +130,66 @@ class IssueStep:
             button.props("outline").props["aria-label"] = called
 
     async def _reviewed(self, number: int, accepted: bool, note: str) -> None:
-        asked = (certificates.reviewed, number, self.user.owner, accepted, note)
+        call = (certificates.review_draft, number, self.user.owner, accepted, note)
         if accepted:
-            said = say("Draft {number} is reviewed.", number=number)
-            await self._change("review a draft", "reviewed", said, *asked)
+            confirmation = say("Draft {number} is reviewed.", number=number)
+            await self._change("review a draft", "reviewed", confirmation, *call)
         else:
-            said = say("Draft {number} is returned.", number=number)
-            await self._change("review a draft", "returned", said, *asked)
+            confirmation = say("Draft {number} is returned.", number=number)
+            await self._change("review a draft", "returned", confirmation, *call)
 
     async def _issue(self, number: int) -> None:
         self.words.text = say("Signing …")
-        asked = (certificates.certified, number, self.user.owner, *(self.user.users.key or ()))
-        await self._change("issue a certificate", "issued", say("Draft {number} is issued.", number=number), *asked)
+        call = (
+            certificates.issue_certificate,
+            number,
+            self.user.owner,
+            *(self.user.users.key or ()),
+        )
+        await self._change(
+            "issue a certificate", "issued", say("Draft {number} is issued.", number=number), *call
+        )
 
-    async def _change(self, what: str, action: str, said: str, function: Any, number: int, *args: Any) -> None:
-        """Do what the role ``approve`` may, note it, and show the drafts again."""
+    async def _change(
+        self, what: str, action: str, confirmation: str, function: Any, number: int, *args: Any
+    ) -> None:
+        """Make a change that needs the role ``approve``, note it, and show the drafts again."""
         self.errors.clear()
         try:
             self.user.require("approve", what)
             store = self.user.users.store
-            await self.user.look(function, store, number, *args, file_bytes=_ANY_SIZE)
+            await self.user.run_sandboxed(
+                function, store, number, *args, file_bytes=_MAX_STORE_BYTES
+            )
         except Exception as error:
             self.words.text = ""
             frame.show_error(self.errors, error, self.user.session)
             return
         await self.user.note(action, draft=number)
         await self.show()
-        self.words.text = said
+        self.words.text = confirmation
 
     async def _give(self, number: int, form: str) -> None:
         self.errors.clear()
-        asked = (certificates.document, self.user.users.store, number, form)
-        await give(self.user, self.errors, str, *asked, file_bytes=_ANY_SIZE)
+        call = (certificates.read_document, self.user.users.store, number, form)
+        await offer_download(self.user, self.errors, str, *call, file_bytes=_MAX_STORE_BYTES)
 
 
 def _history(draft: dict[str, Any], replaced_by: str | None) -> str:
-    """Return who did what with a draft, in a sentence."""
-    said = [say("handed in by {name} on {date}", name=draft["author"], date=draft["recorded"][:10])]
+    """Return a sentence on who did what with a draft."""
+    steps = [
+        say("handed in by {name} on {date}", name=draft["author"], date=draft["recorded"][:10])
+    ]
     if draft["reviewer"]:
         returned = draft["state"] not in (REVIEWED, ISSUED)
         words = phrase("returned by {name}") if returned else phrase("reviewed by {name}")
         note = f" ({draft['note']})" if draft["note"] else ""
-        said.append(say(words, name=draft["reviewer"]) + note)
+        steps.append(say(words, name=draft["reviewer"]) + note)
     if draft["state"] == ISSUED:
-        said.append(say("issued by {name} on {date}", name=draft["issuer"], date=draft["date"]))
+        steps.append(say("issued by {name} on {date}", name=draft["issuer"], date=draft["date"]))
     if draft["replaces"]:
-        said.append(say("replaces {number}", number=draft["replaces"]))
+        steps.append(say("replaces {number}", number=draft["replaces"]))
     if replaced_by:
-        said.append(say("replaced by {number}", number=replaced_by))
-    text = "; ".join(said)
+        steps.append(say("replaced by {number}", number=replaced_by))
+    text = "; ".join(steps)
     return f"{text[:1].upper()}{text[1:]}."

@@ -1,4 +1,4 @@
-"""Profiles of laboratories, kept on the server for all who use it: a file each, with its logo."""
+"""Keep profiles of laboratories on the server for all who use it: a file each, with its logo."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from vibrident.base.files import atomic_write
 from vibrident.data.io.laboratory import checked_laboratory, laboratory_text, read_laboratory
 
 #: A laboratory's own files beside its profile.
-OWN = ("logo", "template")
-MAX_OWN_BYTES = 200_000
+LABORATORY_FILES = ("logo", "template")
+MAX_LABORATORY_FILE_BYTES = 200_000
 _MAX_BYTES = 500_000
 _MAX_PROFILES = 200
 _NAME = re.compile(r"\w[\w .,&()+-]{0,79}")
 
 
 class Laboratories:
-    """Profiles below a folder, which is made with the first; a change is there whole or not at all."""
+    """Profiles below a folder, which is made with the first; changes are atomic."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -31,22 +31,24 @@ class Laboratories:
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
     def read(self, name: str) -> dict[str, Any]:
-        """Return the document of a profile; an empty one for a name that is not, or no longer, there.
+        """Return the document of a profile; an empty one if there is no profile of this name.
 
         InputError where somebody has spoiled the file by hand.
         """
         path = self.folder / f"{name}.toml"
-        return read_laboratory(path) if name and name in self.names else checked_laboratory({}, name)
+        return (
+            read_laboratory(path) if name and name in self.names else checked_laboratory({}, name)
+        )
 
-    def own(self, name: str, kind: str) -> bytes:
+    def file_content(self, name: str, kind: str) -> bytes:
         """Return the laboratory's own ``logo`` or ``template``; nothing where it has none."""
         path = self.folder / f"{name}.{kind}"
         return path.read_bytes() if name in self.names and path.is_file() else b""
 
-    def write(self, name: str, document: Mapping[str, Any], own: Mapping[str, bytes]) -> str:
-        """Write a profile in place of what it was, and return its name.
+    def write(self, name: str, document: Mapping[str, Any], files: Mapping[str, bytes]) -> str:
+        """Write a profile in place of an earlier one, and return its name.
 
-        ``own``: the content of its files by kind, nothing for none. InputError for a name or a
+        ``files``: the content of its files by kind, nothing for none. InputError for a name or a
         value that is not allowed; the profile then stays as it was.
         """
         name = " ".join(name.split())
@@ -68,9 +70,9 @@ class Laboratories:
                 remedy="shorten it, or remove a profile",
             )
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for kind in OWN:
+        for kind in LABORATORY_FILES:
             path = self.folder / f"{name}.{kind}"
-            if content := own.get(kind):
+            if content := files.get(kind):
                 with atomic_write(path) as partial:
                     partial.write_bytes(content)
             else:
@@ -82,5 +84,5 @@ class Laboratories:
     def remove(self, name: str) -> None:
         """Remove a profile and its files."""
         if name in self.names:
-            for ending in ("toml", *OWN):
+            for ending in ("toml", *LABORATORY_FILES):
                 (self.folder / f"{name}.{ending}").unlink(missing_ok=True)

@@ -1,7 +1,8 @@
-"""The page's sentences in the language of their reader, from a text file a language.
+"""Translate the page's sentences, from a text file a language.
 
 A sentence is keyed by its English words, and values are inserted by name, as gettext does it:
-``say("{name} came with the data", name=file)``. What the certificates say already is theirs.
+``say("{name} came with the data", name=file)``. The sentences of certificates come from their own
+catalogues.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ COOKIE = "vibrident-language"  # of the browser, where somebody has chosen a lan
 SCOPE = "vibrident.language"  # key of a request's scope: the language of its page
 _FOLDER = Path(__file__).parent / "languages"
 _NUMBERS = ("count", "number", "iteration", "most", "start", "done", "total", "frequency")
-_LEAST_LETTERS = 4  # of a template's own words, by which a finished sentence is recognised
-_NUMBER, _FILE = re.compile(r"[-+−±<(]?\s?\d"), re.compile(r"\.[A-Za-z]|\d{4}-\d\d")
+_MIN_TEMPLATE_LETTERS = 4  # of a template's own words, by which a finished sentence is recognised
+_NUMBER = re.compile(r"[-+−±<(]?\s?\d")
+_FILE = re.compile(r"\.[A-Za-z]|\d{4}-\d\d")
 
 
-def chosen(cookies: Mapping[str, str], accepted: str) -> str:
-    """Return the code of a page's language: what was chosen, else the first that a browser accepts."""
+def choose_language(cookies: Mapping[str, str], accepted: str) -> str:
+    """Return the code of a page's language: the chosen one, else the browser's first known one."""
     if (code := cookies.get(COOKIE, "")) in LANGUAGES:
         return code
     wanted = []
@@ -42,22 +44,22 @@ def chosen(cookies: Mapping[str, str], accepted: str) -> str:
 
 
 def say(english: str, /, **values: Any) -> str:
-    """Return a sentence in the language of the page that is being built or served."""
+    """Return a sentence in the language of the page being built or served."""
     return spoken()(english, **values)
 
 
-def say_count(number: int, one: str, several: str, /, **values: Any) -> str:
-    """Return a sentence for ``{count}`` of something, in the same language."""
-    return spoken().count(number, one, several, **values)
+def say_count(number: int, singular: str, plural: str, /, **values: Any) -> str:
+    """Return one of two sentences by a ``{count}``, in the language of the page."""
+    return spoken().count(number, singular, plural, **values)
 
 
 def phrase(english: str, /, **values: Any) -> str:
-    """Return a sentence in English that ``say`` says in another language when it is shown."""
+    """Return an English sentence that ``say`` translates when it is shown."""
     return english.format(**values) if values else english
 
 
 def spoken() -> Language:
-    """Return the language of the page that is being built or served; English where there is none."""
+    """Return the language of the page being built or served; English outside a page."""
     from nicegui import context
 
     try:
@@ -77,8 +79,8 @@ def language(code: str) -> Language:
 def catalogue(code: str) -> Mapping[str, Mapping[str, str]]:
     """Return the page's own catalogue of a language: English sentence → sentence, in two parts.
 
-    ``said`` are those that the page says itself, ``made`` those that it is given in English, with
-    their values in them.
+    ``said`` are sentences of the page itself, ``made`` those that it gets in English with their
+    values in them.
     """
     if code == "en":
         return {"said": {}, "made": {}}
@@ -104,12 +106,12 @@ class Language:
             return (english if text is None else text).format(**filled)
         return self._finished(english) if text is None else text
 
-    def count(self, number: int, one: str, several: str, /, **values: Any) -> str:
+    def count(self, number: int, singular: str, plural: str, /, **values: Any) -> str:
         """Return one of two sentences, by the ``{count}`` of something."""
-        return self(one if number == 1 else several, count=number, **values)
+        return self(singular if number == 1 else plural, count=number, **values)
 
     def known(self, english: str) -> str | None:
-        """Return what the page or its certificates call this; None for neither."""
+        """Return the translation of the page or its certificates; None if there is none."""
         if self.code == "en":
             return english
         return self._words.get(english)
@@ -117,10 +119,14 @@ class Language:
     def label(self, english: str) -> str:
         """Return a label whose unit, after the last comma, stays as it is."""
         title, comma, unit = english.rpartition(", ")
-        return f"{self(title)}{comma}{unit}" if comma and self.known(english) is None else self(english)
+        return (
+            f"{self(title)}{comma}{unit}"
+            if comma and self.known(english) is None
+            else self(english)
+        )
 
     def number(self, text: str) -> str:
-        """Return our own numbers, and what stands beside them, with the decimal sign."""
+        """Return the numbers of a text with the decimal sign of the language."""
         return self._certificates.number(text)
 
     def _value(self, value: Any) -> Any:
@@ -133,15 +139,15 @@ class Language:
     def _finished(self, english: str) -> str:
         """Return a sentence whose values are inserted already."""
         for pattern, text in self._templates:
-            if found := pattern.fullmatch(english):
-                parts = {name: self.label(part) for name, part in found.groupdict().items()}
+            if match := pattern.fullmatch(english):
+                parts = {name: self.label(part) for name, part in match.groupdict().items()}
                 return text.format(**{name: self._value(part) for name, part in parts.items()})
         return self._value(english)
 
     @cached_property
     def _words(self) -> Mapping[str, str]:
-        own = catalogue(self.code)
-        return {**from_english(self.code), **own["made"], **own["said"]}
+        page_words = catalogue(self.code)
+        return {**from_english(self.code), **page_words["made"], **page_words["said"]}
 
     @cached_property
     def _templates(self) -> list[tuple[re.Pattern[str], str]]:
@@ -150,19 +156,24 @@ class Language:
             return []
         known = {**from_english(self.code), **catalogue(self.code)["made"]}
         parts = {english: [*Formatter().parse(english)] for english in known if "{" in english}
-        words = {english: "".join(part[0] for part in found) for english, found in parts.items()}
-        telling = [one for one in parts if len(re.findall("[A-Za-z]", words[one])) >= _LEAST_LETTERS]
-        ordered = sorted(telling, key=lambda one: -len(words[one]))
-        return [(_pattern(parts[one]), known[one]) for one in ordered]
+        words = {english: "".join(part[0] for part in pieces) for english, pieces in parts.items()}
+        telling = [
+            english
+            for english in parts
+            if len(re.findall("[A-Za-z]", words[english])) >= _MIN_TEMPLATE_LETTERS
+        ]
+        ordered = sorted(telling, key=lambda english: -len(words[english]))
+        return [(_pattern(parts[english]), known[english]) for english in ordered]
 
 
 def _pattern(parts: list[Any]) -> re.Pattern[str]:
     """Return a pattern of a sentence with any values; a name that comes twice has one value."""
-    made, seen = "", set()
+    pattern = ""
+    names = set()
     for literal, name, _, _ in parts:
-        made += re.escape(literal)
+        pattern += re.escape(literal)
         if name is not None:
             values = r"[-+−\d.,e]+" if name in _NUMBERS else r"[^\n]+?"
-            made += f"(?P={name})" if name in seen else f"(?P<{name}>{values})"
-            seen.add(name)
-    return re.compile(made)
+            pattern += f"(?P={name})" if name in names else f"(?P<{name}>{values})"
+            names.add(name)
+    return re.compile(pattern)

@@ -1,4 +1,4 @@
-"""Fourth step: the result as curve, numbers and warnings, and its downloads."""
+"""Build the fourth step: the result as curve, numbers and warnings, and its downloads."""
 
 from __future__ import annotations
 
@@ -9,49 +9,57 @@ from typing import Any, Protocol
 
 from nicegui import ui
 
-from vibrident.app.web import frame, looks
+from vibrident.app.web import frame, sandboxed
 from vibrident.app.web.form.certify import CertificateForm
-from vibrident.app.web.held import Named
 from vibrident.app.web.language import say, spoken
 from vibrident.app.web.session import RESULT
-from vibrident.app.web.users import User
+from vibrident.app.web.state import NamedResult
+from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
-_MOST_EXPORTED = 200_000_000  # most bytes of a file that an export writes
-#: Most bytes of the store's file: it may be as large as it likes, but a process that may write needs a number.
-ANY_SIZE = 1 << 42
+_MAX_EXPORT_BYTES = 200_000_000  # most bytes of a file that an export writes
+#: Most bytes of the store's file: it may be as large as it likes, but a process that may write
+#: needs a number.
+MAX_STORE_BYTES = 1 << 42
 
 
-class HandIn(Protocol):
-    """What takes drafts of certificates."""
+class DraftReceiver(Protocol):
+    """A step that takes drafts of certificates."""
 
     @property
     def offered(self) -> bool:
         """Return whether drafts can be handed in."""
         ...
 
-    async def hand_in(self, named: Named, stated: CertificateData, errors: ui.element) -> None:
+    async def hand_in(
+        self, named: NamedResult, stated: CertificateData, errors: ui.element
+    ) -> None:
         """Hand in a draft of a result."""
         ...
 
 
 class OutcomeStep:
-    """The latest result."""
+    """The section of the latest result."""
 
-    def __init__(self, user: User, hand_in: HandIn) -> None:
-        self.user, self.hand_in = user, hand_in
+    def __init__(self, user: User, hand_in: DraftReceiver) -> None:
+        self.user = user
+        self.hand_in = hand_in
         self.turn = 0
         self.showing = False
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
-        self.section = frame.step(say("Result"), "result")
+        self.section = frame.add_step(say("Result"), "result")
         with self.section:
-            self.choice = ui.select([], label=say("Shown")).props("dense outlined stack-label").classes("w-full")
+            self.choice = (
+                ui.select([], label=say("Shown"))
+                .props("dense outlined stack-label")
+                .classes("w-full")
+            )
             self.choice.on_value_change(lambda: None if self.showing else self._draw())
             self.notice = ui.label("").classes("warning").props("role=status")
             self.body = ui.element("div")
@@ -79,7 +87,9 @@ class OutcomeStep:
         await self._draw(go=True)
 
     async def _draw(self, *, go: bool = False) -> None:
-        named = next((named for named in self.user.results if named.name == self.choice.value), None)
+        named = next(
+            (named for named in self.user.results if named.name == self.choice.value), None
+        )
         if named is None:
             return
         self.turn += 1
@@ -87,13 +97,15 @@ class OutcomeStep:
         self.body.clear()
         with self.body:
             ui.spinner(size="28px")
-        shown = await frame.looked(self.user, self.body, looks.outcome, named.path, spoken().code)
+        shown = await frame.run_sandboxed(
+            self.user, self.body, sandboxed.read_outcome, named.path, spoken().code
+        )
         if shown is None or turn != self.turn or self.body.is_deleted:
             return
         self.body.clear()
         with self.body:
             for part in ("verdict", "parameters", "warnings"):
-                if shown[part]:  # of ``looks``, where untrusted text was escaped
+                if shown[part]:  # of ``sandboxed``, where untrusted text was escaped
                     ui.html(shown[part], sanitize=False)
             self.certificate = CertificateForm(self.user, named, shown["states"])
             self._downloads(named, *shown["pdf"])
@@ -103,32 +115,44 @@ class OutcomeStep:
             self._exports(named)
             self.export_errors = ui.element("div").props("aria-live=assertive")
             if go:  # before the history, which is read in a process of its own
-                frame.go(self.section)
+                frame.scroll_to(self.section)
             if self.user.users.store:
                 store = self.user.users.store
-                await History(self.user, named, store, self.certificate, self.hand_in).build()
+                await HistoryPanel(self.user, named, store, self.certificate, self.hand_in).build()
 
-    def _downloads(self, named: Named, title: str, pdf: str) -> None:
+    def _downloads(self, named: NamedResult, title: str, pdf: str) -> None:
         ui.html(f"<h3>{html(say(LABELS['report.form']))}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
             called = self.certificate.name_of_file
-            get = ui.button("result.json", on_click=lambda: ui.download.file(named.path, called(RESULT)))
+            get = ui.button(
+                "result.json", on_click=lambda: ui.download.file(named.path, called(RESULT))
+            )
             get.props("id=get-json")
-            labels = {"html": say("Report (HTML)"), "pdf": f"{say(title)} (PDF)", "md": say("Report (Markdown)")}
+            labels = {
+                "html": say("Report (HTML)"),
+                "pdf": f"{say(title)} (PDF)",
+                "md": say("Report (Markdown)"),
+            }
             for form, label in labels.items():
-                asked = partial(self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0])
-                ui.button(label, on_click=asked).props(f"outline id=get-{form}")
-            everything = ui.button(say("Everything (zip)"), on_click=partial(self._everything, named))
+                download = partial(
+                    self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0]
+                )
+                ui.button(label, on_click=download).props(f"outline id=get-{form}")
+            everything = ui.button(
+                say("Everything (zip)"), on_click=partial(self._everything, named)
+            )
             everything.props("outline id=get-everything")
         if named.choices is not None:
             name = named.choices.calibration
             with ui.expansion(say("The same in a shell")).classes("w-full").props("id=in-a-shell"):
                 ui.label(say("With {file} in the folder of the data:", file=name)).classes("hint")
                 frame.Text("command", say("Command"), named.choices.command)
-                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props("outline id=get-toml")
+                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props(
+                    "outline id=get-toml"
+                )
 
-    def _exports(self, named: Named) -> None:
-        """Other formats, each with its own options."""
+    def _exports(self, named: NamedResult) -> None:
+        """Offer other formats, each with its own options."""
         from vibrident.export.form import OPTIONS
         from vibrident.export.registry import EXPORTS
 
@@ -137,7 +161,9 @@ class OutcomeStep:
         titles = {name: f"{name}: {say(form.title)}" for name, form in forms.items()}
         ui.html(f"<h3>{html(say('Other formats'))}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            form = ui.select(titles, value=plain, label=say(LABELS["export.form"])).style("min-width: min(15rem, 100%)")
+            form = ui.select(titles, value=plain, label=say(LABELS["export.form"])).style(
+                "min-width: min(15rem, 100%)"
+            )
             fields = {
                 name: ui.number(say(option.label)) if option.number else ui.input(say(option.label))
                 for name, option in OPTIONS.items()
@@ -151,73 +177,117 @@ class OutcomeStep:
                     field.visible = name in forms[value].options
 
             async def export() -> None:
-                await self._export(named, form.value, {name: field.value or None for name, field in fields.items()})
+                await self._export(
+                    named, form.value, {name: field.value or None for name, field in fields.items()}
+                )
 
             needed(form.value)
             form.on_value_change(lambda event: needed(event.value))
             ui.button(say("Export"), on_click=export).props("outline id=get-export")
 
-    async def _report(self, named: Named, form: str, name: str) -> None:
+    async def _report(self, named: NamedResult, form: str, name: str) -> None:
         self.errors.clear()
         name = self.certificate.name_of_file(name)
         await self.user.note("issued", named.path, document=name)
-        await give(self.user, self.errors, name, looks.report, [named.path], form, [], self.certificate.given())
+        await offer_download(
+            self.user,
+            self.errors,
+            name,
+            sandboxed.write_report,
+            [named.path],
+            form,
+            [],
+            self.certificate.stated_data(),
+        )
 
-    async def _everything(self, named: Named) -> None:
+    async def _everything(self, named: NamedResult) -> None:
         self.errors.clear()
         await self.user.note("issued", named.path, document="everything.zip")
         calibration = named.calibration if named.choices is not None else None
         async with self.user.session.new_folder("export") as folder:
-            asked = (looks.everything, named.path, calibration, folder, self.certificate.given())
-            await give(
+            call = (
+                sandboxed.write_everything,
+                named.path,
+                calibration,
+                folder,
+                self.certificate.stated_data(),
+            )
+            await offer_download(
                 self.user,
                 self.errors,
                 self.certificate.name_of_file("calibration.zip"),
-                *asked,
-                file_bytes=_MOST_EXPORTED,
+                *call,
+                file_bytes=_MAX_EXPORT_BYTES,
             )
 
-    async def _export(self, named: Named, form: str, options: dict[str, Any]) -> None:
+    async def _export(self, named: NamedResult, form: str, options: dict[str, Any]) -> None:
         self.export_errors.clear()
         await self.user.note("exported", named.path, form=form)
         async with self.user.session.new_folder("export") as folder:
-            asked = (looks.exported, named.path, folder, form, options, self.certificate.given())
+            call = (
+                sandboxed.write_export,
+                named.path,
+                folder,
+                form,
+                options,
+                self.certificate.stated_data(),
+            )
             called = self.certificate.name_of_file
-            await give(self.user, self.export_errors, called, *asked, file_bytes=_MOST_EXPORTED)
+            await offer_download(
+                self.user, self.export_errors, called, *call, file_bytes=_MAX_EXPORT_BYTES
+            )
 
 
-class History:
-    """What the history at ``store``, a URL, holds of a result's sensor, and a button that adds the result to it."""
+class HistoryPanel:
+    """The history of a result's sensor in a store, with buttons that add and approve the result.
 
-    def __init__(self, user: User, named: Named, store: str, certificate: CertificateForm, hand_in: HandIn) -> None:
-        self.user, self.named, self.store = user, named, store
+    ``store``: its URL.
+    """
+
+    def __init__(
+        self,
+        user: User,
+        named: NamedResult,
+        store: str,
+        certificate: CertificateForm,
+        hand_in: DraftReceiver,
+    ) -> None:
+        self.user = user
+        self.named = named
+        self.store = store
         self.certificate = certificate  # states date, number and approver
         self.hand_in = hand_in
 
     async def build(self) -> None:
-        """Build it, and show what is there."""
+        """Build the panel, and show what the store holds."""
         ui.html(f"<h3>{html(say('History'))}</h3>", sanitize=False)
         with ui.element("div").classes("actions"):
-            self.button = ui.button(say("Add to history"), on_click=self._add).props("outline id=add-to-history")
+            self.button = ui.button(say("Add to history"), on_click=self._add).props(
+                "outline id=add-to-history"
+            )
             self.button.visible = self.user.may("identify")
-            approve = ui.button(say("Add and approve"), on_click=self._approve).props("outline id=approve")
+            approve = ui.button(say("Add and approve"), on_click=self._approve).props(
+                "outline id=approve"
+            )
             approve.visible = self.user.may("approve")
-            draft = ui.button(say("Hand in for review"), on_click=self._hand_in).props("outline id=hand-in")
+            draft = ui.button(say("Hand in for review"), on_click=self._hand_in).props(
+                "outline id=hand-in"
+            )
             draft.visible = self.hand_in.offered and self.user.may("identify")
         self.words = ui.label("").classes("hint").props("role=status id=history-words")
         self.errors = ui.element("div").props("aria-live=assertive")
         self.body = ui.element("div").props("id=history")
-        await self._ask(looks.history)
+        await self._ask(sandboxed.read_history)
 
     async def _add(self) -> None:
         self.button.disable()
         await self.user.note("added to history", self.named.path)
-        await self._ask(looks.added_to_history)
+        await self._ask(sandboxed.add_to_history)
         if not self.button.is_deleted:
             self.button.enable()
 
     async def _hand_in(self) -> None:
-        await self.hand_in.hand_in(self.named, self.certificate.given(), self.errors)
+        await self.hand_in.hand_in(self.named, self.certificate.stated_data(), self.errors)
 
     async def _approve(self) -> None:
         self.errors.clear()
@@ -227,14 +297,24 @@ class History:
             frame.show_error(self.errors, error)
             return
         await self.user.note("approved", self.named.path)
-        await self._ask(looks.approved, self.user.owner if self.user.users.door else "the page")
+        await self._ask(
+            sandboxed.approve_in_history, self.user.owner if self.user.users.door else "the page"
+        )
 
     async def _ask(self, function: Any, *more: str) -> None:
         self.errors.clear()
-        if function is not looks.history and not self.user.may("identify"):
+        if function is not sandboxed.read_history and not self.user.may("identify"):
             return
-        asked = (self.named.path, self.store, self.certificate.given(), spoken().code, *more)
-        shown = await frame.looked(self.user, self.errors, function, *asked, file_bytes=ANY_SIZE)
+        arguments = (
+            self.named.path,
+            self.store,
+            self.certificate.stated_data(),
+            spoken().code,
+            *more,
+        )
+        shown = await frame.run_sandboxed(
+            self.user, self.errors, function, *arguments, file_bytes=MAX_STORE_BYTES
+        )
         if shown is None or self.body.is_deleted:
             return
         self.words.text = shown["words"]
@@ -245,19 +325,24 @@ class History:
             ui.html(shown["tables"], sanitize=False)
 
 
-async def give(
-    user: User, errors: ui.element, name: str | Callable[[str], str], function: Any, *args: Any, **limits: Any
+async def offer_download(
+    user: User,
+    errors: ui.element,
+    name: str | Callable[[str], str],
+    function: Any,
+    *args: Any,
+    **limits: Any,
 ) -> None:
-    """Let the browser download what a function of ``looks`` makes.
+    """Let the browser download what a function of ``sandboxed`` makes.
 
-    ``name``: of the file; or what makes it of the name that the function returns, too.
+    ``name``: of the file; or a function that makes it of the name that the function returns too.
     """
     try:
-        made = await user.look(function, *args, **limits)
+        content = await user.run_sandboxed(function, *args, **limits)
         if not isinstance(name, str):
-            made, plain = made
+            content, plain = content
             name = name(plain)
-        place = await asyncio.to_thread(user.session.download, made)
+        place = await asyncio.to_thread(user.session.download, content)
     except Exception as error:
         frame.show_error(errors, error, user.session)
         return
@@ -285,7 +370,9 @@ def _curves(shown: dict[str, Any]) -> None:
         ui.html(f"<h3>{html(say('Signals'))}</h3>", sanitize=False)
         if len(signals) > 1:
             names = {number: name for number, (name, *_) in enumerate(signals)}
-            choice = ui.select(names, value=0, label=say("Record")).props("dense outlined stack-label")
+            choice = ui.select(names, value=0, label=say("Record")).props(
+                "dense outlined stack-label"
+            )
             choice.style("max-width: 20rem")
             choice.on_value_change(lambda event: plot.show(signals[event.value][1]))
         plot = frame.Chart(*signals[0][1:])

@@ -1,4 +1,4 @@
-"""One user's page: the steps in their order. A tab that reconnects finds its state."""
+"""Build one user's page: the steps in their order. A tab that reconnects finds its state."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.authentication import SIGN_OUT
 from vibrident.app.web.compare import CompareStep
 from vibrident.app.web.data import DataStep
-from vibrident.app.web.door import SIGN_OUT
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.columns import ColumnsStep
 from vibrident.app.web.form.laboratory import LaboratoryStep
@@ -24,19 +24,23 @@ from vibrident.app.web.language import LANGUAGES, LOCALES, phrase, say, say_coun
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.sensors import SensorsStep
 from vibrident.app.web.tools import ToolsStep
-from vibrident.app.web.users import User, Users
+from vibrident.app.web.user import User
+from vibrident.app.web.users import Users
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 
 _FOLDER = Path(__file__).parent
 _STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
 _SUBTITLE = phrase("From calibration records to a sensor's dynamic model")
-_MOST_OFFERED = 4  # most earlier tabs whose work a new one is offered
+_MAX_OFFERED_TABS = 4  # most earlier tabs whose work a new one is offered
 _SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
 
 async def page(users: Users) -> None:
-    """Build the page. Expensive parts wait until a browser has connected; a bare request gets a heading."""
+    """Build the page.
+
+    Expensive parts wait until a browser has connected; a bare request gets a heading.
+    """
     ui.colors(primary="#0a4b78", positive="#14632f", negative="#a1001a", warning="#7a4b00")
     ui.add_css(_STYLE)
     ui.add_body_html(f"<script>{_SCRIPT}</script>")
@@ -48,7 +52,8 @@ async def page(users: Users) -> None:
         ui.html(f"<h1>vibrident</h1><p>{html(say(_SUBTITLE))}</p>", sanitize=False)
         _visitor(client.request.scope.get(ACCOUNT))
     called = html(say("Contents"))
-    contents = f'<nav class="contents" aria-label="{called}" id="contents" hidden></nav>'  # filled by the script
+    # filled by the script
+    contents = f'<nav class="contents" aria-label="{called}" id="contents" hidden></nav>'
     ui.html(contents, sanitize=False).classes("w-full")
     main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     await client.connected()
@@ -72,7 +77,8 @@ def _visitor(account: Any) -> None:
     """Offer the languages, and to sign out where somebody has signed in."""
     here = spoken().code
     options = "".join(
-        f'<option value="{code}" lang="{LOCALES[code]}"{" selected" * (code == here)}>{name}</option>'
+        f'<option value="{code}" '
+        f'lang="{LOCALES[code]}"{" selected" * (code == here)}>{name}</option>'
         for code, name in LANGUAGES.items()
     )
     parts = f'<select id="language" aria-label="{html(say("Language"))}">{options}</select>'
@@ -85,7 +91,10 @@ def _visitor(account: Any) -> None:
 
 
 async def _say_if_gone() -> None:
-    """Before the steps, which tell the browser that it holds nothing: say it if the state of this tab is lost."""
+    """Say that the state of this tab is lost, if the browser remembers that it had one.
+
+    To be called before the steps, which tell the browser that the tab is empty.
+    """
     try:
         held = await ui.run_javascript("sessionStorage.vibridentHeld === 'yes'", timeout=5.0)
     except TimeoutError:
@@ -95,34 +104,41 @@ async def _say_if_gone() -> None:
             gone = say("The server no longer has the data, the form and the results of this page.")
             ui.label(gone).classes("problem")
             ui.label(
-                say("It needed the room, or the page was left for longer than it keeps them. Load the files again.")
+                say(
+                    "It needed the room, or the page was left for longer than it keeps them. Load "
+                    "the files again."
+                )
             )
 
 
 def _offer(user: User) -> None:
-    """What was left in tabs that are closed."""
-    if not (left := user.users.left_by(user.owner)):
+    """Offer the work of this user's closed tabs."""
+    if not (closed_tabs := user.users.closed_tabs_of(user.owner)):
         return
 
-    def take(one: User) -> None:
-        user.users.hand_over(one, user)
+    def take(earlier: User) -> None:
+        user.users.hand_over(earlier, user)
         ui.navigate.reload()
 
     with ui.element("div").classes("actions").props("id=left-work role=group") as place:
         place.props["aria-label"] = say("Earlier work")
         ui.label(say("Go on with earlier work:"))
-        for one in left[:_MOST_OFFERED]:
-            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(one.seen))
-            files = say_count(len(one.session.names), "{count} file", "{count} files")
-            results = say_count(len(one.results), "{count} result", "{count} results")
+        for earlier in closed_tabs[:_MAX_OFFERED_TABS]:
+            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.seen))
+            files = say_count(len(earlier.session.names), "{count} file", "{count} files")
+            results = say_count(len(earlier.results), "{count} result", "{count} results")
             named = f"{files}, {results}, {at}"
-            ui.button(named, on_click=partial(take, one)).props("outline")
+            ui.button(named, on_click=partial(take, earlier)).props("outline")
 
 
 async def _steps(user: User) -> None:
     issue = IssueStep(user)
-    outcome, compare, fit = OutcomeStep(user, issue), CompareStep(user), FitStep(user)
-    data, tools, sensors = DataStep(user), ToolsStep(user), SensorsStep(user)
+    outcome = OutcomeStep(user, issue)
+    compare = CompareStep(user)
+    fit = FitStep(user)
+    data = DataStep(user)
+    tools = ToolsStep(user)
+    sensors = SensorsStep(user)
     laboratory = LaboratoryStep(user, fit)
     columns = ColumnsStep(user, data, laboratory, fit)
 
@@ -157,8 +173,10 @@ async def _steps(user: User) -> None:
     await sensors.show()
 
 
-async def _restore(user: User, columns: ColumnsStep, fit: FitStep, outcome: OutcomeStep, compare: CompareStep) -> None:
-    """Show what the tab had."""
+async def _restore(
+    user: User, columns: ColumnsStep, fit: FitStep, outcome: OutcomeStep, compare: CompareStep
+) -> None:
+    """Show the earlier state of the tab."""
     await columns.restore()  # with the laboratory
     await fit.restore()
     if user.results:

@@ -1,4 +1,4 @@
-"""The beginning of the chosen columns as in the file, so that a wrong choice is visible."""
+"""Draw the beginning of the chosen columns, so that a wrong choice is visible."""
 
 from __future__ import annotations
 
@@ -24,40 +24,48 @@ from vibrident.show.media.charts import Chart
 from vibrident.show.numbers import shortened
 from vibrident.show.views import BLUE, GREEN, VERMILION, Figure, Look, Panel, Series, Stack
 
-HEIGHT = 360  # height of the chart in pixels
-MOST_SAMPLES = 3000  # samples drawn
+CHART_HEIGHT_PX = 360  # height of the chart in pixels
+MAX_SAMPLES = 3000  # samples drawn
 
 
-def preview(given: Description, folder: Path, files: Sequence[str], language: Language) -> Chart:
-    """A figure of the first file: reference above response, or magnitude over frequency.
+def preview(
+    description: Description, folder: Path, files: Sequence[str], language: Language
+) -> Chart:
+    """Return a figure of the first file: reference above response, or magnitude over frequency.
 
     Two photodetector signals are also drawn over each other, with their ellipse.
     """
-    first, other = given.pairs(files)[0]
-    source = open_columns(folder / first)
-    light = source if other is None else open_columns(folder / other)
-    across = given.get("table.frequency" if given.table else "sampling.time_column")
+    response_file, reference_file = description.pairs(files)[0]
+    source = open_columns(folder / response_file)
+    light = source if reference_file is None else open_columns(folder / reference_file)
+    across = description.get("table.frequency" if description.table else "sampling.time_column")
     drawn: tuple[int | str | None, ...] = tuple(
-        given.get(f"table.{key}") for key in ("magnitude", "phase", "real", "imaginary")
+        description.get(f"table.{key}") for key in ("magnitude", "phase", "real", "imaginary")
     )
-    if name := given.get("table.complex"):
+    if name := description.get("table.complex"):
         drawn = (f"{name}.real", f"{name}.imag")
-    if not given.table:
-        drawn = (given.get("response.column"),) if other else (*given.motion, given.get("response.column"))
+    if not description.table:
+        drawn = (
+            (description.get("response.column"),)
+            if reference_file
+            else (*description.motion, description.get("response.column"))
+        )
     wanted = list(dict.fromkeys(column for column in drawn if column is not None))
-    if not given.signals:  # those of an interferometer are read in blocks
-        whole = [source.position_of(column, "columns and units") for column in wanted]
-        require_room(folder / first, sum(source.length(place) for place in whole))
-    stacks = [*_light(light, given), _over(source, wanted, across, table=given.table)]
+    if not description.signals:  # those of an interferometer are read in blocks
+        positions = [source.position_of(column, "columns and units") for column in wanted]
+        require_room(folder / response_file, sum(source.length(place) for place in positions))
+    stacks = [*_light(light, description), _over(source, wanted, across, table=description.table)]
     if light is not source:
-        signals = [column for column in given.motion if column is not None]
+        signals = [column for column in description.motion if column is not None]
         stacks.insert(-1, _over(light, signals, None, table=False))
     ((_, chart),) = charts(language, Figure("preview", "", tuple(stacks), across=len(stacks)))
     return chart
 
 
-def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | None, *, table: bool) -> Stack:
-    """Columns of a file below each other, over one of them or the number of the sample."""
+def _over(
+    source: ColumnFile, wanted: Sequence[int | str], across: int | str | None, *, table: bool
+) -> Stack:
+    """Draw columns of a file below each other, over one of them or the sample number."""
     values = dict(zip(wanted, _beginnings(source, wanted), strict=True))
     x = None if across is None else _beginnings(source, [across])[0]
     if x is not None and not table and x.size:  # times since 1970 make unreadable labels
@@ -71,13 +79,14 @@ def _over(source: ColumnFile, wanted: Sequence[int | str], across: int | str | N
     panels = []
     for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False):
         look = Look(colour, width=1.0, marker=mark)  # type: ignore[arg-type]
-        line = Series(places, values[column][:size], Mixed(_named(source, column)), look)  # the file's own words
+        # the file's own words
+        line = Series(places, values[column][:size], Mixed(_named(source, column)), look)
         panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
     return Stack(tuple(panels))
 
 
 def _named(source: ColumnFile, column: int | str) -> str:
-    """Return the name of a column with the unit that the file states, if it stands not in the name."""
+    """Return the name of a column with the unit that the file states, if the name has none."""
     unit = source.stated_unit(source.position_of(column, "columns and units"))
     known = "" if split_brackets(str(column))[1] else pretty(unit)
     return " / ".join(filter(None, (shortened(str(column), 50), known)))
@@ -85,23 +94,31 @@ def _named(source: ColumnFile, column: int | str) -> str:
 
 def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
     positions = [source.position_of(column, "columns and units") for column in columns]
-    return [source.block([p], 0, min(source.length(p), MOST_SAMPLES))[0] for p in positions]
+    return [source.block([p], 0, min(source.length(p), MAX_SAMPLES))[0] for p in positions]
 
 
-def _light(source: ColumnFile, given: Description) -> tuple[Stack, ...]:
-    """Two photodetector signals over each other, with their ellipse if the motion determines one."""
-    if len(given.signals) != 2 or None in given.signals:
+def _light(source: ColumnFile, description: Description) -> tuple[Stack, ...]:
+    """Draw two photodetector signals over each other, with their ellipse where it is determined."""
+    if len(description.signals) != 2 or None in description.signals:
         return ()
-    from vibrident.data.interferometer.setting import signals_in_memory  # loads SciPy, which other previews do not need
+    # loads SciPy, which other previews do not need
+    from vibrident.data.interferometer.setting import signals_in_memory
     from vibrident.data.interferometer.survey import survey
 
-    places = [source.position_of(column, "columns and units") for column in given.signals if column is not None]
+    places = [
+        source.position_of(column, "columns and units")
+        for column in description.signals
+        if column is not None
+    ]
     size = min(*(source.length(place) for place in places), 1 << 18)  # enough to fit an ellipse
     signals = source.block(places, 0, size)
     if size < 2 or not np.isfinite(signals).all():
         return ()
-    points, ellipse = signals[:, :: max(size // MOST_SAMPLES, 1)], None
-    with suppress(InputError):  # reported when the file is confirmed; the signals themselves show it
-        seen = survey(signals_in_memory(signals, 1.0))
-        points, ellipse = seen.points, seen.ellipse if seen.fitted else None
+    points = signals[:, :: max(size // MAX_SAMPLES, 1)]
+    ellipse = None
+    # reported when the file is confirmed; the signals themselves show it
+    with suppress(InputError):
+        signal_survey = survey(signals_in_memory(signals, 1.0))
+        points = signal_survey.points
+        ellipse = signal_survey.ellipse if signal_survey.fitted else None
     return (Stack((lissajous(points, ellipse),)),)

@@ -1,4 +1,4 @@
-"""The sensors of a laboratory and its open work, read in a process of their own as ``looks`` does."""
+"""List the sensors of a laboratory and its open work. Each function runs in a separate process."""
 
 from __future__ import annotations
 
@@ -42,12 +42,16 @@ def sensors(store: str, wanted: str, code: str) -> dict[str, Any]:
         rows = all_due(opened, Question())
     part = wanted.strip().casefold()
     named = [row for row in rows if part in str(row["serial_number"]).casefold()]
-    return {"count": len(named), "table": fragment(language(code), _table(named, language(code))) if named else ""}
+    return {
+        "count": len(named),
+        "table": fragment(language(code), _table(named, language(code))) if named else "",
+    }
 
 
 def _table(rows: Sequence[dict[str, Any]], speak: Language) -> Table:
     today = datetime.date.today().isoformat()
-    cells, overdue = [], []
+    cells = []
+    overdue = []
     for number, row in enumerate(rows[:MAX_SENSORS]):
         due = "" if row["recalled"] else row["by_interval"] or ""
         if due and due < today:
@@ -74,9 +78,9 @@ def _table(rows: Sequence[dict[str, Any]], speak: Language) -> Table:
 
 def drafts(paths: Sequence[Path], stated: Sequence[CertificateData]) -> list[Draft]:
     """Return serial number and missing entries of each result with what is stated beside it."""
-    found = []
+    open_drafts = []
     for path, data in zip(paths, stated, strict=True):
         result = with_statements(Result.load(path), data)
         missing = lacking(result.certificate, result.sensor)
-        found.append(Draft(str(result.sensor.get("serial_number") or ""), len(missing)))
-    return found
+        open_drafts.append(Draft(str(result.sensor.get("serial_number") or ""), len(missing)))
+    return open_drafts

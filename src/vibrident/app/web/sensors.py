@@ -1,4 +1,4 @@
-"""The sensors of the history with their dates, and this user's open work, found by serial number."""
+"""Build the list of sensors of the history and of this user's open work, by serial number."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from nicegui import ui
 
 from vibrident.app.web import frame, register
 from vibrident.app.web.form.entries import PLAIN
-from vibrident.app.web.held import Named
 from vibrident.app.web.language import say, say_count, spoken
-from vibrident.app.web.outcome import ANY_SIZE
-from vibrident.app.web.users import User
+from vibrident.app.web.outcome import MAX_STORE_BYTES
+from vibrident.app.web.state import NamedResult
+from vibrident.app.web.user import User
 from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
 
@@ -21,7 +21,7 @@ _MAX_WORK = 40  # results listed of this user
 
 
 class SensorsStep:
-    """A list of sensors, and of the results whose certificates are not issued."""
+    """The section of sensors, and of the results whose certificates are not issued."""
 
     def __init__(self, user: User) -> None:
         self.user = user
@@ -30,27 +30,33 @@ class SensorsStep:
     def build(self, on_open: Callable[[str], Awaitable[Any]]) -> None:
         """Build the section; ``on_open`` is called with the name of a result of this tab."""
         self.on_open = on_open
-        with frame.step(say("Sensors and open work"), "sensors", mark="≡") as self.section:
+        with frame.add_step(say("Sensors and open work"), "sensors", mark="≡") as self.section:
             self.wanted = ui.input(say("Find a serial number")).props(f"{PLAIN} id=serial-wanted")
             self.wanted.style("max-width: 20rem")
             self.wanted.on("keydown.enter", lambda: self.show())
             with ui.element("div").classes("actions"):
-                ui.button(say("Search"), on_click=lambda: self.show()).props("outline id=find-serial")
+                ui.button(say("Search"), on_click=lambda: self.show()).props(
+                    "outline id=find-serial"
+                )
             self.errors = ui.element("div").props("aria-live=assertive")
             self.words = ui.label("").classes("hint").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
         self.section.visible = False
 
-    def _work(self) -> list[tuple[User, Named]]:
+    def _work(self) -> list[tuple[User, NamedResult]]:
         """Return the results of this user in all tabs, those of this tab first."""
-        left = self.user.users.left_by(self.user.owner)
-        each = [(user, named) for user in (self.user, *left) for named in reversed(user.results)]
+        closed_tabs = self.user.users.closed_tabs_of(self.user.owner)
+        each = [
+            (user, named) for user in (self.user, *closed_tabs) for named in reversed(user.results)
+        ]
         return each[:_MAX_WORK]
 
     async def show(self) -> None:
-        """Show what the store and this user's tabs hold of the serial number that is asked for."""
-        user, work = self.user, self._work()
-        store, wanted = user.users.store, self.wanted.value or ""
+        """Show what the store and this user's tabs hold of the wanted serial number."""
+        user = self.user
+        work = self._work()
+        store = user.users.store
+        wanted = self.wanted.value or ""
         if not (store or work):
             self.section.visible = False
             return
@@ -60,26 +66,29 @@ class SensorsStep:
         known: dict[str, Any] = {"count": None, "table": ""}
         failed = False
         if store:
-            asked = (register.sensors, store, wanted, spoken().code)
-            read = await frame.looked(user, self.errors, *asked, file_bytes=ANY_SIZE)
+            call = (register.sensors, store, wanted, spoken().code)
+            read = await frame.run_sandboxed(user, self.errors, *call, file_bytes=MAX_STORE_BYTES)
             failed = read is None
             known = read or known
         paths = [named.path for _, named in work]
         stated = [named.stated or CertificateData() for _, named in work]
-        drafts = await frame.looked(user, self.errors, register.drafts, paths, stated) or []
+        drafts = await frame.run_sandboxed(user, self.errors, register.drafts, paths, stated) or []
         if turn != self.turn or self.body.is_deleted:
             return
         part = wanted.strip().casefold()
         open_work = [
-            (draft, *one) for draft, one in zip(drafts, work, strict=False) if part in draft.serial_number.casefold()
+            (draft, *entry)
+            for draft, entry in zip(drafts, work, strict=False)
+            if part in draft.serial_number.casefold()
         ]
         begun = known["count"] is not None
         self.section.visible = begun or failed or bool(work)
         drafts_words = say_count(len(open_work), "{count} open draft", "{count} open drafts")
         words = [drafts_words]
         if begun:
-            one, several = "{count} sensor in the history", "{count} sensors in the history"
-            words.insert(0, say_count(known["count"], one, several))
+            singular = "{count} sensor in the history"
+            plural = "{count} sensors in the history"
+            words.insert(0, say_count(known["count"], singular, plural))
         self.words.text = ", ".join(words) + "."
         self.body.clear()
         with self.body:
@@ -93,7 +102,7 @@ class SensorsStep:
                 ui.html(f"<h3>{html(say('Sensors'))}</h3>", sanitize=False)
                 ui.html(known["table"], sanitize=False)  # escaped in the process that made it
 
-    def _draft(self, draft: register.Draft, owner: User, named: Named) -> None:
+    def _draft(self, draft: register.Draft, owner: User, named: NamedResult) -> None:
         lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")
         missing = html(lacking if draft.missing else say("complete"))
         serial = html(draft.serial_number or say("no serial number"))
@@ -103,7 +112,7 @@ class SensorsStep:
             button = ui.button(say("Open"), on_click=partial(self._open, owner, named))
             button.props("outline dense").props["aria-label"] = name
 
-    async def _open(self, owner: User, named: Named) -> None:
+    async def _open(self, owner: User, named: NamedResult) -> None:
         """Go to a result of this tab, or take over the tab that has it."""
         if owner is self.user:
             await self.on_open(named.name)

@@ -1,4 +1,4 @@
-"""``serve``: the page on this machine, until it is stopped."""
+"""Serve the page on this machine until it is stopped."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from vibrident.app.web.confinement import possible
-from vibrident.app.web.door import Door, team
-from vibrident.app.web.home import Home
+from vibrident.app.web.authentication import Authenticator, build_authenticator
+from vibrident.app.web.confinement import can_confine
+from vibrident.app.web.home import ServerFolder
 from vibrident.app.web.session import MEGABYTE
 from vibrident.app.workflow.accounts import LOOPBACK
 from vibrident.base.errors import InputError
 from vibrident.lab.history.location import data_folder
 
 USUAL_PORT = 8080
-_RECONNECT_S = 30.0  # seconds without a connection after which the browser rebuilds the page; its state is kept longer
-#: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this machine's own address.
+# seconds without a connection after which the browser rebuilds the page; its state is kept longer
+_RECONNECT_S = 30.0
+#: Addresses for documentation (RFC 5737, RFC 3849): nothing is sent there; they only reveal this
+#: machine's own address.
 _ANYWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 _ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="6" fill="#0a4b78"/>'
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" '
+    'rx="6" fill="#0a4b78"/>'
     '<path d="M3 18h5l3-9 5 15 4-11 2 5h7" fill="none" stroke="#fff" stroke-width="2.4"/></svg>'
 )
 
@@ -47,25 +50,36 @@ def serve(
 ) -> None:
     """Serve the page until interrupted, with the options of ``vibrident serve``.
 
-    ``show``: open the browser; ``names``: further host names of the page; ``store``: URL of the history that everybody
-    who reaches the page may read and add to; ``key``: file and pass phrase of the key that signs; ``say`` is called
-    with the address, ``note`` with what to know before.
+    ``show``: open the browser; ``names``: further host names of the page; ``store``: URL of the
+    history that everybody who reaches the page may read and add to; ``key``: file and pass phrase
+    of the key that signs; ``say`` is called with the address, ``note`` with what to know before.
     """
     from nicegui import ui
 
     chosen = _free_port(host, port)
     keep_s = 3600.0 * keep_h
     loopback = host in LOOPBACK
-    team(auth, proxy, user_header, None, Path(), loopback=loopback)  # refused before anything is made
-    home = Home(data_folder() / "page" if keep_s else None, f"{host}-{chosen}", keep_s)
-    door = team(auth, proxy, user_header, audit or data_folder() / "audit.jsonl", home.folder, loopback=loopback)
+    # refused before anything is made
+    build_authenticator(auth, proxy, user_header, None, Path(), loopback=loopback)
+    home = ServerFolder(data_folder() / "page" if keep_s else None, f"{host}-{chosen}", keep_s)
+    door = build_authenticator(
+        auth,
+        proxy,
+        user_header,
+        audit or data_folder() / "audit.jsonl",
+        home.folder,
+        loopback=loopback,
+    )
     os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
     try:
-        known = own_names(host) | frozenset(names)
+        known = page_names(host) | frozenset(names)
         build(limit_mb, home, names=known, store=store, keep_s=keep_s, door=door, key=key)
-        if door is not None and not possible():
-            note("Readers of files are not confined: bubblewrap is missing here or not allowed (docs/security.md).")
-        say(f"http://{_bracketed(reachable(host))}:{chosen}/")
+        if door is not None and not can_confine():
+            note(
+                "Readers of files are not confined: bubblewrap is missing here or not allowed "
+                "(docs/security.md)."
+            )
+        say(f"http://{_bracketed(reachable_address(host))}:{chosen}/")
         ui.run(
             host=host,
             port=chosen,
@@ -87,12 +101,12 @@ def serve(
 
 def build(
     limit_mb: float,
-    home: Home,
+    home: ServerFolder,
     *,
     names: frozenset[str],
     store: str | None,
     keep_s: float,
-    door: Door | None,
+    door: Authenticator | None,
     key: tuple[Path, str] | None = None,
 ) -> None:
     """Register the page and its guard."""
@@ -102,7 +116,9 @@ def build(
     from vibrident.app.web.page import page
     from vibrident.app.web.users import Users
 
-    users = Users(home.folder, limit_mb, store, keep_s, door, key, laboratories=data_folder() / "laboratories")
+    users = Users(
+        home.folder, limit_mb, store, keep_s, door, key, laboratories=data_folder() / "laboratories"
+    )
     app.add_middleware(Guard, limit_bytes=int(limit_mb * MEGABYTE), names=names, door=door)
     app.on_startup(users.start)
     app.on_shutdown(users.close)
@@ -113,16 +129,19 @@ def build(
         await page(users)
 
 
-def own_names(host: str) -> frozenset[str]:
-    """Host names of a page at this address; addresses of this machine are known from the request."""
+def page_names(host: str) -> frozenset[str]:
+    """Return the host names of a page at this address.
+
+    Addresses of this machine are known from the request.
+    """
     if host in LOOPBACK:
         return LOOPBACK
-    own = socket.gethostname().lower()
-    return LOOPBACK | {host, own, f"{own}.local"} - {"", ".local"}
+    hostname = socket.gethostname().lower()
+    return LOOPBACK | {host, hostname, f"{hostname}.local"} - {"", ".local"}
 
 
-def reachable(host: str) -> str:
-    """An address for the browser; 0.0.0.0 and :: are not usable as one."""
+def reachable_address(host: str) -> str:
+    """Return an address for the browser, which can use neither 0.0.0.0 nor ::."""
     try:
         if not ipaddress.ip_address(host).is_unspecified:
             return host

@@ -1,4 +1,4 @@
-"""One user's files: a private folder, names made safe, limits on sizes and numbers."""
+"""Store one user's files: a private folder, names made safe, limits on sizes and numbers."""
 
 from __future__ import annotations
 
@@ -18,26 +18,32 @@ from vibrident.data.io.record_files import natural_sort_key
 
 CALIBRATION = "calibration.toml"  # name of the calibration file that the page writes
 RESULT = "result.json"  # name of a result when it is downloaded
-_RAN = "ran.toml"  # the calibration file of the last identification that began, beside the data
+# the calibration file of the last identification that began, beside the data
+_LAST_CALIBRATION = "ran.toml"
 MEGABYTE = 1_000_000
-MOST_FILES = 500
-MOST_RESULTS = 20  # most results of one page; the oldest are evicted
-KNOWN = (*by_ending(), ".toml", ".json")  # endings of accepted files
-_LONGEST_NAME = 120
-_DOWNLOADS = 4
+MAX_FILES = 500
+MAX_RESULTS = 20  # most results of one page; the oldest are evicted
+ACCEPTED_ENDINGS = (*by_ending(), ".toml", ".json")  # endings of accepted files
+_MAX_NAME_LENGTH = 120
+_MAX_DOWNLOADS = 4
 _UNSAFE = re.compile(r"[^\w.+ -]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 class Session:
-    """Files of one user, in a private folder below ``parent`` that is made with the first file; ``name``: a kept one.
+    """Files of one user, in a private folder below ``parent``.
 
-    ``limit_mb``: most megabytes of the data, and of the results. ``room`` is called with the bytes to come and refuses
-    those that the server has no room for.
+    The folder is made with the first file; ``name``: of a kept one. ``limit_mb``: most megabytes of
+    the data, and of the results. ``room`` is called with the bytes to come and refuses those that
+    the server has no room for.
     """
 
     def __init__(
-        self, parent: Path, limit_mb: float, room: Callable[[int], None] = lambda size: None, name: str = ""
+        self,
+        parent: Path,
+        limit_mb: float,
+        room: Callable[[int], None] = lambda size: None,
+        name: str = "",
     ) -> None:
         self.limit_mb = limit_mb
         self.folder = parent / (name or secrets.token_hex(16))
@@ -57,15 +63,17 @@ class Session:
     def close(self) -> None:
         """Remove every file."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        self._sizes, self._result_sizes, self._written = {}, {}, False
+        self._sizes = {}
+        self._result_sizes = {}
+        self._written = False
 
-    def own(self, kind: str) -> Path | None:
-        """The laboratory's own ``logo`` or ``template``, where there is one."""
+    def laboratory_file(self, kind: str) -> Path | None:
+        """Return the path of the laboratory's ``logo`` or ``template``; None if there is none."""
         path = self.folder / f"own-{kind}"
         return path if path.exists() else None
 
-    def keep_own(self, kind: str, content: bytes) -> None:
-        """Replace one of these; nothing removes it."""
+    def keep_laboratory_file(self, kind: str, content: bytes) -> None:
+        """Replace the laboratory's own ``logo`` or ``template``; no content removes it."""
         self.open()
         path = self.folder / f"own-{kind}"
         if content:
@@ -76,28 +84,32 @@ class Session:
     def clear(self) -> None:
         """Remove the data, keep their results."""
         shutil.rmtree(self.data, ignore_errors=True)
-        self._sizes, self._written = {}, False
+        self._sizes = {}
+        self._written = False
 
     @property
     def names(self) -> list[str]:
-        """Names of all files, in natural order."""
-        own = {CALIBRATION} if self._written else set()
-        return sorted(set(self._sizes) - own, key=natural_sort_key)
+        """Return the names of all files, in natural_sort_key order."""
+        page_files = {CALIBRATION} if self._written else set()
+        return sorted(set(self._sizes) - page_files, key=natural_sort_key)
 
     @property
     def files(self) -> list[str]:
-        """Names of the data files, in natural order."""
+        """Return the names of the data files, in natural order."""
         readers = by_ending()
         return [name for name in self.names if Path(name).suffix.lower() in readers]
 
     @property
     def used_bytes(self) -> int:
-        """Size of all files, including the results."""
+        """Return the size of all files, including the results."""
         return sum(self._sizes.values()) + sum(self._result_sizes.values())
 
     @property
     def calibration(self) -> str | None:
-        """Name of the uploaded calibration file; not of the page's own. Several must have the usual name."""
+        """Return the name of the uploaded calibration file; None if there is none.
+
+        InputError if there are several and none has the usual name.
+        """
         names = [name for name in self.names if Path(name).suffix.lower() == ".toml"]
         if len(names) > 1 and CALIBRATION not in names:
             raise InputError(
@@ -122,15 +134,18 @@ class Session:
         if self._written:
             self.remove(CALIBRATION)
 
-    def place_for(self, name: str, size: int) -> Path:
-        """Path for a file of this name and size. A calibration file replaces one of the same name."""
+    def reserve_path(self, name: str, size: int) -> Path:
+        """Return the path for a file of this name and size.
+
+        A calibration file replaces one of the same name.
+        """
         safe = safe_name(name)
-        if Path(safe).suffix.lower() not in KNOWN:
+        if Path(safe).suffix.lower() not in ACCEPTED_ENDINGS:
             raise unknown_format(Path(safe).suffix, safe)
         if safe.lower() == CALIBRATION:
             self.forget_calibration()
-        taken = {other.lower(): other for other in self._sizes}.get(safe.lower())
-        if taken is not None and Path(safe).suffix.lower() != ".toml":
+        existing = {known.lower(): known for known in self._sizes}.get(safe.lower())
+        if existing is not None and Path(safe).suffix.lower() != ".toml":
             raise InputError(
                 "A file of that name already exists.",
                 expected="a unique name for each file",
@@ -139,12 +154,12 @@ class Session:
                 remedy="remove the existing one, or rename one of the two",
             )
         data_bytes = sum(self._sizes.values())
-        if data_bytes + size > self.limit_mb * MEGABYTE or len(self._sizes) >= MOST_FILES:
-            raise too_large(self.limit_mb, safe)
+        if data_bytes + size > self.limit_mb * MEGABYTE or len(self._sizes) >= MAX_FILES:
+            raise too_large_error(self.limit_mb, safe)
         self._room(size)
         self.open()
-        if taken is not None:
-            self.remove(taken)
+        if existing is not None:
+            self.remove(existing)
         self._sizes[safe] = size
         return self.data / safe
 
@@ -156,7 +171,7 @@ class Session:
 
     @property
     def state(self) -> dict[str, Any]:
-        """What the folders do not say of themselves."""
+        """Return what the folders do not tell: sizes, and whether the page wrote a file."""
         return {"sizes": dict(self._sizes), "written": self._written}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -170,11 +185,11 @@ class Session:
                 path.unlink()
         self.rescan()
         self._written = state["written"] and CALIBRATION in self._sizes
-        kept = sorted(self.results.glob("*.json"), key=lambda path: int(path.stem))
-        for path in kept:
+        result_files = sorted(self.results.glob("*.json"), key=lambda path: int(path.stem))
+        for path in result_files:
             both = (path, path.with_suffix(".toml"))
-            self._result_sizes[path] = sum(one.stat().st_size for one in both if one.exists())
-        self._made = max((int(path.stem) for path in kept), default=0)
+            self._result_sizes[path] = sum(file.stat().st_size for file in both if file.exists())
+        self._made = max((int(path.stem) for path in result_files), default=0)
 
     def rescan(self) -> None:
         """Update the list of files after another process has written."""
@@ -182,7 +197,7 @@ class Session:
 
     @contextlib.asynccontextmanager
     async def new_folder(self, name: str) -> AsyncIterator[Path]:
-        """A folder for the time of the block."""
+        """Yield a folder that exists for the time of the block."""
         self.open()
         self._made += 1
         folder = self.folder / f"{name}-{self._made}"
@@ -200,54 +215,55 @@ class Session:
             except OSError:  # a file system without links
                 shutil.copyfile(self.data / name, copy / name)
 
-    def keep_ran(self, name: str) -> None:
+    def keep_last_calibration(self, name: str) -> None:
         """Keep a copy of the calibration file with which an identification begins."""
-        shutil.copyfile(self.data / name, self.folder / _RAN)
+        shutil.copyfile(self.data / name, self.folder / _LAST_CALIBRATION)
 
-    def take_ran(self, copy: Path, name: str) -> None:
+    def use_last_calibration(self, copy: Path, name: str) -> None:
         """Put the calibration file of the last identification into a copy of the data."""
         (copy / name).unlink(missing_ok=True)  # a hard link to the present one
-        shutil.copyfile(self.folder / _RAN, copy / name)
+        shutil.copyfile(self.folder / _LAST_CALIBRATION, copy / name)
 
     def keep_result(self, place: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
-        """Move a result and its calibration file here; returns its path, and the evicted results."""
+        """Move a result and its calibration file here; return its path and the evicted results."""
         moved = [place, calibration] if calibration else [place]
         size = sum(path.stat().st_size for path in moved)
         self._room(size)
         self.open()
         self._made += 1
-        kept = self.results / f"{self._made}.json"
+        target = self.results / f"{self._made}.json"
         for path in moved:
-            path.replace(kept.with_suffix(".json" if path is place else ".toml"))
-        self._result_sizes[kept] = size
-        gone = []
-        while len(self._result_sizes) > MOST_RESULTS or (
-            len(self._result_sizes) > 1 and sum(self._result_sizes.values()) > self.limit_mb * MEGABYTE
+            path.replace(target.with_suffix(".json" if path is place else ".toml"))
+        self._result_sizes[target] = size
+        evicted = []
+        while len(self._result_sizes) > MAX_RESULTS or (
+            len(self._result_sizes) > 1
+            and sum(self._result_sizes.values()) > self.limit_mb * MEGABYTE
         ):
             oldest = next(iter(self._result_sizes))
             del self._result_sizes[oldest]
             oldest.unlink(missing_ok=True)
             oldest.with_suffix(".toml").unlink(missing_ok=True)
-            gone.append(oldest)
-        return kept, gone
+            evicted.append(oldest)
+        return target, evicted
 
-    def download(self, made: bytes | Path) -> Path:
-        """A file for the browser, of bytes or a file that is moved; all but the last few are removed."""
+    def download(self, content: bytes | Path) -> Path:
+        """Return a file for the browser, of bytes or a moved file; only the last few are kept."""
         self.open()
         folder = self.folder / "downloads"
         folder.mkdir(mode=0o700, exist_ok=True)
-        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _DOWNLOADS]:
+        for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _MAX_DOWNLOADS]:
             old.unlink(missing_ok=True)
         self._made += 1
         place = folder / f"{self._made}"
-        if isinstance(made, bytes):
-            place.write_bytes(made)
+        if isinstance(content, bytes):
+            place.write_bytes(content)
         else:
-            made.replace(place)
+            content.replace(place)
         return place
 
-    def local(self, error: InputError) -> InputError:
-        """The error with paths relative to the folder of the data."""
+    def with_local_paths(self, error: InputError) -> InputError:
+        """Return the error with paths relative to the folder of the data."""
         fields = dict(vars(error))
         for folder in (self.data, self.results, self.folder):
             fields = {key: value.replace(f"{folder}{os.sep}", "") for key, value in fields.items()}
@@ -255,22 +271,25 @@ class Session:
 
 
 def safe_name(name: str) -> str:
-    """A file name that stays in its folder, on any system: no path, no control character, no reserved word."""
+    """Return a file name that stays in its folder on any system.
+
+    It has no path, no control character and no reserved word.
+    """
     last = PurePosixPath(name.replace("\\", "/")).name
     plain = _UNSAFE.sub("_", last).strip(" .") or "file"
     if _RESERVED.fullmatch(plain) or plain.startswith("-"):
         plain = f"_{plain}"
-    if len(plain) <= _LONGEST_NAME:
+    if len(plain) <= _MAX_NAME_LENGTH:
         return plain
-    room = _LONGEST_NAME - len(Path(plain).suffix)
-    return plain[:room] + Path(plain).suffix if room > 0 else plain[:_LONGEST_NAME]
+    room = _MAX_NAME_LENGTH - len(Path(plain).suffix)
+    return plain[:room] + Path(plain).suffix if room > 0 else plain[:_MAX_NAME_LENGTH]
 
 
-def too_large(limit_mb: float, where: str = "upload") -> InputError:
-    """The error of an upload beyond the limit."""
+def too_large_error(limit_mb: float, where: str = "upload") -> InputError:
+    """Return the error of an upload beyond the limit."""
     return InputError(
         "The files are too large for the page.",
-        expected=f"at most {limit_mb:g} MB and {MOST_FILES} files in all",
+        expected=f"at most {limit_mb:g} MB and {MAX_FILES} files in all",
         found="more",
         where=where,
         remedy="leave files out, or ask whoever runs the server for a higher limit",
@@ -278,7 +297,10 @@ def too_large(limit_mb: float, where: str = "upload") -> InputError:
 
 
 def refuse_outside(file: Path) -> None:
-    """Refuse a calibration file that names files outside its folder: a path that is absolute or leads upwards."""
+    """Refuse a calibration file that names files outside its folder.
+
+    These are paths that are absolute or lead upwards.
+    """
     from vibrident.data.io.calibration_file import read_calibration_file
 
     document = read_calibration_file(file)

@@ -1,4 +1,4 @@
-"""A further task of a user's page under way: its progress, what it said, and how it was broken off."""
+"""Run a further task of a user's page: its progress, its output, and how it was broken off."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.app.web.language import Language, language, phrase
-from vibrident.app.web.looks import facts
+from vibrident.app.web.sandboxed import model_and_estimator
 from vibrident.app.web.task_work import ARCHIVE, CHOSEN, OUT, work
 from vibrident.app.web.tasks import TASKS, TaskRequest
-from vibrident.app.web.worker import Stopped, Worker
+from vibrident.app.web.worker import StoppedError, Worker
 
 _MAX_RESULTS = 10  # results of a task that join those of the page
 _MAX_POINTS = 2000  # of a growing chart
@@ -34,11 +34,11 @@ class TaskProgress:
     error: Exception | None = None
     shown: dict[str, Any] | None = None  # tables, charts, notes
     archive: Path | None = None
-    kept: int = 0  # results that joined those of the page
+    kept_results: int = 0  # results that joined those of the page
     began: float = field(default_factory=time.monotonic)
 
-    def tell(self, words: str, share: float, kind: str, points: dict[str, list[float]]) -> None:
-        """Take what the process says: see ``task_work.Told``."""
+    def record(self, words: str, share: float, kind: str, points: dict[str, list[float]]) -> None:
+        """Take a progress message of the process: see ``task_work.ProcessProgress``."""
         if kind == "note":
             self.notes.append(words)
             return
@@ -62,7 +62,8 @@ class TaskRun:
     """The further task of ``user``, which holds it: one at a time."""
 
     def __init__(self, user: Any) -> None:
-        self.user, self.worker = user, Worker()
+        self.user = user
+        self.worker = Worker()
         self.progress: TaskProgress | None = None
 
     @property
@@ -72,36 +73,47 @@ class TaskRun:
 
     @property
     def state(self) -> TaskRequest | None:
-        """Return what a server that follows has to call broken off."""
+        """Return the request that the next server has to report as broken off; None for none."""
         now = self.progress
-        broken_off = now is not None and (not now.over or isinstance(now.error, Stopped))
+        broken_off = now is not None and (not now.over or isinstance(now.error, StoppedError))
         return now.request if now is not None and broken_off else None
 
-    def restore(self, request: TaskRequest | None, error: Stopped) -> None:
+    def restore(self, request: TaskRequest | None, error: StoppedError) -> None:
         """Take up a task that was broken off."""
         if request is not None:
             self.progress = TaskProgress(request, "", over=True, error=error)
 
     def start(self, request: TaskRequest) -> None:
-        """Begin a task on a copy of the data; what becomes of it is in ``progress``."""
+        """Begin a task on a copy of the data; ``progress`` holds its outcome."""
         self.user.require("identify", "do that")
         self.progress = TaskProgress(request)
         self.user.changed()
         self._task = asyncio.get_running_loop().create_task(self._run(self.progress))
 
     async def _run(self, now: TaskProgress) -> None:
-        user, session, request = self.user, self.user.session, now.request
+        user = self.user
+        session = self.user.session
+        request = now.request
         try:
             async with session.new_folder("tool") as folder:
                 await asyncio.to_thread(session.copy_to, folder)
                 if request.result:
-                    chosen = next(one for one in user.results if one.name == request.result)
+                    chosen = next(
+                        result for result in user.results if result.name == request.result
+                    )
                     await asyncio.to_thread(shutil.copyfile, chosen.path, folder / CHOSEN)
                 if user.users.identifying.locked():
                     now.words = phrase("Waiting for other computations …")
                 async with user.users.identifying:
-                    asked = (request.task, request.options, list(request.files), request.language)
-                    now.shown = await self.worker.run(work, *asked, folder=folder, progress=now.tell)
+                    arguments = (
+                        request.task,
+                        request.options,
+                        list(request.files),
+                        request.language,
+                    )
+                    now.shown = await self.worker.run(
+                        work, *arguments, folder=folder, progress=now.record
+                    )
                 await user.note("ran", task=request.task, options=request.options)
                 await self._keep(now, folder)
             now.words = phrase("Done.")
@@ -110,7 +122,8 @@ class TaskRun:
         except StopIteration:
             now.words = phrase("The result is no longer there.")
         except Exception as error:
-            now.words, now.error = "", error
+            now.words = ""
+            now.error = error
         finally:
             now.over = True
             user.changed()
@@ -122,7 +135,7 @@ class TaskRun:
             now.archive = await asyncio.to_thread(self.user.session.download, folder / ARCHIVE)
         for name in now.shown["results"][:_MAX_RESULTS]:
             path = folder / OUT / name
-            model, estimator = await self.user.look(facts, path)
+            model, estimator = await self.user.run_sandboxed(model_and_estimator, path)
             title = language(now.request.language)(TASKS[now.request.task].title)
-            self.user.keep(f"{title}: {path.parent.name}, {model}, {estimator}", path)
-            now.kept += 1
+            self.user.keep_result(f"{title}: {path.parent.name}, {model}, {estimator}", path)
+            now.kept_results += 1

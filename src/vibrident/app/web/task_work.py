@@ -1,4 +1,4 @@
-"""Further tasks of the page, in a process of their own: the library's functions, shown as HTML and charts."""
+"""Do further tasks of the page in a separate process, with HTML and charts as output."""
 
 from __future__ import annotations
 
@@ -11,43 +11,46 @@ from typing import Any
 from vibrident.app.web import translated
 from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.session import refuse_outside
-from vibrident.app.workflow.made import Made, Teller
+from vibrident.app.workflow.made import ProgressReporter, TaskOutput
 
 #: The folder of the files of a task, the archive of them, and the result that it works with.
-OUT, ARCHIVE, CHOSEN = "files", "files.zip", "chosen-result.json"
+OUT = "files"
+ARCHIVE = "files.zip"
+CHOSEN = "chosen-result.json"
 _MAX_CHART_BYTES = 4_000_000
 
 
-class Told(Teller):
-    """Hands the progress on as values: words, share done, and points of a growing chart by name."""
+class ProcessProgress(ProgressReporter):
+    """Passes the progress on as values: words, share done, and points of a growing chart."""
 
     def __init__(self, progress: Callable[..., object]) -> None:
-        self._progress, self._words = progress, ""
+        self._progress = progress
+        self._words = ""
 
     def step(self, words: str) -> None:
-        """Tell the name of the step that begins; its line in the chart is new."""
+        """Report the name of the step that begins; its line in the chart is new."""
         self._words = words
         self._progress(words, -1.0, "", {})
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Tell an iteration: its cost is a point of the chart."""
+        """Report an iteration: its cost is a point of the chart."""
         facts = {"words": self._words, "iteration": iteration, "most": most}
         words = phrase("{words}: iteration {iteration} of at most {most}", **facts)
         point = {self._words or "cost": [float(iteration), float(cost)]}
         self._progress(words, iteration / most if most else -1.0, "cost", point)
 
     def share(self, words: str, done: int, most: int) -> None:
-        """Tell how many parts of the whole are done."""
+        """Report how many parts of the work are done."""
         self._progress(words, done / most if most else -1.0, "", {})
 
     def estimate(self, row: Any, units: Mapping[str, str]) -> None:
-        """Tell a tracked sensor: its first frequency, or its first parameter, is the chart's."""
+        """Report a tracked sensor by its first frequency, or its first parameter."""
         name = next((name for name in row.values if units[name] == "Hz"), next(iter(row.values)))
         point = {f"{name} / {units[name]}": [float(row.time_s), float(row.values[name])]}
         self._progress("", -1.0, "time", point)
 
     def note(self, words: str) -> None:
-        """Tell a remark."""
+        """Report a remark."""
         self._progress(words, -1.0, "note", {})
 
 
@@ -71,35 +74,40 @@ def work(
         refuse_outside(Path(name))
     folder = Path(OUT)
     folder.mkdir(exist_ok=True)
-    made = _TASKS[task](options, files, folder, Told(progress))
+    output = _TASKS[task](options, files, folder, ProcessProgress(progress))
     written = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     with zipfile.ZipFile(ARCHIVE, "w", zipfile.ZIP_DEFLATED) as packed:
         for path in written:
             packed.write(path, path.relative_to(folder))
     names = [str(path.relative_to(folder)) for path in written]
     results = [name for name in names if Path(name).name == "result.json"]
-    return {**_shown(made, language(code)), "files": names, "results": results}
+    return {**_shown(output, language(code)), "files": names, "results": results}
 
 
-def _shown(made: Made, speak: Language) -> dict[str, Any]:
+def _shown(output: TaskOutput, speak: Language) -> dict[str, Any]:
     drawn = []
-    for figure in made.figures:
+    for figure in output.figures:
         for title, chart in translated.charts(speak, figure):
             text = json.dumps(chart, separators=(",", ":"), allow_nan=False).encode()
             if len(text) < _MAX_CHART_BYTES:
                 drawn.append((title or speak(figure.title), text, chart["layout"]["height"]))
     return {
-        "tables": translated.fragment(speak, *made.blocks),
+        "tables": translated.fragment(speak, *output.blocks),
         "charts": drawn,
-        "notes": [speak(note) for note in (*(one.message for one in made.findings), *made.notes)],
+        "notes": [
+            speak(note)
+            for note in (*(finding.message for finding in output.findings), *output.notes)
+        ],
     }
 
 
-def _compare(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+def _compare(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
     from vibrident.app.workflow.comparison import compare
     from vibrident.data.io import read
 
-    made, _ = compare(
+    output, _ = compare(
         read(files[0]),
         folder,
         estimators=options.get("estimators") or (),
@@ -107,10 +115,12 @@ def _compare(options: dict[str, Any], files: Sequence[str], folder: Path, tell: 
         validate=bool(options.get("validate")),
         tell=tell,
     )
-    return made
+    return output
 
 
-def _predict(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+def _predict(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import predict
     from vibrident.data.io import read
@@ -119,7 +129,9 @@ def _predict(options: dict[str, Any], files: Sequence[str], folder: Path, tell: 
     return predict(load_result(Path(CHOSEN)), read(files[0]), folder)
 
 
-def _correct(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+def _correct(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import correct
     from vibrident.data.io import read
@@ -135,57 +147,66 @@ def _correct(options: dict[str, Any], files: Sequence[str], folder: Path, tell: 
     )
 
 
-def _track(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+def _track(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
     from vibrident.app.workflow.tracked import TrackRequest, track
     from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
 
     tell.step(phrase("Tracking"))
-    asked = TrackRequest(
+    request = TrackRequest(
         Path(CHOSEN),
         Path(files[0]),
         folder,
         every_s=options.get("every"),
         false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS_PER_DAY,
     )
-    made, _ = track(asked, tell)
-    return made
+    output, _ = track(request, tell)
+    return output
 
 
-def _plan(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+def _plan(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
-    from vibrident.app.workflow.uses import planned, write_plan
+    from vibrident.app.workflow.uses import describe_plan, write_plan
     from vibrident.physics.simulation import one_third_octave
     from vibrident.use.planning import plan
 
     tell.step(phrase("Planning"))
     band = _band(options)
-    made = plan(
+    best_plan = plan(
         load_result(Path(CHOSEN)),
         frequencies_hz=None if band is None else one_third_octave(*band).tolist(),
         best=options.get("best"),
         times_as_long=options.get("times_as_long") or 1.0,
     )
-    write_plan(made, folder)
-    return planned(made)
+    write_plan(best_plan, folder)
+    return describe_plan(best_plan)
 
 
-def _joint(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
-    from vibrident.app.workflow.identification import Request, places, run
+def _joint(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
+    from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
     from vibrident.data.io import read
     from vibrident.show import methods
 
-    model, shared = options.get("model"), options.get("share")
-    request = Request(models=[model] if model else None, share=shared or None)
+    model = options.get("model")
+    shared = options.get("share")
+    request = IdentifyRequest(models=[model] if model else None, share=shared or None)
     request.check(len(files))
     tell.step(phrase("Identifying together"))
     results = run(request, [read(file) for file in files], tell)
-    for result, place in zip(results, places([*map(Path, files)], folder), strict=True):
+    for result, place in zip(results, result_folders([*map(Path, files)], folder), strict=True):
         place.mkdir(parents=True, exist_ok=True)
         result.save(place / "result.json")
-    return Made(methods.joint(results[0]) if len(results) > 1 else ())
+    return TaskOutput(methods.joint(results[0]) if len(results) > 1 else ())
 
 
-def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
+def _fleet(
+    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+) -> TaskOutput:
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
     from vibrident.lab.fleets import Fleet
@@ -197,10 +218,12 @@ def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
             phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total
         )
     )
-    return Made(overview(outcome))
+    return TaskOutput(overview(outcome))
 
 
-_TASKS: Mapping[str, Callable[[dict[str, Any], Sequence[str], Path, Told], Made]] = {
+_TASKS: Mapping[
+    str, Callable[[dict[str, Any], Sequence[str], Path, ProcessProgress], TaskOutput]
+] = {
     "compare": _compare,
     "predict": _predict,
     "correct": _correct,

@@ -1,4 +1,4 @@
-"""Further tasks of the page: what each is given, asks for, and is called."""
+"""Define the further tasks of the page: their titles, inputs and options."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Field:
 
     @property
     def is_number(self) -> bool:
-        """Return whether a number is filled in."""
+        """Return whether the value is a number."""
         return self.kind in ("number", "whole")
 
 
@@ -49,7 +49,9 @@ TASKS: Mapping[str, Task] = {
         },
     ),
     "predict": Task(
-        phrase("Predict"), phrase("The response of these records, by the chosen result."), ("result", "data")
+        phrase("Predict"),
+        phrase("The response of these records, by the chosen result."),
+        ("result", "data"),
     ),
     "correct": Task(
         phrase("Correct"),
@@ -77,7 +79,8 @@ TASKS: Mapping[str, Task] = {
     "plan": Task(
         phrase("Plan the next calibration"),
         phrase(
-            "The uncertainty that other frequencies or longer records would give, for the sensor of the chosen result."
+            "The uncertainty that other frequencies or longer records would give, for the sensor "
+            "of the chosen result."
         ),
         ("result",),
         {
@@ -98,7 +101,9 @@ TASKS: Mapping[str, Task] = {
     ),
     "fleet": Task(
         phrase("Identify many sensors"),
-        phrase("Upload a calibration file (.toml) for each, with their data: one table, a row each."),
+        phrase(
+            "Upload a calibration file (.toml) for each, with their data: one table, a row each."
+        ),
         ("all",),
         {"model": Field(phrase("Model for all"), "model")},
     ),

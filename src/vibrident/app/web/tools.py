@@ -1,4 +1,4 @@
-"""What else can be done with the data and the result: tasks with their options, progress, tables and charts."""
+"""Build the step of further tasks: options, progress, tables and charts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from vibrident.app.web.language import phrase, say, say_count, spoken
 from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
 from vibrident.app.web.translated import charts
-from vibrident.app.web.users import User
-from vibrident.app.web.worker import Stopped
+from vibrident.app.web.user import User
+from vibrident.app.web.worker import StoppedError
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 from vibrident.fit.registry import ESTIMATORS
@@ -35,7 +35,7 @@ class ToolsStep:
         """Build the section, hidden until there are data or results."""
         self.on_result = on_result
         now = self.user.task.progress
-        with frame.step(say("More with these data"), "more", mark="+") as self.section:
+        with frame.add_step(say("More with these data"), "more", mark="+") as self.section:
             titles = {name: say(task.title) for name, task in TASKS.items()}
             first = now.request.task if now else "compare"
             self.task = ui.select(titles, value=first, label=say("Task"))
@@ -70,14 +70,14 @@ class ToolsStep:
     def _usual(self) -> str | None:
         """Return the name of the latest identification, else of the latest result of any origin."""
         results = self.user.results
-        names = [one.name for one in (*results, *(one for one in results if one.choices))]
+        names = [named.name for named in (*results, *(named for named in results if named.choices))]
         return names[-1] if names else None
 
     def _ask(self) -> None:
         """Ask for the options of the chosen task."""
         task = TASKS[self.task.value]
         self.hint.text = say(task.hint)
-        self.given: dict[str, Any] = {}
+        self.option_elements: dict[str, Any] = {}
         self.result = None
         self.fields.clear()
         with self.fields:
@@ -85,29 +85,36 @@ class ToolsStep:
                 names = [named.name for named in self.user.results]
                 self.result = ui.select(names, value=self._usual(), label=say("Result"))
                 self.result.props("dense outlined stack-label")
-            for name, asked in task.fields.items():
-                self.given[name] = _entry(asked)
+            for name, field in task.fields.items():
+                self.option_elements[name] = _option_element(field)
 
     def _chosen(self) -> TaskRequest:
         """Return the task with its options; InputError where something is missing."""
-        name, task, user = self.task.value, TASKS[self.task.value], self.user
+        name = self.task.value
+        task = TASKS[self.task.value]
+        user = self.user
         files: tuple[str, ...] = ()
         if "data" in task.takes:
-            confirmed = _there(user.confirmed, "confirmed columns", "confirm the columns first")
+            confirmed = _require(user.confirmed, "confirmed columns", "confirm the columns first")
             files = (confirmed.name,)
         elif "all" in task.takes:
-            found = [one for one in user.session.names if one.lower().endswith(".toml")]
-            files = tuple(_there(found, "calibration files", "upload them, with their data"))
+            calibration_files = [
+                file for file in user.session.names if file.lower().endswith(".toml")
+            ]
+            files = tuple(
+                _require(calibration_files, "calibration files", "upload them, with their data")
+            )
         result = ""
         if self.result is not None:
             remedy = "identify first, or upload an earlier one"
-            result = str(_there(self.result.value, "a result", remedy))
+            result = str(_require(self.result.value, "a result", remedy))
         options: dict[str, object] = {}
-        for option, element in self.given.items():
-            value, asked = element.value, task.fields[option]
+        for option, element in self.option_elements.items():
+            value = element.value
+            field = task.fields[option]
             if value in (None, "", [], False):
                 continue
-            options[option] = _number(asked, value) if asked.is_number else value
+            options[option] = _number(field, value) if field.is_number else value
         _require_band(task, options)
         return TaskRequest(name, options, result, files, spoken().code)
 
@@ -154,8 +161,8 @@ class ToolsStep:
         self._renew()
         self.live.forget()
         self._tell(now)
-        if now.kept:
-            now.kept = 0
+        if now.kept_results:
+            now.kept_results = 0
             await self.on_result(go=False)
 
     def _tell(self, now: TaskProgress) -> None:
@@ -163,11 +170,13 @@ class ToolsStep:
         title = say(TASKS[now.request.task].title)
         if now.error is not None:
             frame.show_error(self.errors, now.error, self.user.session)
-            if isinstance(now.error, Stopped) and not self.errors.is_deleted:
+            if isinstance(now.error, StoppedError) and not self.errors.is_deleted:
                 with self.errors:
                     broken_off = say("Broken off: {what}", what=title)
                     ui.label(broken_off).classes("hint").props("id=task-broken-off")
-                    again = ui.button(say("Repeat"), on_click=lambda: self._begin(lambda: now.request))
+                    again = ui.button(
+                        say("Repeat"), on_click=lambda: self._begin(lambda: now.request)
+                    )
                     again.props("outline id=repeat-task")
         if now.shown is None:
             return
@@ -179,7 +188,8 @@ class ToolsStep:
                 ui.html(f"<h3>{html(heading)}</h3>", sanitize=False)
                 frame.Chart(chart, height)
             if now.archive is not None:
-                count, archive = len(now.shown["files"]), now.archive
+                count = len(now.shown["files"])
+                archive = now.archive
                 label = say_count(count, "The file (zip)", "All {count} files (zip)")
                 name = f"{now.request.task}.zip"
                 get = ui.button(label, on_click=lambda: ui.download.file(archive, name))
@@ -198,29 +208,32 @@ def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, An
         Series(points[:, 0], points[:, 1], name, LINES[number % len(LINES)])
         for number, (name, points) in enumerate(named.items())
     )
-    x = np.concatenate([np.zeros(0), *(one.x for one in series)])
-    y = np.concatenate([np.zeros(0), *(one.y for one in series)])
+    x = np.concatenate([np.zeros(0), *(line.x for line in series)])
+    y = np.concatenate([np.zeros(0), *(line.y for line in series)])
     if across == "cost":
-        below = axes.linear(phrase("Iteration"), np.append(x, [0.0, 2.0]), whole=True, most=8)
-        beside = axes.size(phrase("Cost"), y)
+        x_axis = axes.linear(
+            phrase("Iteration"), np.append(x, [0.0, 2.0]), whole_numbers=True, most=8
+        )
+        y_axis = axes.size(phrase("Cost"), y)
     else:
-        below, beside = axes.linear(phrase("Time in s"), x), axes.linear("", y)
-    panel = Panel(below, beside, series, 1.1)
+        x_axis = axes.linear(phrase("Time in s"), x)
+        y_axis = axes.linear("", y)
+    panel = Panel(x_axis, y_axis, series, 1.1)
     ((_, chart),) = charts(spoken(), Figure("live", "", (Stack((panel,)),)))
     return chart
 
 
-def _entry(asked: Field) -> Any:
+def _option_element(field: Field) -> Any:
     """Return the element of an option."""
-    several = {"models": models(), "estimators": _estimators(), "shared": shared()}
-    label = say(asked.label)
-    if asked.kind in several:
-        element = ui.select(several[asked.kind], value=[], multiple=True, label=label)
+    several = {"models": models(), "estimators": _estimators(), "shared": shared_parameters()}
+    label = say(field.label)
+    if field.kind in several:
+        element = ui.select(several[field.kind], value=[], multiple=True, label=label)
         return element.props(f"{PLAIN} options-dense use-chips")
-    if asked.kind == "model":
+    if field.kind == "model":
         element = ui.select({"": say("that of each"), **models()}, value="", label=label)
         return element.props(f"{PLAIN} options-dense")
-    if asked.kind == "flag":
+    if field.kind == "flag":
         return ui.checkbox(label).props("dense")
     return ui.number(label, format="%.12g").props(f"{PLAIN} step=any")
 
@@ -236,37 +249,38 @@ def models() -> dict[str, str]:
 
 
 def _estimators() -> dict[str, str]:
-    return {name: f"{name}: {say(one.title)}" for name, one in ESTIMATORS.all().items()}
+    return {name: f"{name}: {say(estimator.title)}" for name, estimator in ESTIMATORS.all().items()}
 
 
-def shared() -> dict[str, str]:
+def shared_parameters() -> dict[str, str]:
     """Return the parameters that calibrations may share."""
     from vibrident.physics.naming import in_words
 
-    found: dict[str, str] = {}
+    labels: dict[str, str] = {}
     for kind in (*CORES.values(), *ADD_ONS.values()):
         for parameter in kind.parameters:
-            found[parameter.name] = say(in_words(parameter.name))
-    return found
+            labels[parameter.name] = say(in_words(parameter.name))
+    return labels
 
 
-def _number(asked: Field, value: float) -> float | int:
-    whole = asked.kind == "whole"
-    if value < asked.least or (whole and value != int(value)) or value <= 0:
-        least = f"{asked.least:g} or above" if asked.least else "above 0"
+def _number(field: Field, value: float) -> float | int:
+    is_whole = field.kind == "whole"
+    if value < field.least or (is_whole and value != int(value)) or value <= 0:
+        least = f"{field.least:g} or above" if field.least else "above 0"
         raise InputError(
-            f"“{asked.label}” is out of range.",
-            expected=f"a {'whole ' if whole else ''}number, {least}",
+            f"“{field.label}” is out of range.",
+            expected=f"a {'is_whole ' if is_whole else ''}number, {least}",
             found=f"{value:g}",
-            where=f"“{asked.label}”",
+            where=f"“{field.label}”",
             remedy="give another number, or leave the field empty",
         )
-    return int(value) if whole else float(value)
+    return int(value) if is_whole else float(value)
 
 
 def _require_band(task: Task, options: Mapping[str, Any]) -> None:
     """Refuse one end of a band without the other, or the higher one first."""
-    low, high = options.get("low_hz"), options.get("high_hz")
+    low = options.get("low_hz")
+    high = options.get("high_hz")
     if low is high is None or (low is not None and high is not None and low < high):
         return
     raise InputError(
@@ -278,7 +292,9 @@ def _require_band(task: Task, options: Mapping[str, Any]) -> None:
     )
 
 
-def _there(found: Any, what: str, remedy: str) -> Any:
-    if not found:
-        raise InputError("Something is missing for this task.", expected=what, found="none", remedy=remedy)
-    return found
+def _require(value: Any, what: str, remedy: str) -> Any:
+    if not value:
+        raise InputError(
+            "Something is missing for this task.", expected=what, found="none", remedy=remedy
+        )
+    return value

@@ -1,4 +1,4 @@
-"""Tables, sentences and charts of results in the page's language, as far as it has their words.
+"""Translate tables, sentences and charts of results into the page's language.
 
 What the engine says, such as the message of a warning, stays as it is where no catalogue has it.
 """
@@ -38,15 +38,15 @@ def fragment(language: Language, *blocks: Block) -> str:
 
 
 def charts(language: Language, figure: Figure) -> list[tuple[str, Chart]]:
-    """Return name and chart of each stack of a figure that can be chosen."""
-    found = drawn(_figure(language, figure))
-    for _, chart in found:
+    """Return the name and the chart of each stack of a figure."""
+    named_charts = drawn(_figure(language, figure))
+    for _, chart in named_charts:
         if language.comma:
             chart["layout"]["separators"] = ",\N{NARROW NO-BREAK SPACE}"
         for menu in chart["layout"].get("updatemenus", ()):
             for button in menu["buttons"]:
                 button["label"] = language(button["label"])
-    return found
+    return named_charts
 
 
 def translated(language: Language, block: Block) -> Block:
@@ -57,20 +57,26 @@ def translated(language: Language, block: Block) -> Block:
         case Table():
             return _table(language, block)
         case Sentence():
-            words = {name: _said(language, getattr(block, name)) for name in ("text", "lead", "end")}
+            words = {
+                name: _translate(language, getattr(block, name)) for name in ("text", "lead", "end")
+            }
             return replace(block, **words)
         case Doubt():
-            meaning, action = _said(language, block.meaning), _said(language, block.action)
-            title, remedy = _said(language, block.title), _said(language, block.remedy)
+            meaning = _translate(language, block.meaning)
+            action = _translate(language, block.action)
+            title = _translate(language, block.title)
+            remedy = _translate(language, block.remedy)
             return replace(block, title=title, meaning=meaning, action=action, remedy=remedy)
         case Facts():
-            rows = tuple((_said(language, a), b and _said(language, b)) for a, b in block.rows)
-            return replace(block, rows=rows, title=_said(language, block.title))
+            rows = tuple(
+                (_translate(language, a), b and _translate(language, b)) for a, b in block.rows
+            )
+            return replace(block, rows=rows, title=_translate(language, block.title))
         case Folded():
-            blocks = tuple(translated(language, one) for one in block.blocks)
-            return Folded(_said(language, block.summary), blocks)
+            blocks = tuple(translated(language, inner) for inner in block.blocks)
+            return Folded(_translate(language, block.summary), blocks)
         case Beside():
-            return Beside(tuple(translated(language, one) for one in block.blocks))
+            return Beside(tuple(translated(language, inner) for inner in block.blocks))
         case Figure():
             return _figure(language, block)
     return block
@@ -90,10 +96,10 @@ def _table(language: Language, table: Table) -> Table:
         table,
         columns=heads,
         rows=rows,
-        lead=tuple(_said(language, one) for one in table.lead),
-        notes=tuple(_said(language, one) for one in table.notes),
-        title=_said(language, table.title),
-        groups={number: _said(language, words) for number, words in table.groups.items()},
+        lead=tuple(_translate(language, text) for text in table.lead),
+        notes=tuple(_translate(language, text) for text in table.notes),
+        title=_translate(language, table.title),
+        groups={number: _translate(language, words) for number, words in table.groups.items()},
     )
 
 
@@ -102,12 +108,12 @@ def _number(language: Language, cell: _T) -> _T:
 
 
 def _head(language: Language, column: Column) -> Column:
-    """Return the head of a column; what others called it, such as a result, stays."""
+    """Return the head of a column; foreign words, such as the name of a result, stay."""
     return replace(column, title=_cell(language, column.title))
 
 
 def _cell(language: Language, text: _T) -> _T:
-    """Return a cell that is of our own words, or remarks of these; another as it is."""
+    """Return a cell in the language if its words are ours, or remarks of these; else unchanged."""
     parts = [language.known(part) for part in text.split(", ")]
     known = language.known(text) or ", ".join(part or "" for part in parts)
     if language.known(text) is None and None in parts:
@@ -115,21 +121,27 @@ def _cell(language: Language, text: _T) -> _T:
     return type(text)(known)
 
 
-def _said(language: Language, text: _T) -> _T:
+def _translate(language: Language, text: _T) -> _T:
     return type(text)(language(text)) if text else text
 
 
 def _figure(language: Language, figure: Figure) -> Figure:
     if language.code == "en":
         return figure
-    words = {name: _said(language, getattr(figure, name)) for name in ("title", "caption", "note")}
-    return replace(figure, stacks=tuple(_stack(language, one) for one in figure.stacks), **words)
+    words = {
+        name: _translate(language, getattr(figure, name)) for name in ("title", "caption", "note")
+    }
+    return replace(
+        figure, stacks=tuple(_stack(language, stack) for stack in figure.stacks), **words
+    )
 
 
 def _stack(language: Language, stack: Stack) -> Stack:
     name, line, below = stack.title.partition("\n")
-    title = f"{name}{line}{_said(language, below)}"
-    return replace(stack, panels=tuple(_panel(language, one) for one in stack.panels), title=title)
+    title = f"{name}{line}{_translate(language, below)}"
+    return replace(
+        stack, panels=tuple(_panel(language, panel) for panel in stack.panels), title=title
+    )
 
 
 def _panel(language: Language, panel: Panel) -> Panel:
@@ -137,16 +149,16 @@ def _panel(language: Language, panel: Panel) -> Panel:
         panel,
         x=_axis(language, panel.x),
         y=_axis(language, panel.y),
-        series=tuple(_series(language, one) for one in panel.series),
-        title=_said(language, panel.title),
-        marks=tuple((place, _said(language, words)) for place, words in panel.marks),
-        empty=_said(language, panel.empty),
+        series=tuple(_series(language, line) for line in panel.series),
+        title=_translate(language, panel.title),
+        marks=tuple((place, _translate(language, words)) for place, words in panel.marks),
+        empty=_translate(language, panel.empty),
     )
 
 
 def _axis(language: Language, axis: Axis) -> Axis:
     """Return an axis; its label has a line for the quantity and one for the unit."""
-    label = _said(language, axis.label)
+    label = _translate(language, axis.label)
     if label == axis.label:
         label = type(label)("\n".join(_line(language, line) for line in axis.label.split("\n")))
     ticks = tuple((place, language.number(name)) for place, name in axis.ticks)
@@ -160,6 +172,7 @@ def _line(language: Language, line: str) -> str:
 
 def _series(language: Language, series: Series) -> Series:
     texts: Any = tuple(type(text)(language.number(text)) for text in series.texts)
-    own = not isinstance(series.label, Mixed)
-    label, band = _said(language, series.label) if own else series.label, _said(language, series.band)
+    is_ours = not isinstance(series.label, Mixed)
+    label = _translate(language, series.label) if is_ours else series.label
+    band = _translate(language, series.band)
     return replace(series, label=label, band=band, texts=texts)

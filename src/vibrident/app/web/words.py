@@ -1,4 +1,4 @@
-"""The page's words for the settings that messages name: the labels of its fields."""
+"""Name the settings of messages by the labels of the page's fields."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def page_word(labels: Mapping[str, str] = LABELS, speak: Callable[[str], str] = 
             return None
         argument = "" if value.isupper() else plain(value)
         setting = name.removeprefix("--").rpartition(".")[2].replace("_", " ").replace("-", " ")
-        said = f"“{speak(labels.get(name, setting))}” {argument}".rstrip()
-        return said if name in labels else f"{said} {_ELSEWHERE}"
+        words = f"“{speak(labels.get(name, setting))}” {argument}".rstrip()
+        return words if name in labels else f"{words} {_ELSEWHERE}"
 
     return word

@@ -1,1 +1,1 @@
-"""What shell and page have in common: settings made ready, an identification run, files written whole."""
+"""Provide what shell and page have in common: settings, identification, whole files."""

@@ -1,4 +1,4 @@
-"""Accounts of a team's page: a file of names, roles and Argon2 hashes, and a limit on guesses of passwords."""
+"""Keep the accounts of a team's page: names, roles and Argon2 hashes; limit password guesses."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from pathlib import Path
 from vibrident.base.errors import InputError
 from vibrident.base.files import atomic_write
 
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})  # addresses at which a page is for this machine alone
+# addresses at which a page is for this machine alone
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 #: What each may do, and all before it: look at results and histories, identify and issue, approve.
 ROLES = ("look", "identify", "approve")
 _NAME = re.compile(r"[\w.@+-]{1,64}")
-#: Failures of a name or an address before it has to wait, and the longest wait in seconds; it doubles from a second.
-_FREE_TRIES = 5
-_LONGEST_WAIT_S = 900.0
-_MOST_REMEMBERED = 10_000  # most names and addresses whose failures are remembered
+#: Failures of a name or an address before it has to wait, and the longest wait in seconds; it
+#: doubles from a second.
+_FREE_FAILURES = 5
+_MAX_WAIT_S = 900.0
+_MAX_REMEMBERED_KEYS = 10_000  # most names and addresses whose failures are remembered
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Account:
     hash: str
 
     def may(self, role: str) -> bool:
-        """Whether its role includes another."""
+        """Return whether the role includes another."""
         return ROLES.index(self.role) >= ROLES.index(role)
 
 
@@ -40,14 +42,15 @@ class Accounts:
     """The accounts of a file, read again when it has changed: a line each, ``NAME:ROLE:HASH``."""
 
     def __init__(self, file: Path) -> None:
-        self._file, self._seen = file, -1
+        self._file = file
+        self._seen = -1
         self._known: dict[str, Account] = {}
         self._failures: dict[str, tuple[int, float]] = {}
         self._one_at_a_time = threading.Lock()  # a hash takes 64 MB and a processor
         self._read()
 
     def named(self, name: str) -> Account | None:
-        """The account of this name, as the file has it now."""
+        """Return the account of this name, as the file has it now; None if there is none."""
         try:
             if self._file.stat().st_mtime_ns != self._seen:
                 self._read()
@@ -56,12 +59,18 @@ class Accounts:
         return self._known.get(name)
 
     def wait_s(self, *keys: str) -> float:
-        """Seconds that a name or an address must wait before its next try."""
-        waits = [until - time.monotonic() for _, until in (self._failures.get(key, (0, 0.0)) for key in keys)]
+        """Return the seconds that a name or an address must wait before its next try."""
+        waits = [
+            until - time.monotonic()
+            for _, until in (self._failures.get(key, (0, 0.0)) for key in keys)
+        ]
         return max(0.0, *waits)
 
     def check(self, name: str, password: str, *keys: str) -> Account | None:
-        """The account, if the password is its own; else a failure of the keys is counted. It takes time."""
+        """Return the account if the password is right; else count a failure of the keys.
+
+        It takes time, by design.
+        """
         from argon2 import PasswordHasher
         from argon2.exceptions import InvalidHashError, VerificationError
 
@@ -69,7 +78,7 @@ class Accounts:
         hasher = PasswordHasher()
         with self._one_at_a_time:
             try:  # an unknown name takes as long as a known one
-                hasher.verify((account and account.hash) or _nobody(), password)
+                hasher.verify((account and account.hash) or _unused_hash(), password)
                 right = account is not None and bool(account.hash)
             except (VerificationError, InvalidHashError):
                 right = False
@@ -82,65 +91,73 @@ class Accounts:
 
     def _fail(self, key: str) -> None:
         count = self._failures.get(key, (0, 0.0))[0] + 1
-        wait = min(2.0 ** (count - _FREE_TRIES), _LONGEST_WAIT_S) if count >= _FREE_TRIES else 0.0
+        wait = min(2.0 ** (count - _FREE_FAILURES), _MAX_WAIT_S) if count >= _FREE_FAILURES else 0.0
         self._failures[key] = (count, time.monotonic() + wait)
-        if len(self._failures) > _MOST_REMEMBERED:
+        if len(self._failures) > _MAX_REMEMBERED_KEYS:
             del self._failures[min(self._failures, key=lambda key: self._failures[key][1])]
 
     def _read(self) -> None:
         try:
-            stat, text = self._file.stat(), self._file.read_text(encoding="utf-8")
+            stat = self._file.stat()
+            text = self._file.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise _unusable(self._file, str(error)) from error
+            raise _unusable_error(self._file, str(error)) from error
         if stat.st_mode & 0o022:
-            raise _unusable(self._file, "a file that others may write", "chmod go-w it")
+            raise _unusable_error(self._file, "a file that others may write", "chmod go-w it")
         known = {}
         for number, line in enumerate(text.splitlines(), 1):
             if not line.strip() or line.startswith("#"):
                 continue
-            name, _, rest = line.strip().partition(":")
-            role, _, hashed = rest.partition(":")
-            if not _NAME.fullmatch(name) or role not in ROLES or (hashed and not hashed.startswith("$argon2id$")):
-                raise _unusable(self._file, f"line {number} is none")
+            name, _, fields = line.strip().partition(":")
+            role, _, hashed = fields.partition(":")
+            if (
+                not _NAME.fullmatch(name)
+                or role not in ROLES
+                or (hashed and not hashed.startswith("$argon2id$"))
+            ):
+                raise _unusable_error(self._file, f"line {number} is none")
             known[name] = Account(name, role, hashed)
-        self._known, self._seen = known, stat.st_mtime_ns
+        self._known = known
+        self._seen = stat.st_mtime_ns
 
 
-def add(file: Path, name: str, role: str, password: str) -> None:
+def add_account(file: Path, name: str, role: str, password: str) -> None:
     """Write an account to the file; it replaces one of the same name."""
     from argon2 import PasswordHasher
 
     if not _NAME.fullmatch(name) or role not in ROLES:
-        raise _unusable(file, f"{name}:{role}", f"give NAME:ROLE, with a role of {', '.join(ROLES)}")
+        raise _unusable_error(
+            file, f"{name}:{role}", f"give NAME:ROLE, with a role of {', '.join(ROLES)}"
+        )
     if len(password) < 8:  # NIST SP 800-63B, 5.1.1.1
-        raise _unusable(file, "a password shorter than 8 characters", "choose a longer one")
+        raise _unusable_error(file, "a password shorter than 8 characters", "choose a longer one")
     if file.exists():
         Accounts(file)
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    kept = [line for line in lines if line.partition(":")[0].strip() != name]
-    text = "\n".join([*kept, f"{name}:{role}:{PasswordHasher().hash(password)}"]) + "\n"
+    other_lines = [line for line in lines if line.partition(":")[0].strip() != name]
+    text = "\n".join([*other_lines, f"{name}:{role}:{PasswordHasher().hash(password)}"]) + "\n"
     with atomic_write(file) as partial:
         partial.touch(0o600)
         partial.write_text(text, encoding="utf-8")
 
 
 @functools.cache
-def _nobody() -> str:
-    """A hash that fits no password that is used, at the cost of any other."""
+def _unused_hash() -> str:
+    """Return a hash that fits no real password and costs as much to check as any other."""
     from argon2 import PasswordHasher
 
     return PasswordHasher().hash(os.urandom(32).hex())
 
 
-def _unusable(
+def _unusable_error(
     file: Path,
-    found: str,
+    problem: str,
     remedy: str = "make it with ⟦command = serve⟧, ⟦serve.auth = FILE⟧ and ⟦serve.add = NAME:ROLE⟧",
 ) -> InputError:
     return InputError(
         "The file of accounts cannot be used.",
         expected="lines NAME:ROLE:HASH, in a file that its owner alone may write",
-        found=found,
+        found=problem,
         where=f"⟦serve.auth = {str(file)!r}⟧",
         remedy=remedy,
     )

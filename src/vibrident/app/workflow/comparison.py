@@ -1,4 +1,4 @@
-"""Methods beside each other on the same data, as a shell or a page asks for them."""
+"""Compare methods on the same data, as a shell or a page asks for it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json
-from vibrident.app.workflow.made import SILENT, Made, Teller
+from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
 
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
@@ -24,11 +24,11 @@ def compare(
     discretisations: Sequence[str] = (),
     validate: bool = False,
     truth: Mapping[str, float] | None = None,
-    tell: Teller = SILENT,
-) -> tuple[Made, dict[str, Result]]:
-    """Compare methods as :func:`vibrident.compare` does; return what that says, and the results by name.
+    tell: ProgressReporter = SILENT,
+) -> tuple[TaskOutput, dict[str, Result]]:
+    """Compare methods as :func:`vibrident.compare` does; return output, and results by name.
 
-    ``folder``: for comparison.json and each result; ``tell``: who is told of the progress.
+    ``folder``: for comparison.json and each result; ``tell``: gets the progress.
     """
     from vibrident.use.methods import compare_methods
 
@@ -43,17 +43,19 @@ def compare(
     )
     for name, result in comparison.results.items():
         result.save(folder / f"{name.replace(' ', '-').replace('+', '-')}.json")
-    return written(comparison, folder), dict(comparison.results)
+    return write_comparison(comparison, folder), dict(comparison.results)
 
 
-def written(comparison: Comparison, folder: Path) -> Made:
-    """Write comparison.json, and return what it says."""
+def write_comparison(comparison: Comparison, folder: Path) -> TaskOutput:
+    """Write comparison.json, and return the comparison."""
     from vibrident.show import methods
 
     write_json(folder / "comparison.json", comparison.to_dict())
     results = comparison.results
-    blocks: tuple[Any, ...] = methods.compared(list(results.values()), list(results), dict(comparison.truth))
+    blocks: tuple[Any, ...] = methods.compared(
+        list(results.values()), list(results), dict(comparison.truth)
+    )
     if len({result.model for result in results.values()}) > 1:
         scores = {name: dict(score) for name, score in comparison.cross_validations.items()}
         blocks += methods.models(results, scores)
-    return Made(blocks)
+    return TaskOutput(blocks)

@@ -1,4 +1,4 @@
-"""From names and settings, as a user gives them, to an estimator."""
+"""Make an estimator of the name and the settings that a user gives."""
 
 from __future__ import annotations
 
@@ -22,43 +22,50 @@ def estimator_names() -> tuple[str, ...]:
 
 
 def estimators_with(setting: str, names: Iterable[str] | None = None) -> tuple[str, ...]:
-    """Return the names of the estimators that have a setting; ``names``: those to ask, None for all."""
-    asked = ESTIMATORS if names is None else names
-    return tuple(name for name in asked if setting in ESTIMATORS[name].settings)
+    """Return the names of the estimators that have a setting.
+
+    ``names``: those to search, None for all.
+    """
+    candidates = ESTIMATORS if names is None else names
+    return tuple(name for name in candidates if setting in ESTIMATORS[name].settings)
 
 
-def _given(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if value is not None}
 
 
-def checked(name: str, settings: Mapping[str, Any], *, weights: bool = False) -> None:
-    """Refuse settings that do not fit the estimator, and ``weights`` of one that has none; None is not given.
+def check_settings(name: str, settings: Mapping[str, Any], *, weights: bool = False) -> None:
+    """Refuse settings that do not fit the estimator; None is not given.
 
-    Without settings, nothing is loaded.
+    ``weights``: whether a network's weights are requested. Without settings, nothing is loaded.
     """
-    asked = _given(settings)
-    for setting in asked:
+    given_settings = _without_none(settings)
+    for setting in given_settings:
         owners = estimators_with(setting)
         if not owners:
-            known = sorted({name for one in ESTIMATORS.all().values() for name in one.settings})
+            known = sorted(
+                {name for registered in ESTIMATORS.all().values() for name in registered.settings}
+            )
             raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "⟦here⟧")
         if name not in owners:
-            raise misfit(_option(setting), _estimators(owners), _estimators([name]))
+            raise misfit_error(_option(setting), _estimators(owners), _estimators([name]))
         needs = ESTIMATORS[name].settings[setting].needs
-        if needs is not None and asked.get(needs[0]) != needs[1]:
-            other = asked.get(needs[0], ESTIMATORS[name].settings[needs[0]].default)
-            raise misfit(_option(setting), _option(*needs), _option(needs[0], other))
-    if asked:
-        ESTIMATORS[name].configured(**asked)
+        if needs is not None and given_settings.get(needs[0]) != needs[1]:
+            present = given_settings.get(needs[0], ESTIMATORS[name].settings[needs[0]].default)
+            raise misfit_error(_option(setting), _option(*needs), _option(needs[0], present))
+    if given_settings:
+        ESTIMATORS[name].configured(**given_settings)
     if weights and name != AUTO and not ESTIMATORS[name].trains_network:
-        networks = [key for key, one in ESTIMATORS.all().items() if one.trains_network]
-        raise misfit(_option("weights"), _estimators(networks), _estimators([name]))
+        networks = [
+            key for key, registered in ESTIMATORS.all().items() if registered.trains_network
+        ]
+        raise misfit_error(_option("weights"), _estimators(networks), _estimators([name]))
 
 
 def estimator(name: str, settings: Mapping[str, Any]) -> str | Estimator:
-    """The argument of ``identify``: a name, or the estimator with the given settings."""
-    asked = _given(settings)
-    return ESTIMATORS[name].configured(**asked) if asked else name
+    """Return the argument of ``identify``: a name, or the estimator with the given settings."""
+    given_settings = _without_none(settings)
+    return ESTIMATORS[name].configured(**given_settings) if given_settings else name
 
 
 def _option(name: str, value: Any = None) -> str:
@@ -69,12 +76,12 @@ def _estimators(names: Iterable[str]) -> str:
     return f"⟦identify.estimator = {' or '.join(map(repr, names))}⟧"
 
 
-def misfit(option: str, wanted: str, found: str) -> InputError:
-    """The error of an option that goes with something else than it was given with."""
+def misfit_error(option: str, wanted: str, actual: str) -> InputError:
+    """Return the error of an option that does not go with the other options given."""
     return InputError(
         f"The option {option} does not fit.",
         expected=f"{option} with {wanted}",
-        found=f"{option} with {found}",
+        found=f"{option} with {actual}",
         where="⟦here⟧",
         remedy=f"add {wanted}, or leave {option} out",
     )

@@ -1,4 +1,7 @@
-"""Results read; files written all together or not at all: into a hidden folder in or beside the target, then moved."""
+"""Read results; write files all together or not at all.
+
+They are written into a hidden folder in or beside the target, then moved.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ class Folder:
 
 @contextlib.contextmanager
 def written_whole(target: Path) -> Iterator[Folder]:
-    """Collect files for ``target``; move them there at the end of the block; leave nothing if it fails.
+    """Collect files for ``target``, and move them there at the end; leave nothing on failure.
 
     Files of the same names are replaced, others stay.
     """
@@ -58,16 +61,16 @@ def written_whole(target: Path) -> Iterator[Folder]:
 
     def discard() -> None:
         shutil.rmtree(partial, ignore_errors=True)
-        for made in missing:  # empty where nothing was written
+        for new_files in missing:  # empty where nothing was written
             with contextlib.suppress(OSError):
-                made.rmdir()
+                new_files.rmdir()
 
     try:
         with tidied_up(discard):
             partial.mkdir(parents=True)
             yield folder
-            made = [path for path in partial.rglob("*") if path.is_file()]
-            for file in sorted(made, key=lambda file: (file.name == _LAST, file)):
+            new_files = [path for path in partial.rglob("*") if path.is_file()]
+            for file in sorted(new_files, key=lambda file: (file.name == _LAST, file)):
                 place = target / file.relative_to(partial)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 folder.files.append(file.replace(place))
@@ -96,12 +99,13 @@ def refuse_used(target: Path, *, force: bool) -> None:
         expected="a new or empty folder",
         found=f"{sum(1 for _ in target.iterdir())} files or folders",
         where=str(target),
-        remedy="give another ⟦simulate.folder⟧, or ⟦simulate.force⟧ to replace files of the same names",
+        remedy="give another ⟦simulate.folder⟧, or ⟦simulate.force⟧ to replace files of the same "
+        "names",
     )
 
 
 def write_samples(path: Path, record: Record, **columns: Any) -> None:
-    """Write a row a sample: ``time_s``, the file's own clock, and the columns; blank for no number."""
+    """Write a row a sample: ``time_s``, on the file's clock, and the columns; blank for NaN."""
     times = (record.start_time_s + record.time_s).tolist()
     rows = zip(times, *(values.tolist() for values in columns.values()), strict=True)
     with path.open("w", encoding="ascii", newline="\n") as stream:

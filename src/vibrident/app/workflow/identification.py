@@ -1,4 +1,4 @@
-"""An identification as requested by a shell or a page: checked before anything is read, then run."""
+"""Check and run an identification as requested by a shell or a page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibrident.app.workflow.estimators import AUTO, checked, estimator
+from vibrident.app.workflow.estimators import AUTO, check_settings, estimator
 from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,25 +17,29 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Request:
-    """What is to be identified, and how."""
+class IdentifyRequest:
+    """Choices of an identification."""
 
     estimator: str = AUTO  # its name, or ``auto``
-    settings: Mapping[str, Any] = field(default_factory=dict)  # of the estimator; None where one is not given
+    # of the estimator; None where one is not given
+    settings: Mapping[str, Any] = field(default_factory=dict)
     # name of the sensor model: one for all calibrations, or one each; None: the calibrations' own
     models: Sequence[str] | None = None
     uncertainty: Any = "auto"  # what the uncertainties cover
     # several calibrations: parameters that they share; None: by what the parameters describe
     share: Sequence[str] | None = None
     posterior: bool = False  # whether the posterior is sampled
-    band_hz: tuple[float, float] | None = None  # that the fit takes; None: as the calibrations state
+    # that the fit takes; None: as the calibrations state
+    band_hz: tuple[float, float] | None = None
     weights: bool = False  # whether the weights of a network are requested
 
     def check(self, calibrations: int = 1) -> None:
         """Refuse options that exclude each other; nothing is read."""
-        checked(self.estimator, self.settings, weights=self.weights)
+        check_settings(self.estimator, self.settings, weights=self.weights)
         if calibrations == 1 and self.share:
-            raise several("⟦identify.share⟧", f"⟦identify.share = {list(self.share)!r}⟧")
+            raise several_files_error(
+                "⟦identify.share⟧", f"⟦identify.share = {list(self.share)!r}⟧"
+            )
         if calibrations > 1 and self.posterior:
             raise InputError(
                 "The posterior is sampled for one calibration at a time.",
@@ -46,57 +50,77 @@ class Request:
             )
 
 
-def run(request: Request, calibrations: Sequence[Calibration], progress: Progress) -> list[Result]:
-    """A result for each calibration; several make one joint fit.
+def run(
+    request: IdentifyRequest, calibrations: Sequence[Calibration], progress: Progress
+) -> list[Result]:
+    """Return a result for each calibration; several make one joint fit.
 
     Raises:
         InputError: the data cannot be used, or there are more models than calibrations.
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
-    chosen, models = estimator(request.estimator, request.settings), request.models
+    chosen = estimator(request.estimator, request.settings)
+    models = request.models
     calibrations = [calibration.within(request.band_hz) for calibration in calibrations]
     if len(calibrations) == 1:
         from vibrident.use.identification import identify
 
         if models is not None and len(models) > 1:
-            raise several("⟦identify.model = [A, B]⟧", f"⟦identify.model = {list(models)!r}⟧")
-        model, sampling = None if models is None else models[0], None
+            raise several_files_error(
+                "⟦identify.model = [A, B]⟧", f"⟦identify.model = {list(models)!r}⟧"
+            )
+        model = None if models is None else models[0]
+        sampling = None
         if request.posterior:
             from vibrident.fit.uncertainty.posterior import Sampling
 
             sampling = Sampling()
         uncertainty = request.uncertainty
         return [
-            identify(calibrations[0], model, chosen, uncertainty=uncertainty, posterior=sampling, progress=progress)
+            identify(
+                calibrations[0],
+                model,
+                chosen,
+                uncertainty=uncertainty,
+                posterior=sampling,
+                progress=progress,
+            )
         ]
     from vibrident.fit.joint import identify_together
 
-    one = models[0] if models is not None and len(models) == 1 else models
+    model_choice = models[0] if models is not None and len(models) == 1 else models
     return list(
         identify_together(
-            calibrations, one, chosen, share=request.share, uncertainty=request.uncertainty, progress=progress
+            calibrations,
+            model_choice,
+            chosen,
+            share=request.share,
+            uncertainty=request.uncertainty,
+            progress=progress,
         )
     )
 
 
-def several(option: str, found: str) -> InputError:
-    """The error of an option that is for several calibrations."""
+def several_files_error(option: str, actual: str) -> InputError:
+    """Return the error of an option that is for several calibrations."""
     return InputError(
         f"The option {option} is for several calibrations.",
         expected=f"two or more calibration files with {option}",
-        found=f"{found} with one",
+        found=f"{actual} with one",
         where="⟦here⟧",
         remedy=f"name the other calibrations of this sensor, or leave {option} out",
     )
 
 
-def places(files: Sequence[Path], folder: Path) -> list[Path]:
+def result_folders(files: Sequence[Path], folder: Path) -> list[Path]:
     """Return the folder of each result: the first in ``folder``, others below it by their names."""
-    found = [folder]
+    folders = [folder]
     for file in files[1:]:
-        name, number = file.stem, 2
-        while folder / name in found:
-            name, number = f"{file.stem}-{number}", number + 1
-        found.append(folder / name)
-    return found
+        name = file.stem
+        number = 2
+        while folder / name in folders:
+            name = f"{file.stem}-{number}"
+            number = number + 1
+        folders.append(folder / name)
+    return folders

@@ -1,6 +1,7 @@
-"""Ctrl-C and SIGTERM: tidy up and end at once.
+"""Tidy up and end at once on Ctrl-C and SIGTERM.
 
-No exception is raised: inside JAX it may be lost in a callback or crash the process, leaving half-written files.
+No exception is raised: inside JAX it may be lost in a callback or crash the process, leaving
+half-written files.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ _tidy_ups: list[Callable[[], None]] = []
 
 @contextlib.contextmanager
 def tidied_up(tidy_up: Callable[[], None]) -> Iterator[None]:
-    """Call ``tidy_up`` if the process is ended within the block. It must neither wait nor take a lock."""
+    """Call ``tidy_up`` if the process is ended within the block.
+
+    It must neither wait nor take a lock.
+    """
     _tidy_ups.append(tidy_up)
     try:
         yield
@@ -28,7 +32,8 @@ def tidied_up(tidy_up: Callable[[], None]) -> Iterator[None]:
 def end_on_signals() -> None:
     """End on termination signals, with exit code 128 plus their number."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # a shell's background job ignores Ctrl-C
+        # a shell's background job ignores Ctrl-C
+        if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
 
 

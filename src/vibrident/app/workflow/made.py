@@ -1,4 +1,4 @@
-"""What a task made, to be shown by the command line and by the page alike."""
+"""Define the output of a task and its progress, for command line and page alike."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Made:
-    """Tables, sentences and figures of a task, whose files lie in the folder that it was given."""
+class TaskOutput:
+    """Tables, sentences and figures of a task, whose files lie in the folder it was given."""
 
     blocks: tuple[Table | Sentence, ...]
     figures: tuple[Figure, ...] = ()
@@ -21,23 +21,23 @@ class Made:
     notes: tuple[str, ...] = ()  # further remarks
 
 
-class Teller:
-    """Who is told how a task goes on; this one tells nobody."""
+class ProgressReporter:
+    """Receives the progress of a task; this one reports nothing."""
 
     def step(self, words: str) -> None:
-        """Tell the name of the step that begins."""
+        """Report the name of the step that begins."""
 
     def __call__(self, iteration: int, most: int, cost: float) -> None:
-        """Tell the progress of an optimiser; see ``vibrident.fit.optimise.Progress``."""
+        """Report the progress of an optimiser; see ``vibrident.fit.optimise.Progress``."""
 
     def share(self, words: str, done: int, most: int) -> None:
-        """Tell how many parts of the whole are done."""
+        """Report how many parts of the work are done."""
 
     def estimate(self, row: Estimate, units: Mapping[str, str]) -> None:
-        """Tell a tracked sensor at a time, in these units."""
+        """Report a tracked sensor at a time, in these units."""
 
     def note(self, words: str) -> None:
-        """Tell a remark that is worth a line of its own."""
+        """Report a remark that is worth a line of its own."""
 
 
-SILENT = Teller()
+SILENT = ProgressReporter()

@@ -1,4 +1,4 @@
-"""Simulated calibrations as files: any, and the one of the demonstration; with the true parameters, ``truth.json``."""
+"""Write simulated calibrations as files, with the true parameters in ``truth.json``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from vibrident.data.records import Calibration
     from vibrident.physics.simulation import Sensor
 
-# The demonstration: a sensor and its calibration as in the paper's section 4, at a low rate, for small files.
+# The demonstration: a sensor and its calibration as in the paper's section 4, at a low rate, for
+# small files.
 SENSOR = "paper"
 SAMPLES = 4000  # of each record
 SNR_DB = 20.0  # motion over the noise that the sensor measures too
@@ -25,7 +26,10 @@ def write_demo(folder: Path) -> None:
 
 
 def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: Any) -> None:
-    """Write a simulated calibration and its truth into a folder; settings as those of ``vibrident.simulate``."""
+    """Write a simulated calibration and its truth into a folder.
+
+    ``settings``: as those of ``vibrident.simulate``.
+    """
     from vibrident.data.io import write_calibration
     from vibrident.physics.simulation import sensor_named
     from vibrident.physics.simulation import simulate as run
@@ -37,21 +41,32 @@ def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: 
 
 
 def true_values(sensor: Sensor) -> dict[str, float]:
-    """Name to true value of every estimated and derived parameter."""
+    """Return name to true value of every estimated and derived parameter."""
     from vibrident.physics.models import parse
 
     derived = parse(sensor.model).derived(sensor.parameters)
-    return {**sensor.parameters, **{quantity.name: float(quantity.value(sensor.parameters)) for quantity in derived}}
+    return {
+        **sensor.parameters,
+        **{quantity.name: float(quantity.value(sensor.parameters)) for quantity in derived},
+    }
 
 
-def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int, **more: Any) -> None:
-    """Write the true values of a calibration's sensor with their units, and what else is true of it."""
+def write_truth(
+    path: Path, sensor: Sensor, calibration: Calibration, seed: int, **more: Any
+) -> None:
+    """Write the true values of a calibration's sensor with their units.
+
+    ``more``: other facts that are true of it.
+    """
     from vibrident.fit.uncertainty.parameters import unit_fields
     from vibrident.physics.models import parse
     from vibrident.use.comparison import TRUTH_SCHEMA
 
     model = parse(sensor.model)
-    units = {quantity.name: quantity.unit for quantity in (*model.parameters, *model.derived(sensor.parameters))}
+    units = {
+        quantity.name: quantity.unit
+        for quantity in (*model.parameters, *model.derived(sensor.parameters))
+    }
     fields = unit_fields(calibration)
     document = {
         "schema": TRUTH_SCHEMA,
@@ -59,7 +74,8 @@ def write_truth(path: Path, sensor: Sensor, calibration: Calibration, seed: int,
         "model": sensor.model,
         "seed": seed,
         "parameters": {
-            name: {"value": value, "unit": units[name].format(**fields)} for name, value in true_values(sensor).items()
+            name: {"value": value, "unit": units[name].format(**fields)}
+            for name, value in true_values(sensor).items()
         },
     }
     write_json(path, document | more)

@@ -1,4 +1,4 @@
-"""A sensor tracked through samples, as a shell or a page asks for it: rows, alarms, the sensor as it is now."""
+"""Track a sensor through samples, as a shell or a page asks for it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import load_result
-from vibrident.app.workflow.made import SILENT, Made, Teller
-from vibrident.app.workflow.tracking import RECORDS, Files
+from vibrident.app.workflow.made import SILENT, ProgressReporter, TaskOutput
+from vibrident.app.workflow.tracking import RECORDS, TrackingFiles
 from vibrident.base.errors import InputError
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrackRequest:
-    """What is tracked, by what, and where the files go."""
+    """Choices of a tracking session."""
 
     result: Path
     calibration: Path
@@ -37,10 +37,11 @@ class TrackRequest:
     store: str | None = None  # history by whose random walk u grows
 
 
-def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]:
-    """Track, and return what that says, and the files written: track.csv, track.json, result.json.
+def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskOutput, list[Path]]:
+    """Track a sensor; return the output, and the written files.
 
-    InputError where no sampling rate is stated, or the samples are in another unit.
+    These are track.csv, track.json and result.json. InputError where no sampling rate is stated, or
+    the samples are in another unit.
     """
     from vibrident.data.io.calibration_file import read_calibration_file
     from vibrident.data.known import refuse_known
@@ -51,15 +52,17 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Settings
 
-    known, folder = load_result(asked.result), asked.folder
-    described = read_calibration_file(asked.calibration)
+    known = load_result(request.result)
+    folder = request.folder
+    described = read_calibration_file(request.calibration)
     channels = {name: getattr(described, name).known_response for name in ("reference", "response")}
-    refuse_known(channels, "Tracking", str(asked.calibration))
-    kind = SOURCES[asked.source]
+    refuse_known(channels, "Tracking", str(request.calibration))
+    kind = SOURCES[request.source]
     rates = [described.sampling.rate_hz, *(entry.rate_hz for entry in described.records)]
-    rate_hz, length_s = next(filter(None, rates), None), 0.0
-    if asked.source == RECORDS:
-        records = _records(asked.calibration, known)
+    rate_hz = next(filter(None, rates), None)
+    length_s = 0.0
+    if request.source == RECORDS:
+        records = _records(request.calibration, known)
         rate_hz = records[0].sampling_rate_hz
         length_s = sum(record.duration_s for record in records)
     if rate_hz is None:
@@ -67,29 +70,31 @@ def track(asked: TrackRequest, tell: Teller = SILENT) -> tuple[Made, list[Path]]
             "The sampling rate is not given.",
             expected="rate_hz under [sampling], or under [[records]] beside a time_column",
             found="none",
-            where=str(asked.calibration),
+            where=str(request.calibration),
             remedy="add rate_hz = … (samples per second)",
         )
     settings = Settings(
-        asked.false_alarms_per_day,
-        _walks(asked.store, known, tell),
+        request.false_alarms_per_day,
+        _walks(request.store, known, tell),
         described.reference.standard_uncertainty,
     )
-    every_s = asked.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
+    every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
     session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
     key = {
         "result": known.to_json(),
-        "file": asked.calibration.read_text(encoding="utf-8"),
-        "source": [asked.source, asked.address],
+        "file": request.calibration.read_text(encoding="utf-8"),
+        "source": [request.source, request.address],
     }
-    files = Files(folder, session, {**key, "settings": vars(settings), "every": every_s})
+    files = TrackingFiles(folder, session, {**key, "settings": vars(settings), "every": every_s})
     position = files.begin(resumable=kind.resumable)
-    wanted = SourceRequest(described, asked.calibration, rate_hz, asked.address, position, asked.idle_s)
+    wanted = SourceRequest(
+        described, request.calibration, rate_hz, request.address, position, request.idle_s
+    )
     with files.rows:
         _run(kind.open(wanted), session, files, tell, resumable=kind.resumable, length_s=length_s)
         document = files.end()
     result = tracked_result(known, session).save(folder / "result.json")
-    return _said(document, folder, dict(known.sensor)), [
+    return _describe(document, folder, dict(known.sensor)), [
         folder / "track.csv",
         folder / "track.json",
         result,
@@ -109,20 +114,20 @@ def parameter_rows(
     ]
 
 
-def _walks(store: str | None, known: Result, tell: Teller) -> float | tuple[float, ...]:
-    """Return the relative random walk of each parameter in a year, as the history tells it."""
+def _walks(store: str | None, known: Result, tell: ProgressReporter) -> float | tuple[float, ...]:
+    """Return the relative random walk of each parameter in a year, from the history."""
     if store is None:
         return DRIFT_PER_YEAR
     from vibrident.lab.history.document import random_walks
     from vibrident.lab.history.store import Store
 
     with Store(store) as opened:
-        told = random_walks(opened, known)
+        walks = random_walks(opened, known)
     names = known.to_sensor().model.parameter_names
-    if untold := [name for name in names if name not in told]:
+    if untold := [name for name in names if name not in walks]:
         walk = f"{DRIFT_PER_YEAR:.0%} a year is taken."
         tell.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
-    return tuple(told.get(name, DRIFT_PER_YEAR) for name in names)
+    return tuple(walks.get(name, DRIFT_PER_YEAR) for name in names)
 
 
 def _records(calibration: Path, known: Result) -> Sequence[Record]:
@@ -137,26 +142,30 @@ def _records(calibration: Path, known: Result) -> Sequence[Record]:
 def _run(
     chunks: Iterator[Chunk],
     session: Session,
-    files: Files,
-    tell: Teller,
+    files: TrackingFiles,
+    tell: ProgressReporter,
     *,
     resumable: bool,
     length_s: float,
 ) -> None:
-    said, changing = (len(session.alarms), len(session.troubles)), session.changing
+    reported = (len(session.alarms), len(session.troubles))
+    changing = session.changing
     start_s: float | None = None
     for chunk in chunks:
         rows = session.take(chunk)
         files.write(rows)
         if session.changing not in (changing, None):
             changing = session.changing
-            tell.note(f"Something changed at {changing[0]:.12g} s; what it was is said when it is learned.")
-        for alarm in session.alarms[said[0] :]:
+            tell.note(
+                f"Something changed at {changing[0]:.12g} s; what it was is said when it is "
+                "learned."
+            )
+        for alarm in session.alarms[reported[0] :]:
             change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
             tell.note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
-        for trouble in session.troubles[said[1] :]:
+        for trouble in session.troubles[reported[1] :]:
             tell.note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.12g} s")
-        said = len(session.alarms), len(session.troubles)
+        reported = len(session.alarms), len(session.troubles)
         if resumable and chunk.position:
             files.keep(chunk.position)
         for row in rows:
@@ -164,10 +173,14 @@ def _run(
         if rows and length_s:
             start_s = rows[0].time_s if start_s is None else start_s
             done_s = min(rows[-1].time_s - start_s, length_s)
-            tell.share(f"Tracking, {done_s:.4g} of {length_s:.4g} s", round(1000 * done_s), round(1000 * length_s))
+            tell.share(
+                f"Tracking, {done_s:.4g} of {length_s:.4g} s",
+                round(1000 * done_s),
+                round(1000 * length_s),
+            )
 
 
-def _said(document: dict[str, Any], folder: Path, sensor: dict[str, object]) -> Made:
+def _describe(document: dict[str, Any], folder: Path, sensor: dict[str, object]) -> TaskOutput:
     """Return the sensor at the end, the alarms, and the chart of track.csv."""
     from pandas import read_csv
 
@@ -184,9 +197,13 @@ def _said(document: dict[str, Any], folder: Path, sensor: dict[str, object]) -> 
         blocks.append(table_of(alarms, "Alarms"))
     if changing := document["changing"]:
         at_s = f"{changing['time_s']:.12g} s"
-        blocks.append(Sentence(f"something changed at {at_s}; too little motion followed to tell what"))
+        blocks.append(
+            Sentence(f"something changed at {at_s}; too little motion followed to tell what")
+        )
     elif not alarms:
         blocks.append(Sentence("no alarm"))
     table = read_csv(folder / "track.csv")
-    columns = {name: table[name].to_numpy(dtype=float) for name in table.columns if name != "excited"}
-    return Made(tuple(blocks), (figure(columns, document, sensor),))
+    columns = {
+        name: table[name].to_numpy(dtype=float) for name in table.columns if name != "excited"
+    }
+    return TaskOutput(tuple(blocks), (figure(columns, document, sensor),))

@@ -1,8 +1,8 @@
-"""A tracking session with its files: rows as they come, and a checkpoint after every chunk.
+"""Write the files of a tracking session: rows as they come, and a checkpoint after every chunk.
 
-The checkpoint holds the state, the alarms, the place in the source and the length of ``track.csv``. It is replaced in
-one step; what was written after it is cut off when the session is taken up again. So a process that is killed loses
-the chunk that was open, and says nothing twice.
+The checkpoint holds the state, the alarms, the place in the source and the length of ``track.csv``.
+It is replaced in one step; what was written after it is cut off when the session is taken up again.
+So a process that is killed loses the chunk that was open, and says nothing twice.
 """
 
 from __future__ import annotations
@@ -26,22 +26,27 @@ CHECKPOINT = "track.state"
 RECORDS = "calibration-records"  # the source where none is given
 
 
-class Files:
-    """``track.csv``, ``track.json`` and the checkpoint in a folder; ``key`` says what the session is of."""
+class TrackingFiles:
+    """``track.csv``, ``track.json`` and the checkpoint of the session that ``key`` identifies."""
 
     def __init__(self, folder: Path, session: Session, key: Mapping[str, Any]) -> None:
-        self._folder, self._session = folder, session
-        self._key = hashlib.sha256(json.dumps(key, sort_keys=True, default=str).encode()).hexdigest()
+        self._folder = folder
+        self._session = session
+        self._key = hashlib.sha256(
+            json.dumps(key, sort_keys=True, default=str).encode()
+        ).hexdigest()
         names = session.tracker.network.model.parameter_names
         pairs = [column for name in names for column in (name, f"{name}_u")]
         self.columns = ["time_s", *pairs, "innovation", "excited"]
 
     def begin(self, *, resumable: bool) -> int:
-        """Open ``rows``, the file of them, anew or where it ended; returns the place in the source to go on at."""
+        """Open ``track.csv``, anew or at its checkpoint; return the place in the source."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             position = self._resumed() if resumable and (self._folder / CHECKPOINT).exists() else 0
-            self.rows = (self._folder / "track.csv").open("a" if position else "w", encoding="utf-8", newline="\n")
+            self.rows = (self._folder / "track.csv").open(
+                "a" if position else "w", encoding="utf-8", newline="\n"
+            )
             if not position:
                 (self._folder / CHECKPOINT).unlink(missing_ok=True)
                 self.rows.write(",".join(self.columns) + "\n")
@@ -70,7 +75,9 @@ class Files:
             )
         session = self._session
         session.tracker.state.restore(state)
-        session.samples, session.samples_to_row, session.started = known["samples"], known["left"], True
+        session.samples = known["samples"]
+        session.samples_to_row = known["left"]
+        session.started = True
         session.troubles.extend(Trouble(**each) for each in known["troubles"])
         session.alarms.extend(Alarm(**each) for each in known["alarms"])
         session.waiting_alarms.extend(Alarm(**each) for each in known["held"])
@@ -88,7 +95,7 @@ class Files:
         self.rows.flush()
 
     def keep(self, position: int) -> None:
-        """Everything up to here is done."""
+        """Write a checkpoint: everything up to here is done."""
         session = self._session
         head = {
             "key": self._key,
@@ -105,7 +112,7 @@ class Files:
             partial.write_bytes(json.dumps(head).encode() + b"\n" + session.tracker.state.save())
 
     def end(self) -> dict[str, Any]:
-        """The last row, and ``track.json``; returns what that says."""
+        """Write the last row and ``track.json``; return the content of the latter."""
         self.write(self._session.finish())
         self.rows.close()
         document = self._session.document()

@@ -1,4 +1,4 @@
-"""Uses of a result as a shell or a page asks for them: predict, correct, plan."""
+"""Use a result as a shell or a page asks for it: predict, correct, plan."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.workflow.folder import write_json, write_samples
-from vibrident.app.workflow.made import Made
+from vibrident.app.workflow.made import TaskOutput
 from vibrident.show.rows import table_of
 from vibrident.show.views import Sentence
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vibrident.use.planning import Plan
 
 
-def predict(known: Result, data: Calibration, folder: Path) -> Made:
+def predict(known: Result, data: Calibration, folder: Path) -> TaskOutput:
     """Write the predicted response of each record as CSV, and their rmse in prediction.json."""
     from vibrident.data.io.writer import record_files
     from vibrident.use.prediction import predict as run
@@ -26,7 +26,9 @@ def predict(known: Result, data: Calibration, folder: Path) -> Made:
     files = record_files([p.record.name for p in predictions.predictions])
     for file, prediction in zip(files, predictions.predictions, strict=True):
         record = prediction.record
-        write_samples(folder / file, record, response=record.response, predicted=prediction.predicted)
+        write_samples(
+            folder / file, record, response=record.response, predicted=prediction.predicted
+        )
     document = {
         "model": known.model,
         **prediction_document(predictions, files, data.response_unit),
@@ -46,7 +48,7 @@ def predict(known: Result, data: Calibration, folder: Path) -> Made:
     blocks: tuple[Any, ...] = (table_of(rows, "Predicted response"),)
     if predictions.rmse is not None:
         blocks += (Sentence(f"rmse of all records: {predictions.rmse:.5g} {unit}"),)
-    return Made(blocks, findings=tuple(predictions.findings))
+    return TaskOutput(blocks, findings=tuple(predictions.findings))
 
 
 def correct(
@@ -57,7 +59,7 @@ def correct(
     band_hz: tuple[float, float] | None = None,
     noise: float | None = None,
     track: bool = False,
-) -> Made:
+) -> TaskOutput:
     """Write the restored motion of each record as CSV, with an uncertainty for every sample.
 
     ``band_hz``, ``noise``: as of :func:`vibrident.use.correction.correct`; ``track``: whether the
@@ -76,11 +78,12 @@ def correct(
         corrections = run(known, data, band_hz=band_hz, noise=noise)
     files = record_files([c.record.name for c in corrections.corrections])
     for file, correction in zip(files, corrections.corrections, strict=True):
-        a, u = correction.acceleration, correction.standard_uncertainty
+        a = correction.acceleration
+        u = correction.standard_uncertainty
         write_samples(folder / file, correction.record, acceleration=a, standard_uncertainty=u)
     document = correction_document(corrections, files)
     write_json(folder / "correction.json", document)
-    return Made(
+    return TaskOutput(
         (table_of(_corrected(document), f"Restored {corrections.motion}"),),
         (figure(corrections, dict(known.sensor)),),
         tuple(corrections.findings),
@@ -94,7 +97,8 @@ def _corrected(document: dict[str, Any]) -> list[dict[str, Any]]:
     unit = pretty(document["unit"])
     rows = []
     for row in document["records"]:
-        band, reference = row["band"], row["reference"]
+        band = row["band"]
+        reference = row["reference"]
         peak, interval, share = (None, None, None) if row["peak"] is None else _peak(row["peak"])
         rows.append(
             {
@@ -110,31 +114,35 @@ def _corrected(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _peak(peak: dict[str, Any]) -> tuple[float, str, str]:
-    """Return its value, both ends of its interval to the second digit of u, and u over the value."""
+    """Return the value of a peak, both ends of its interval, and u over the value.
+
+    The ends have the second digit of u.
+    """
     from vibrident.show.numbers import NONE, pair, uncertainty
 
-    value, u = peak["value"], peak["standard_uncertainty"]
+    value = peak["value"]
+    u = peak["standard_uncertainty"]
     interval = " … ".join(pair(end, u)[0] for end in peak["interval_95"])
     return value, interval, f"{uncertainty(100 * abs(u / value))} %" if value else NONE
 
 
-def planned(plan: Plan) -> Made:
-    """Return what a plan says: expected uncertainties, frequencies, efficiency, warnings."""
+def describe_plan(plan: Plan) -> TaskOutput:
+    """Return the output of a plan: expected uncertainties, frequencies, efficiency, warnings."""
     from vibrident.show import methods
     from vibrident.show.use_figures import plan as figure
 
     pairs = zip(plan.frequency_hz, plan.uses, strict=True)
     listed = ", ".join(f"{f:.5g}" + (f" (×{n})" if n > 1 else "") for f, n in pairs)
-    said = [f"Frequencies in Hz: {listed}"]
+    lines = [f"Frequencies in Hz: {listed}"]
     if plan.efficiency is not None:
-        said.append(
+        lines.append(
             f"{plan.criterion}-optimal choice of {sum(plan.uses)} out of "
             f"{plan.candidates_hz.size}; efficiency {100 * plan.efficiency:.0f} % of the best "
             "possible in the same measuring time."
         )
     notes = tuple(f"Warning: {warning}" for warning in plan.warnings)
-    sentences = tuple(map(Sentence, said))
-    return Made((methods.planned(plan), *sentences), (figure(plan),), notes=notes)
+    sentences = tuple(map(Sentence, lines))
+    return TaskOutput((methods.planned(plan), *sentences), (figure(plan),), notes=notes)
 
 
 def write_plan(plan: Plan, folder: Path) -> None:

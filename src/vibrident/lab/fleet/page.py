@@ -408,7 +408,7 @@ def histogram(
                 )
     room = _ROOM * (high - low)
     x = Axis(label, low - room, high + room, axes.linear_ticks(low, high, 4))
-    y = Axis("", 0.0, tallest, axes.linear_ticks(0.0, tallest, 4, whole=True))
+    y = Axis("", 0.0, tallest, axes.linear_ticks(0.0, tallest, 4, whole_numbers=True))
     beyond = (f"◂ {found.below}" if found.below else "", f"{found.above} ▸" if found.above else "")
     panel = Panel(x, y, tuple(series), 1.2, " · ".join(filter(None, beyond)))
     return Figure("histogram", label, (Stack((panel,)),), width_in=3.4)

@@ -1,1 +1,1 @@
-"""One renderer a medium; text of others is made harmless here and nowhere else."""
+"""Render for one medium a module; foreign text is escaped here and nowhere else."""

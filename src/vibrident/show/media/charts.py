@@ -28,53 +28,69 @@ from vibrident.show.views import (
 )
 
 Chart = dict[str, Any]
-MOST_POINTS = 800  # measured points drawn of a series; more are thinned evenly, and the caption says so
-MOST_SAMPLES = 12_000  # samples of all records together that are drawn where one of them is chosen
+# measured points drawn of a series; more are thinned evenly, and the caption says so
+MAX_POINTS = 800
+MAX_SAMPLES = 12_000  # samples of all records together that are drawn where one of them is chosen
 _INCH = 125.0  # pixels of an inch of a panel
 _BETWEEN = 16.0  # pixels between panels
 _ABOVE = 40.0  # pixels above all panels
 _BELOW = 56.0  # pixels below all panels
-#: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands below them.
+#: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands
+#: below them.
 _BUTTONS = 20.0
 _OPACITY = 0.40  # of bands
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
-_MARKERS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "x": "x-thin-open"}
+_MARKERS = {
+    "o": "circle",
+    "s": "square",
+    "^": "triangle-up",
+    "D": "diamond",
+    "v": "triangle-down",
+    "x": "x-thin-open",
+}
 
 
 def charts(figure: Figure) -> list[tuple[str, Chart]]:
-    """Name and chart of each stack that can be chosen; one chart where there is nothing to choose."""
+    """Return name and chart of each stack that can be chosen; one chart if there is no choice."""
     if figure.choice:
-        most = max(50, MOST_SAMPLES // max(1, len(figure.stacks)))
-        return [(stack.title.split("\n")[0], _chart([_thinned(stack, most)])) for stack in figure.stacks]
+        most = max(50, MAX_SAMPLES // max(1, len(figure.stacks)))
+        return [
+            (stack.title.split("\n")[0], _chart([_thinned(stack, most)])) for stack in figure.stacks
+        ]
     return [("", _chart(figure.stacks))]
 
 
 def _thinned(stack: Stack, most: int) -> Stack:
-    """The same with at most so many points a line."""
+    """Return the stack with at most so many points a line."""
     panels = []
     for panel in stack.panels:
-        steps = [(one, max(1, -(-len(one.x) // most))) for one in panel.series]
-        series = tuple(replace(one, x=one.x[::step], y=one.y[::step]) for one, step in steps)
+        steps = [(line, max(1, -(-len(line.x) // most))) for line in panel.series]
+        series = tuple(replace(line, x=line.x[::step], y=line.y[::step]) for line, step in steps)
         panels.append(replace(panel, series=series))
     return replace(stack, panels=tuple(panels))
 
 
 def caption(figure: Figure) -> str:
-    """What is drawn, and what is left out of the drawing."""
-    every = (one for stack in figure.stacks for panel in stack.panels for one in panel.series)
-    most = max((len(one.x) for one in every if one.kind == "points"), default=0)
-    if most <= MOST_POINTS:
+    """Return what is drawn, and what is left out of the drawing."""
+    every = (line for stack in figure.stacks for panel in stack.panels for line in panel.series)
+    most = max((len(line.x) for line in every if line.kind == "points"), default=0)
+    if most <= MAX_POINTS:
         return figure.caption
-    return type(figure.caption)(f"{figure.caption} {MOST_POINTS} of {most} measured points are drawn.")
+    return type(figure.caption)(
+        f"{figure.caption} {MAX_POINTS} of {most} measured points are drawn."
+    )
 
 
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
     """Numbers for JSON, rounded to so many digits; None for a value that is not finite."""
-    return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+    return [
+        float(f"{value:.{digits}g}") if np.isfinite(value) else None
+        for value in np.asarray(values, dtype=float)
+    ]
 
 
 def label(text: str) -> str:
-    """A text of one or more lines."""
+    """Return a text of one or more lines."""
     return "<br>".join(plotly(in_a_line(line)) for line in text.split("\n", 2))
 
 
@@ -90,15 +106,26 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
         "plot_bgcolor": "#ffffff",
         "hovermode": "closest",
         "bargap": 0,
-        "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "y": 1.0,
+            "yanchor": "bottom",
+            "bgcolor": "rgba(0,0,0,0)",
+        },
         "annotations": [],
         "shapes": [],
     }
-    shares = np.cumsum([0.0, *(stack.width for stack in stacks)]) / sum(stack.width for stack in stacks)
+    shares = np.cumsum([0.0, *(stack.width for stack in stacks)]) / sum(
+        stack.width for stack in stacks
+    )
     gap = 0.06 if len(stacks) > 1 else 0.0
     number = 0
     for i, stack in enumerate(stacks):
-        across = [float(shares[i]) + gap * (i > 0), float(shares[i + 1]) - gap * (i < len(stacks) - 1)]
+        across = [
+            float(shares[i]) + gap * (i > 0),
+            float(shares[i + 1]) - gap * (i < len(stacks) - 1),
+        ]
         domains = _domains(stack)
         x = f"x{i + 1}" if i else "x"
         for panel, domain in zip(stack.panels, domains, strict=True):
@@ -106,7 +133,7 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
             y = f"y{number}" if number > 1 else "y"
             square = {"scaleanchor": x, "constrain": "domain"} if panel.square else {}
             layout[f"yaxis{y[1:]}"] = {**_axis(panel.y), "domain": domain, "anchor": x, **square}
-            data += [trace for one in panel.series for trace in _traces(one, panel, x, y)]
+            data += [trace for line in panel.series for trace in _traces(line, panel, x, y)]
             layout["annotations"] += _annotations(panel, across, domain, x, y)
             layout["shapes"] += _shapes(panel, x, y)
         below = {"domain": across, "anchor": y, "mirror": "all"}
@@ -125,7 +152,7 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
 
 
 def _scales(axis: Axis) -> Chart:
-    """Return a choice between a logarithmic axis, a linear one and, where the values are sizes, levels."""
+    """Return a choice of logarithmic axis, linear axis and, for sizes, levels."""
     words = {"yaxis.title.text": label(axis.label)}
     ends = {"yaxis.autorange": False, "yaxis.range": listed(np.array([axis.low, axis.high]))}
     of_log = {**ends, "yaxis.type": "log", "yaxis.range": listed(np.log10([axis.low, axis.high]))}
@@ -135,7 +162,8 @@ def _scales(axis: Axis) -> Chart:
         "linear": {**ends, **words, "yaxis.type": "linear", "yaxis.tickmode": "auto"},
     }
     if axis.levels:
-        re_unit = re.sub(r"\n(\S+) ", r"\n\1 dB re 1 ", axis.label, count=1)  # after the word for "in"
+        # after the word for "in"
+        re_unit = re.sub(r"\n(\S+) ", r"\n\1 dB re 1 ", axis.label, count=1)
         kinds["dB"] = {**of_log, "yaxis.title.text": label(re_unit), **_at_axis(_levels(axis))}
     buttons = [{"label": kind, "method": "relayout", "args": [how]} for kind, how in kinds.items()]
     place = {"x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
@@ -150,32 +178,36 @@ def _levels(axis: Axis) -> Chart:
     """Return ticks of 20 lg of the values, on a logarithmic axis."""
     low, high = 20.0 * np.log10([axis.low, axis.high])
     names = linear_ticks(float(low), float(high))
-    return _ticks(replace(axis, ticks=tuple((10.0 ** (level / 20.0), name) for level, name in names)))
+    return _ticks(
+        replace(axis, ticks=tuple((10.0 ** (level / 20.0), name) for level, name in names))
+    )
 
 
 def _once(data: list[Any]) -> None:
     """Each name once in the key."""
-    seen: set[str] = set()
+    names: set[str] = set()
     for trace in data:
         name = trace.get("name", "")
-        trace["showlegend"] = bool(name) and name not in seen and trace.get("showlegend", True)
+        trace["showlegend"] = bool(name) and name not in names and trace.get("showlegend", True)
         if trace["showlegend"]:
-            seen.add(name)
+            names.add(name)
 
 
 def _domains(stack: Stack) -> list[list[float]]:
     """Position of each panel, from the top."""
     heights = [_INCH * panel.height_in for panel in stack.panels]
     rooms = [_BETWEEN + (14.0 if panel.title else 0.0) for panel in stack.panels[1:]]
-    whole, found, top = sum(heights) + sum(rooms), [], 1.0
+    total = sum(heights) + sum(rooms)
+    domains = []
+    top = 1.0
     for height, room in zip(heights, [*rooms, 0.0], strict=True):
-        found.append([max(0.0, top - height / whole), top])
-        top -= (height + room) / whole
-    return found
+        domains.append([max(0.0, top - height / total), top])
+        top -= (height + room) / total
+    return domains
 
 
 def _axis(axis: Axis) -> Chart:
-    """Grid, frame and title; the view model's own ticks where plotly would write powers and single digits."""
+    """Return grid, frame and title, with our ticks where plotly would write powers."""
     look: Chart = {"gridcolor": "#dddddd", "linecolor": "#444444", "mirror": True}
     look |= {"ticks": "outside", "zeroline": False}
     look |= {"title": {"text": label(axis.label)}, "automargin": True, "exponentformat": "power"}
@@ -185,7 +217,10 @@ def _axis(axis: Axis) -> Chart:
         look |= {"type": "log", "range": listed(np.log10([axis.low, axis.high])), **_ticks(axis)}
     else:
         look |= {"range": listed(np.array([axis.low, axis.high]))}
-        if any(not name.replace("−", "-").replace(".", "").lstrip("-").isdigit() for _, name in axis.ticks):
+        if any(
+            not name.replace("−", "-").replace(".", "").lstrip("-").isdigit()
+            for _, name in axis.ticks
+        ):
             look |= _ticks(axis)
     return look
 
@@ -195,34 +230,52 @@ def _ticks(axis: Axis) -> Chart:
     return {"tickmode": "array", "tickvals": [value for value, _ in axis.ticks], "ticktext": names}
 
 
-def _annotations(panel: Panel, across: list[float], domain: list[float], x: str, y: str) -> list[Any]:
+def _annotations(
+    panel: Panel, across: list[float], domain: list[float], x: str, y: str
+) -> list[Any]:
     """Title, words at marks, and what is said in place of curves."""
-    paper = {"xref": "paper", "yref": "paper", "showarrow": False, "font": {"size": 12, "color": "#444444"}}
-    found = []
+    paper = {
+        "xref": "paper",
+        "yref": "paper",
+        "showarrow": False,
+        "font": {"size": 12, "color": "#444444"},
+    }
+    annotations = []
     if panel.title:
         place = {"x": across[0], "y": domain[1], "xanchor": "left", "yanchor": "bottom"}
-        found.append({**paper, **place, "text": label(panel.title)})
+        annotations.append({**paper, **place, "text": label(panel.title)})
     if panel.empty:
-        found.append({**paper, "x": sum(across) / 2, "y": sum(domain) / 2, "text": label(panel.empty)})
+        annotations.append(
+            {**paper, "x": sum(across) / 2, "y": sum(domain) / 2, "text": label(panel.empty)}
+        )
     for value, words in panel.marks:
         if words:
-            place = {"xref": x, "yref": f"{y} domain", "x": _at(value, panel.x), "y": 0.5, "xanchor": "right"}
-            found.append({**paper, **place, "text": label(words)})
-    return found
+            place = {
+                "xref": x,
+                "yref": f"{y} domain",
+                "x": _at(value, panel.x),
+                "y": 0.5,
+                "xanchor": "right",
+            }
+            annotations.append({**paper, **place, "text": label(words)})
+    return annotations
 
 
 def _shapes(panel: Panel, x: str, y: str) -> list[Any]:
     """Lines across and down."""
     across = {"type": "line", "xref": f"{x} domain", "yref": y, "x0": 0, "x1": 1, "layer": "below"}
     down = {"type": "line", "xref": x, "yref": f"{y} domain", "y0": 0, "y1": 1}
-    rules = [{**across, "y0": value, "y1": value, "line": {"color": "#444444", "width": 1}} for value in panel.rules]
+    rules = [
+        {**across, "y0": value, "y1": value, "line": {"color": "#444444", "width": 1}}
+        for value in panel.rules
+    ]
     dashed = {"color": "#767676", "width": 1, "dash": "dash"}
     places = [value if panel.x.log else _at(value, panel.x) for value, _ in panel.marks]
     return rules + [{**down, "x0": place, "x1": place, "line": dashed} for place in places]
 
 
 def _at(value: float, axis: Axis) -> float | str:
-    """Where plotly puts something at a value."""
+    """Return where plotly puts an item at a value."""
     if axis.dates:
         return datetime.date.fromordinal(round(value)).isoformat()
     return float(np.log10(value)) if axis.log else value
@@ -232,8 +285,16 @@ def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
     place = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
     if series.kind == "columns":
         assert series.half is not None
-        look = {"color": _faint(SKY), "line": {"color": BLUE, "width": 1 if series.look.width else 0}}
-        bars = {"type": "bar", "x": listed(series.x), "y": listed(series.y), "width": listed(2 * series.half)}
+        look = {
+            "color": _faint(SKY),
+            "line": {"color": BLUE, "width": 1 if series.look.width else 0},
+        }
+        bars = {
+            "type": "bar",
+            "x": listed(series.x),
+            "y": listed(series.y),
+            "width": listed(2 * series.half),
+        }
         return [{**place, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}]
     if series.kind == "line":
         return _line(series, panel, place)
@@ -241,21 +302,36 @@ def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
 
 
 def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
-    look, found = series.look, []
+    look = series.look
+    segments = []
     if series.half is not None:
-        low, high = series.y - series.half, series.y + series.half
+        low = series.y - series.half
+        high = series.y + series.half
         low = np.maximum(low, 1e-3 * series.y) if panel.y.log else low
-        hidden = {**_x(series.x, panel.x), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", **place}
+        hidden = {
+            **_x(series.x, panel.x),
+            "mode": "lines",
+            "line": {"width": 0},
+            "hoverinfo": "skip",
+            **place,
+        }
         hidden["name"] = plotly(in_a_line(series.band))
-        found.append({**hidden, "y": listed(high), "showlegend": False})
-        found.append({**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _faint(band_colour(look))})
+        segments.append({**hidden, "y": listed(high), "showlegend": False})
+        segments.append(
+            {**hidden, "y": listed(low), "fill": "tonexty", "fillcolor": _faint(band_colour(look))}
+        )
     if look.width:
         mode = "lines+markers" if look.marker else "lines"
         line = {"color": look.colour, "width": 1.3 * look.width, "dash": _DASHES[look.dash]}
         marker = {"marker": _marker(look, 5)} if look.marker else {}
-        drawn = {**_x(series.x, panel.x), "y": listed(series.y, 9 if panel.x.log else 6), "mode": mode, "line": line}
-        found.append({**place, **drawn, **marker, **_said(series)})
-    return found
+        drawn = {
+            **_x(series.x, panel.x),
+            "y": listed(series.y, 9 if panel.x.log else 6),
+            "mode": mode,
+            "line": line,
+        }
+        segments.append({**place, **drawn, **marker, **_texts(series)})
+    return segments
 
 
 def _faint(colour: str) -> str:
@@ -265,28 +341,43 @@ def _faint(colour: str) -> str:
 
 
 def _points(series: Series, panel: Panel, place: Chart) -> list[Any]:
-    kept = spread(len(series.x), MOST_POINTS)
+    indices = spread(len(series.x), MAX_POINTS)
     bars = {}
     if series.half is not None:
-        bars["error_y"] = {"type": "data", "array": listed(series.half[kept]), "thickness": 1.2, "width": 3}
+        bars["error_y"] = {
+            "type": "data",
+            "array": listed(series.half[indices]),
+            "thickness": 1.2,
+            "width": 3,
+        }
     if series.kind == "stems":
-        down = {"type": "data", "symmetric": False, "array": [0.0] * len(kept), "arrayminus": listed(series.y[kept])}
+        down = {
+            "type": "data",
+            "symmetric": False,
+            "array": [0.0] * len(indices),
+            "arrayminus": listed(series.y[indices]),
+        }
         bars["error_y"] = {**down, "thickness": 1.0, "width": 0, "color": "#767676"}
-    marker = _marker(series.look, 7 if len(kept) <= 100 else 4)
+    marker = _marker(series.look, 7 if len(indices) <= 100 else 4)
     if not series.look.marker:  # bars alone
         bars["error_y"] |= {"thickness": series.look.width, "width": 0, "color": series.look.colour}
         marker["size"] = 1
-    points = {**_x(series.x[kept], panel.x), "y": listed(series.y[kept]), "mode": "markers", "marker": marker}
-    return [{**place, **points, **bars, **_said(series, kept)}]
+    points = {
+        **_x(series.x[indices], panel.x),
+        "y": listed(series.y[indices]),
+        "mode": "markers",
+        "marker": marker,
+    }
+    return [{**place, **points, **bars, **_texts(series, indices)}]
 
 
 def _marker(look: Look, size: float) -> Chart:
     return {"color": look.colour, "size": size, "symbol": _MARKERS.get(look.marker, "circle")}
 
 
-def _said(series: Series, kept: Sequence[int] | None = None) -> Chart:
+def _texts(series: Series, indices: Sequence[int] | None = None) -> Chart:
     """Text at a point under the pointer: its own text if it has one."""
-    chosen = range(len(series.x)) if kept is None else kept
+    chosen = range(len(series.x)) if indices is None else indices
     word = plotly(in_a_line(series.label.partition(",")[0]))
     named = f"{word}: " if word else ""
     more: Chart = {"customdata": [plotly(series.names[i]) for i in chosen]} if series.names else {}
@@ -298,7 +389,7 @@ def _said(series: Series, kept: Sequence[int] | None = None) -> Chart:
 
 
 def _x(values: FloatArray, axis: Axis) -> Chart:
-    """Places of points: by first and step where there are many, equally far from each other; dates by their names."""
+    """Return places of points: first and step where many are equidistant; dates by name."""
     if axis.dates:
         return {"x": [_at(day, axis) for day in values]}
     steps = np.diff(values)

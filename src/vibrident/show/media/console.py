@@ -33,7 +33,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Written:
-    """Where files were written, one path a line; long paths are not broken."""
+    """Paths of written files, one a line; long paths are not broken."""
 
     paths: tuple[str, ...]
 
@@ -55,7 +55,7 @@ def written(paths: Sequence[str | os.PathLike[str]]) -> Written:
 
 
 def literal(text: str, style: str = "") -> Text:
-    """Show foreign text literally: square brackets are no markup, and escape sequences are removed."""
+    """Show foreign text literally: no markup by brackets, no escape sequences."""
     from rich.text import Text
 
     return Text(terminal(text), style)
@@ -68,8 +68,12 @@ def _block(block: Block, width: int) -> Iterator[Any]:
         rows = tuple((name, text or "") for name, text in block.rows)
         yield _table(Table(columns("", ""), rows, title=block.title), width)
     elif isinstance(block, Sentence):
-        line = literal(f"{block.lead} " if block.lead else "", "bold").append_text(literal(block.text))
-        yield line.append_text(literal(f" {block.end}", _COLOURS[block.kind])) if block.end else line
+        line = literal(f"{block.lead} " if block.lead else "", "bold").append_text(
+            literal(block.text)
+        )
+        yield (
+            line.append_text(literal(f" {block.end}", _COLOURS[block.kind])) if block.end else line
+        )
     elif isinstance(block, Doubt):
         yield from _doubt(block)
 
@@ -78,7 +82,9 @@ def _doubt(doubt: Doubt) -> Iterator[Any]:
     from rich.padding import Padding
     from rich.text import Text
 
-    yield Text.assemble(("Warning: ", "bold yellow"), (terminal(doubt.title), "bold"), f" ({terminal(doubt.code)})")
+    yield Text.assemble(
+        ("Warning: ", "bold yellow"), (terminal(doubt.title), "bold"), f" ({terminal(doubt.code)})"
+    )
     body = [literal(message) for message in doubt.messages]
     body.append(Text.assemble(("To do: ", "bold"), terminal(doubt.action.replace("`", ""))))
     yield from (Padding(text, (0, 0, 0, 2), expand=False) for text in body)
@@ -99,12 +105,16 @@ def _table(table: Table, width: int) -> Any:
         padding=(0, 1, 0, 0),
         show_header=any(table.header),
     )
-    tight = _width(table) > width  # then columns of numbers are no wider than these, and their headings fold
+    # then columns of numbers are no wider than these, and their headings fold
+    tight = _width(table) > width
     for j, column in enumerate(table.columns):
-        least, number = _least(table, j), column.kind == "number"
+        least = _least(table, j)
+        number = column.kind == "number"
         fixed = least if tight and number else None
         justify = "right" if number else "left"
-        grid.add_column(literal(column.heading), justify=justify, overflow="fold", min_width=least, width=fixed)
+        grid.add_column(
+            literal(column.heading), justify=justify, overflow="fold", min_width=least, width=fixed
+        )
     for i, row in enumerate(table.rows):
         if i in table.groups:
             grid.add_section()
@@ -116,12 +126,16 @@ def _table(table: Table, width: int) -> Any:
 
 
 def _least(table: Table, j: int) -> int:
-    """Width of a column that must not be gone below: numbers, short words and words of the heading are whole."""
+    """Return the minimal width of a column: numbers, short words and heading words stay whole."""
     cells = [row[j] for row in table.rows]
     heading = max(map(len, table.columns[j].heading.split()), default=1)
     longest = max((len(line) for cell in cells for line in cell.split("\n")), default=1)
     words = max((len(word) for cell in cells for word in cell.split()), default=1)
-    least = longest if table.columns[j].kind == "number" or longest <= _WORD else max(_LEAST, min(words, _WORD))
+    least = (
+        longest
+        if table.columns[j].kind == "number" or longest <= _WORD
+        else max(_LEAST, min(words, _WORD))
+    )
     return max(least, heading)
 
 
@@ -134,7 +148,7 @@ def _fitting(table: Table, width: int) -> Table:
 
 
 def _parts(table: Table, width: int) -> Iterator[Table]:
-    """The table in parts below each other, each with the columns that name the rows, where numbers would be cut off."""
+    """Return parts of a table that would be cut off; each repeats the naming columns."""
     count = len(table.columns)
     widths = [_least(table, j) + _GAP for j in range(count)]
     if sum(widths) <= width:
@@ -154,8 +168,9 @@ def _parts(table: Table, width: int) -> Iterator[Table]:
 
 
 def _width(table: Table) -> int:
-    """Of a table whose cells are all on one line."""
+    """Return the width of a table whose cells are all on one line."""
     cells = (
-        max(len(column.heading), *(len(row[j]) for row in table.rows), 1) for j, column in enumerate(table.columns)
+        max(len(column.heading), *(len(row[j]) for row in table.rows), 1)
+        for j, column in enumerate(table.columns)
     )
     return sum(cell + _GAP for cell in cells)

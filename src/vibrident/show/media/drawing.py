@@ -1,8 +1,9 @@
 """Figures as matplotlib draws them: print and grayscale first, no pyplot, no change of backend.
 
-Ticks, limits and texts are the view model's, so the room that each needs is known before anything is drawn: the layout
-is arithmetic, and a picture is drawn once. Matplotlib is loaded when the first one is; its settings are the library's
-defaults plus ours inside ``styled()`` and the user's own again after it.
+Ticks, limits and texts are the view model's, so the room that each needs is known before anything
+is drawn: the layout is arithmetic, and a picture is drawn once. Matplotlib is loaded when the first
+one is; its settings are the library's defaults plus ours inside ``styled()`` and the user's own
+again after it.
 """
 
 from __future__ import annotations
@@ -18,12 +19,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vibrident.show.curves import envelope, spread
+from vibrident.show.curves import spread
 from vibrident.show.formulas import in_a_line
-from vibrident.show.views import BLACK, BLUE, CROWD, GREY, Axis, Figure, Panel, Series, Stack, band_colour
+from vibrident.show.media.fonts import drawing_fonts, printable, split_lines
+from vibrident.show.media.panel_drawing import draw_panel
+from vibrident.show.views import (
+    Figure,
+    Stack,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Picture
 
 _SETTINGS: dict[str, Any] = {
@@ -51,10 +56,11 @@ _SETTINGS: dict[str, Any] = {
 }
 LITTLE = 2  # compression of a PNG: the usual one takes three times as long for a seventh less
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "ps": {"CreationDate": None}}
-_DASHES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
 PANELS = 6  # most stacks drawn where one of many can be chosen elsewhere
-WIDTHS = (6.7, 6.7, 8.6)  # widths in inches of a picture of one or two, and of three stacks beside each other
-# Heights in points (1/72 inch) of a line of small print, a tick's label, an axis' label and a title.
+# widths in inches of a picture of one or two, and of three stacks beside each other
+WIDTHS = (6.7, 6.7, 8.6)
+# Heights in points (1/72 inch) of a line of small print, a tick's label, an axis' label and a
+# title.
 _SMALL = 10.0
 _TICK = 10.0
 _LABEL = 12.0
@@ -72,7 +78,10 @@ def styled() -> Iterator[None]:
     """Draw with the shared settings; the process has its own again afterwards."""
     import matplotlib.style
 
-    with _LOCK, matplotlib.style.context(["default", {**_SETTINGS, "font.sans-serif": _fonts()[0]}]):
+    with (
+        _LOCK,
+        matplotlib.style.context(["default", {**_SETTINGS, "font.sans-serif": drawing_fonts()[0]}]),
+    ):
         yield
 
 
@@ -83,7 +92,7 @@ def picture(figure: Figure) -> Picture:
 
 
 def content(figure: Figure | Picture, kind: str) -> bytes:
-    """A figure as bytes: ``png``, ``svg`` or ``pdf``, without a date."""
+    """Return a figure as bytes: ``png``, ``svg`` or ``pdf``, without a date."""
     options: dict[str, Any] = {"metadata": _UNDATED.get(kind)}
     if kind == "png":
         options["pil_kwargs"] = {"compress_level": LITTLE}
@@ -95,68 +104,56 @@ def content(figure: Figure | Picture, kind: str) -> bytes:
 
 
 def svg(figure: Figure) -> str:
-    """The picture without the words that the page says beside it, as SVG."""
+    """Return the picture as SVG, without the words that the page says beside it."""
     return content(replace(figure, title="", subject="", caption="", note=""), "svg").decode()
 
 
-def printable(text: str) -> str:
-    """One line in which each character that the fonts here lack is a □ (drawing it would warn)."""
-    known = _fonts()[1]
-    return "".join(c if ord(c) in known else "□" for c in " ".join(in_a_line(text).split()))
-
-
-_FONTS: list[tuple[list[str], set[int]]] = []
-
-
-def _fonts() -> tuple[list[str], set[int]]:
-    """Families to draw with (DejaVu Sans, then what is installed for other scripts) and the characters they have."""
-    if not _FONTS:
-        from matplotlib.font_manager import fontManager
-        from matplotlib.ft2font import FT2Font
-
-        wanted = ("DejaVu Sans", "Noto Sans CJK SC", "Noto Sans CJK JP", "Microsoft YaHei", "PingFang SC", "SimHei")
-        files = {font.name: font.fname for font in reversed(fontManager.ttflist) if font.name in wanted}
-        families = [name for name in wanted if name in files]
-        _FONTS.append((families, {code for name in families for code in FT2Font(files[name]).get_charmap()}))
-    return _FONTS[0]
-
-
-def _lines(text: str) -> list[str]:
-    return [printable(line) for line in text.split("\n", 2)] if text else []
-
-
 def _fitting(line: str, width_pt: float) -> str:
-    """A title that fits, without its middle: records' names differ at the end, and what is before them is short."""
+    """Return a title that fits, without its middle, because names of records differ at the end."""
     most = max(12, int(width_pt / _TITLE_LETTER))
     return line if len(line) <= most else f"{line[: most // 3]}…{line[1 + most // 3 - most :]}"
 
 
 def _wrapped(text: str, width_pt: float, most: int, letter: float = _LETTER) -> list[str]:
-    return textwrap.wrap(printable(text), max(10, int(width_pt / letter)), max_lines=most, placeholder=" …")
+    return textwrap.wrap(
+        printable(text), max(10, int(width_pt / letter)), max_lines=most, placeholder=" …"
+    )
 
 
 class _Drawing:
     """A figure on its way to paper; all lengths in points, from the top."""
 
     def __init__(self, figure: Figure) -> None:
-        stacks = [figure.stacks[i] for i in spread(len(figure.stacks), PANELS)] if figure.choice else figure.stacks
+        stacks = (
+            [figure.stacks[i] for i in spread(len(figure.stacks), PANELS)]
+            if figure.choice
+            else figure.stacks
+        )
         fitting = 1 if len(stacks) <= 1 else 2 if len(stacks) <= 4 else 3
         columns = figure.across or (fitting if figure.choice else max(1, len(stacks)))
         self.rows = [stacks[i : i + columns] for i in range(0, len(stacks), columns)]
         self.width = 72.0 * (figure.width_in or WIDTHS[min(columns, 3) - 1])
         down = [[row[j] for row in self.rows if j < len(row)] for j in range(columns) if self.rows]
-        self.lefts = [max(map(_left, column)) for column in down]
+        self.lefts = [max(map(_left_margin, column)) for column in down]
         shares = np.array([max(stack.width for stack in column) for column in down])
         self.widths = (self.width - sum(self.lefts) - 12.0 * columns) * shares / shares.sum()
-        self.head = _lines(figure.title)[:1] + _wrapped(figure.subject, self.width - 12.0, 3, 5.0)
+        self.head = split_lines(figure.title)[:1] + _wrapped(
+            figure.subject, self.width - 12.0, 3, 5.0
+        )
         caption = " ".join(in_a_line(part) for part in (figure.caption, figure.note) if part)
-        shown = f"{len(stacks)} of {len(figure.stacks)} records shown." if len(stacks) < len(figure.stacks) else ""
+        shown = (
+            f"{len(stacks)} of {len(figure.stacks)} records shown."
+            if len(stacks) < len(figure.stacks)
+            else ""
+        )
         self.foot = _wrapped(f"{shown} {caption}", self.width - 16.0, 5)
-        every = (one for stack in stacks for panel in stack.panels for one in panel.series)
-        self.keys = list(dict.fromkeys(label for one in every for label in (one.band, one.label) if label))
+        every = (line for stack in stacks for panel in stack.panels for line in panel.series)
+        self.keys = list(
+            dict.fromkeys(label for line in every for label in (line.band, line.label) if label)
+        )
 
     def drawn(self) -> Picture:
-        """The picture, with an Agg canvas of its own."""
+        """Return the picture, with an Agg canvas of its own."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure as Picture
 
@@ -173,61 +170,91 @@ class _Drawing:
         for row, start in zip(self.rows, tops, strict=False):
             above = max(_above(stack) for stack in row)
             for j, stack in enumerate(row):
-                left = 4.0 + sum(self.lefts[: j + 1]) + sum(self.widths[:j]) + 12.0 * j
-                self._stack(stack, left, start + above, float(self.widths[j]), handles)
+                left_pt = 4.0 + sum(self.lefts[: j + 1]) + sum(self.widths[:j]) + 12.0 * j
+                self._stack(stack, left_pt, start + above, float(self.widths[j]), handles)
         if self.keys:
             place = (1.0 - 8.0 / self.width, 1.0 - (top - 13.5 * key_rows - 1.0) / self.height)
-            look: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": place, "ncols": columns, "frameon": False}
-            look |= {"borderaxespad": 0.0, "borderpad": 0.1, "handlelength": 1.8, "columnspacing": 1.2}
+            look: dict[str, Any] = {
+                "loc": "upper right",
+                "bbox_to_anchor": place,
+                "ncols": columns,
+                "frameon": False,
+            }
+            look |= {
+                "borderaxespad": 0.0,
+                "borderpad": 0.1,
+                "handlelength": 1.8,
+                "columnspacing": 1.2,
+            }
             known = [label for label in self.keys if label in handles]
-            self.picture.legend([handles[label] for label in known], list(map(printable, known)), **look)
+            self.picture.legend(
+                [handles[label] for label in known], list(map(printable, known)), **look
+            )
         return self.picture
 
     def _write(self) -> None:
-        text, y = self.picture.text, 6.0
+        text = self.picture.text
+        y = 6.0
         for i, line in enumerate(self.head):
-            look: dict[str, Any] = {"weight": "bold", "fontsize": 10.5} if i == 0 else {"fontsize": 9}
+            look: dict[str, Any] = (
+                {"weight": "bold", "fontsize": 10.5} if i == 0 else {"fontsize": 9}
+            )
             text(8.0 / self.width, 1.0 - y / self.height, line, va="top", **look)
             y += _TITLE if i == 0 else 12.5
         if self.foot:
             look = {"fontsize": 7.5, "color": "#404040", "linespacing": 1.15}
             text(8.0 / self.width, 4.0 / self.height, "\n".join(self.foot), va="bottom", **look)
 
-    def _stack(self, stack: Stack, left: float, top: float, width: float, handles: dict[str, Any]) -> None:
+    def _stack(
+        self, stack: Stack, left_pt: float, top: float, width: float, handles: dict[str, Any]
+    ) -> None:
         for i, panel in enumerate(stack.panels):
             top += _SMALL if panel.title and i else 0.0
             height = 72.0 * panel.height_in
-            box = (left / self.width, 1.0 - (top + height) / self.height, width / self.width, height / self.height)
+            box = (
+                left_pt / self.width,
+                1.0 - (top + height) / self.height,
+                width / self.width,
+                height / self.height,
+            )
             axes = self.picture.add_axes(box)
             title = "\n".join(part for part in (stack.title * (i == 0), panel.title) if part)
-            title = "\n".join(_fitting(line, width + 12.0) for line in _lines(title))
+            title = "\n".join(_fitting(line, width + 12.0) for line in split_lines(title))
             if title:
                 loc = "left" if i or (panel.title and len(stack.panels) > 1) else "center"
                 # At a given height: the automatic one measures every label of the panel.
                 axes.set_title(title, fontsize=8, pad=3.5, y=1.0, loc=loc)
-            _draw_panel(axes, panel, last=i == len(stack.panels) - 1)
+            draw_panel(axes, panel, last=i == len(stack.panels) - 1)
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)
             top += height + 7.0
 
 
-def _left(stack: Stack) -> float:
+def _left_margin(stack: Stack) -> float:
     """Room at the left: the axes' labels and the longest of their ticks."""
     return max(
-        13.0 + _LABEL * len(_lines(panel.y.label)) + _DIGIT * max((len(name) for _, name in panel.y.ticks), default=1)
+        13.0
+        + _LABEL * len(split_lines(panel.y.label))
+        + _DIGIT * max((len(name) for _, name in panel.y.ticks), default=1)
         for panel in stack.panels
     )
 
 
 def _above(stack: Stack) -> float:
     first = stack.panels[0].title
-    return 4.0 + _SMALL * (len(_lines(stack.title)) + bool(first)) + 3.0 * bool(stack.title or first)
+    return (
+        4.0
+        + _SMALL * (len(split_lines(stack.title)) + bool(first))
+        + 3.0 * bool(stack.title or first)
+    )
 
 
 def _tall(stack: Stack) -> float:
     titles = sum(bool(panel.title) for panel in stack.panels[1:])
     panels = sum(72.0 * panel.height_in + 7.0 for panel in stack.panels) + _SMALL * titles
-    return _above(stack) + panels + _TICK + _LABEL * len(_lines(stack.panels[-1].x.label)) + 2.0
+    return (
+        _above(stack) + panels + _TICK + _LABEL * len(split_lines(stack.panels[-1].x.label)) + 2.0
+    )
 
 
 def _key_rows(keys: Sequence[str], width: float) -> tuple[int, int]:
@@ -237,92 +264,3 @@ def _key_rows(keys: Sequence[str], width: float) -> tuple[int, int]:
     widest = 36.0 + 4.9 * max(map(len, keys))
     columns = max(1, min(len(keys), int((width - 16.0) / widest)))
     return math.ceil(len(keys) / columns), columns
-
-
-def _draw_panel(axes: Axes, panel: Panel, *, last: bool) -> None:
-    _set_axis(axes.xaxis, axes.set_xscale, axes.set_xlim, panel.x)
-    _set_axis(axes.yaxis, axes.set_yscale, axes.set_ylim, panel.y)
-    axes.set_ylabel("\n".join(_lines(panel.y.label)))
-    axes.set_xlabel("\n".join(_lines(panel.x.label)) if last else "", labelpad=2.0)
-    axes.tick_params(labelbottom=last)
-    if panel.empty:
-        axes.text(0.5, 0.5, printable(panel.empty), transform=axes.transAxes, ha="center", va="center", color="#404040")
-        axes.grid(False)
-        axes.tick_params(which="both", left=False, bottom=False, labelleft=False, labelbottom=False)
-        return
-    for value in panel.rules:
-        axes.axhline(value, color=BLACK, lw=0.8, zorder=2)
-    for value, words in panel.marks:
-        axes.axvline(value, color=GREY, lw=1.0, ls="--")
-        across = axes.get_xaxis_transform()
-        look = {"fontsize": 7.5, "color": "#404040", "clip_on": True, "va": "center", "ha": "right"}
-        axes.text(value, 0.5, f"{printable(words)} ", transform=across, **look)
-    for series in panel.series:
-        _DRAWN[series.kind](axes, series)
-    if panel.square:
-        axes.set_aspect("equal", "datalim")
-
-
-def _set_axis(of: Any, scale: Any, limits: Any, axis: Axis) -> None:
-    from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
-
-    if axis.log:
-        scale("log")
-        of.set_minor_formatter(NullFormatter())
-    limits(axis.low, axis.high)
-    of.set_major_locator(FixedLocator([value for value, _ in axis.ticks]))
-    of.set_major_formatter(FixedFormatter([printable(name) for _, name in axis.ticks]))
-
-
-def _line(axes: Axes, series: Series) -> None:
-    look = series.look
-    if series.half is not None:
-        low, high = series.y - series.half, series.y + series.half
-        if axes.get_yscale() == "log":
-            low = np.maximum(low, 1e-3 * series.y)
-        axes.fill_between(series.x, low, high, color=band_colour(look), alpha=0.45, lw=0, label=series.band or None)
-    if look.width:
-        how: dict[str, Any] = {"color": look.colour, "lw": look.width, "label": series.label or None}
-        how |= {"marker": look.marker, "markersize": 3.2} if look.marker else {}
-        axes.plot(*envelope(series.x, series.y), _DASHES[look.dash], **how)
-
-
-def _points(axes: Axes, series: Series) -> None:
-    look, x, y = series.look, series.x, series.y
-    many = len(x)
-    if not look.marker and series.half is not None:  # bars alone
-        axes.vlines(x, y - series.half, y + series.half, color=look.colour, lw=look.width)
-        return
-    common: dict[str, Any] = {"color": look.colour, "linestyle": "none", "zorder": 3, "marker": look.marker or "o"}
-    if look.marker in ("x", "."):
-        common["markersize"] = 2.6
-        common["zorder"] = 3 if look.marker == "x" else 1.5  # a cloud lies below the lines through it
-    else:
-        common |= {"markerfacecolor": "white", "markersize": 4.2 if many <= 80 else 2.4}
-    if many > CROWD:
-        common["rasterized"] = True
-    half, known = series.half, np.zeros(many, dtype=bool)
-    if half is not None:
-        known = np.isfinite(half) & np.isfinite(y)
-        below = np.minimum(half, 0.999 * y) if axes.get_yscale() == "log" else half
-        caps: dict[str, Any] = {"elinewidth": 1.0, "capsize": 2.2} if many <= 80 else {"elinewidth": 0.6, "capsize": 0}
-        bars = np.stack([below, half])[:, known]
-        axes.errorbar(x[known], y[known], bars, label=series.label or None, **common, **caps)
-    if (rest := ~known & np.isfinite(y)).any():
-        label = f"{series.label.partition(',')[0]}, without uncertainty" if known.any() else series.label
-        axes.plot(x[rest], y[rest], label=label if series.label else None, **common)
-
-
-def _stems(axes: Axes, series: Series) -> None:
-    axes.vlines(series.x, axes.get_ylim()[0], series.y, color=GREY, lw=0.8)
-    _points(axes, series)
-
-
-def _columns(axes: Axes, series: Series) -> None:
-    assert series.half is not None
-    edges = np.append(series.x - series.half, series.x[-1] + series.half[-1])
-    outline: dict[str, Any] = {"edgecolor": BLUE, "lw": 0.5} if series.look.width else {"lw": 0.0}
-    axes.stairs(series.y, edges, fill=True, color=series.look.colour, label=series.label or None, **outline)
-
-
-_DRAWN = {"line": _line, "points": _points, "stems": _stems, "columns": _columns}

@@ -28,7 +28,7 @@ _BAR = re.compile(r"(?<!\\)\|")
 
 
 def render(document: Document, pictures: Mapping[str, str] | None = None) -> str:
-    """The text, ending in a line end.
+    """Return the text, ending in a line end.
 
     ``pictures``: name of a figure to its link; figures without one are left out.
     """
@@ -44,12 +44,17 @@ def links(
     names: Iterable[str], pictures: str | os.PathLike[str], relative_to: str | os.PathLike[str]
 ) -> dict[str, str]:
     """Name of each figure to the link to its file in ``pictures``, as far as there is one."""
-    files = [Path(pictures) / f"{name}.{suffix}" for suffix in ("png", "svg") for name in names]  # SVG where both are
-    return {file.stem: quote(Path(os.path.relpath(file, relative_to)).as_posix()) for file in files if file.is_file()}
+    # SVG where both are
+    files = [Path(pictures) / f"{name}.{suffix}" for suffix in ("png", "svg") for name in names]
+    return {
+        file.stem: quote(Path(os.path.relpath(file, relative_to)).as_posix())
+        for file in files
+        if file.is_file()
+    }
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[int] = ()) -> str:
-    """A table of cells that are Markdown already; a bar within a cell stays one."""
+    """Return a table of Markdown cells; a bar within a cell stays one."""
     numbers = set(right)
     rule = ["---:" if i in numbers else "---" for i in range(len(header))]
     lines = ([_BAR.sub(r"\\|", text) for text in row] for row in (header, rule, *rows))
@@ -74,9 +79,15 @@ def _block(block: Block, pictures: Mapping[str, str]) -> str:
         lead = f"**{cell(block.lead)}** " if block.lead else ""
         return lead + (cell(block.text) if lead else _paragraph(block.text))
     if isinstance(block, Facts | Signatures):
-        return table(("", ""), [(cell(name), "" if text is None else cell(text)) for name, text in block.rows])
+        return table(
+            ("", ""),
+            [(cell(name), "" if text is None else cell(text)) for name, text in block.rows],
+        )
     if isinstance(block, Cards):
-        return "\n".join(f"- {cell(one.label)}: **{cell(one.value)}**, {cell(one.below)}" for one in block.cards)
+        return "\n".join(
+            f"- {cell(card.label)}: **{cell(card.value)}**, {cell(card.below)}"
+            for card in block.cards
+        )
     if isinstance(block, Doubt):
         return _doubt(block)
     if isinstance(block, Folded | Beside):
@@ -88,12 +99,14 @@ def _block(block: Block, pictures: Mapping[str, str]) -> str:
 
 
 def markdown_table(block: Table) -> str:
-    """A table with its title and paragraphs."""
+    """Return a table with its title and paragraphs."""
     rows = []
     for i, row in enumerate(block.rows):
         if i in block.groups:
             rows.append((cell(block.groups[i]), *("" for _ in row[1:])))
-        rows.append(tuple(f"*{cell(text)}*" if text and i in block.quoted else cell(text) for text in row))
+        rows.append(
+            tuple(f"*{cell(text)}*" if text and i in block.quoted else cell(text) for text in row)
+        )
     body = table([cell(text) for text in block.header], rows, block.right)
     title = f"### {cell(block.title)}" if block.title else ""
     parts = (title, *map(_paragraph, block.lead), body, *map(_paragraph, block.notes))

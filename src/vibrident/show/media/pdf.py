@@ -1,4 +1,4 @@
-"""Documents as PDF, set by typst from the template beside this module, or from a laboratory's own."""
+"""Set documents as PDF by typst, from our template or from a laboratory's own."""
 
 from __future__ import annotations
 
@@ -17,26 +17,53 @@ from vibrident.base.extras import library
 from vibrident.base.version import __version__
 from vibrident.show.formulas import Mixed, Words, formulas
 from vibrident.show.media import drawing
-from vibrident.show.views import Beside, Block, Document, Facts, Figure, Folded, Sentence, Signatures, Table
+from vibrident.show.views import (
+    Beside,
+    Block,
+    Document,
+    Facts,
+    Figure,
+    Folded,
+    Sentence,
+    Signatures,
+    Table,
+)
 
 _TEMPLATE = Path(__file__).parent / "templates" / "document.typ"
 #: Fonts with Chinese letters, by what systems call them: the first that is there is used.
 _CHINESE = (
-    *("Noto Serif CJK SC", "Noto Serif SC", "Source Han Serif SC", "Songti SC", "SimSun", "Noto Sans CJK SC"),
-    *("Noto Sans SC", "Source Han Sans SC", "PingFang SC", "Microsoft YaHei", "SimHei", "WenQuanYi Zen Hei"),
+    *(
+        "Noto Serif CJK SC",
+        "Noto Serif SC",
+        "Source Han Serif SC",
+        "Songti SC",
+        "SimSun",
+        "Noto Sans CJK SC",
+    ),
+    *(
+        "Noto Sans SC",
+        "Source Han Sans SC",
+        "PingFang SC",
+        "Microsoft YaHei",
+        "SimHei",
+        "WenQuanYi Zen Hei",
+    ),
 )
 
 
 def render(document: Document, template: Path | None = None, fonts: Iterable[Path] = ()) -> bytes:
-    """A document as PDF; the same document gives the same file.
+    """Return a document as PDF; the same document gives the same file.
 
-    ``template``: a typst file in place of ours, which finds the same data in ``sys.inputs.document``; ``fonts``:
-    folders with further fonts.
+    ``template``: a typst file in place of ours, which finds the same data in
+    ``sys.inputs.document``; ``fonts``: folders with further fonts.
 
     Raises:
-        InputError: typst is not installed, no font has the document's letters, or the template fails.
+        InputError: typst is not installed, no font has the document's letters, or the template
+            fails.
     """
-    typst = library("typst", "report", "PDF needs typst, which is not installed.", "⟦report.form = 'pdf'⟧")
+    typst = library(
+        "typst", "report", "PDF needs typst, which is not installed.", "⟦report.form = 'pdf'⟧"
+    )
     issued = document.letterhead
     day = None if issued is None else issued.date
     logo = b"" if issued is None else base64.b64decode(issued.logo)
@@ -45,7 +72,10 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         "draft": document.draft,
         "language": document.language,
         "head": [_block(block) for block in document.head],
-        "sections": [{"title": part.title, "blocks": [_block(b) for b in part.blocks]} for part in document.sections],
+        "sections": [
+            {"title": part.title, "blocks": [_block(b) for b in part.blocks]}
+            for part in document.sections
+        ],
         "letterhead": None if issued is None else {**asdict(issued), "logo": bool(logo)},
         "day": None if day is None else (day.year, day.month, day.day),
         "author": "vibrident" if issued is None or not issued.lines else issued.lines[0],
@@ -56,7 +86,11 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
     data = {**typst_data(_marked(fields)), "formulas": written}
     foreign = not _european(json.dumps(data, ensure_ascii=False, default=str))
     places = [str(folder) for folder in fonts]
-    known = typst.Fonts(include_system_fonts=foreign, font_paths=places).families() if foreign or places else []
+    known = (
+        typst.Fonts(include_system_fonts=foreign, font_paths=places).families()
+        if foreign or places
+        else []
+    )
     data["fonts"] = [name for name in _CHINESE if name in known][:1] if foreign else []
     if "zh" in (document.language, document.second_language) and not data["fonts"]:
         raise InputError(
@@ -64,10 +98,13 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
             expected="one of " + ", ".join(_CHINESE),
             found="none of them on this machine",
             where="[certificate] language, second_language",
-            remedy="install one, such as Noto Serif CJK, or name the folder that holds it: [certificate] fonts",
+            remedy="install one, such as Noto Serif CJK, or name the folder that holds it: "
+            "[certificate] fonts",
         )
     # No clock, and no fonts of this machine where typst's own has all the letters.
-    noon = datetime.datetime.combine(day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC)
+    noon = datetime.datetime.combine(
+        day or datetime.date(2000, 1, 1), datetime.time(12), datetime.UTC
+    )
     compiled = partial(
         typst.compile,
         {"main": (template or _TEMPLATE).read_bytes(), "logo": logo},
@@ -105,12 +142,20 @@ def _archivable(compiled: Callable[..., bytes]) -> bytes:
 def _block(block: Block) -> dict[str, Any]:
     kind = type(block).__name__
     if isinstance(block, Table):
-        parts = {name: getattr(block, name) for name in ("header", "rows", "right", "lead", "notes", "title")}
+        parts = {
+            name: getattr(block, name)
+            for name in ("header", "rows", "right", "lead", "notes", "title")
+        }
         return {"kind": kind, **parts}
     if isinstance(block, Figure):
         return {"kind": kind, "svg": drawing.svg(block), "caption": block.caption}
     if isinstance(block, Sentence):
-        return {"kind": kind, "lead": block.lead, "text": block.text, "doubt": block.kind == "doubt"}
+        return {
+            "kind": kind,
+            "lead": block.lead,
+            "text": block.text,
+            "doubt": block.kind == "doubt",
+        }
     if isinstance(block, Facts | Signatures):
         rows = [{"label": label, "text": text} for label, text in block.rows]
         return {"kind": kind, "rows": rows, "title": getattr(block, "title", "")}
@@ -120,7 +165,7 @@ def _block(block: Block) -> dict[str, Any]:
 
 
 def _marked(value: Any) -> Any:
-    """The same, with our words apart from all other text: formulas are set in them alone."""
+    """Return the text with our words apart from all others: formulas are set in them alone."""
     if isinstance(value, Words | Mixed):
         return {"words": str(value), "mixed": isinstance(value, Mixed)}
     if isinstance(value, dict):
@@ -129,5 +174,5 @@ def _marked(value: Any) -> Any:
 
 
 def _european(text: str) -> bool:
-    """Whether the font that typst brings has every letter: Latin, Greek, Cyrillic, punctuation and signs."""
+    """Return whether the font of typst has every letter: Latin, Greek, Cyrillic and signs."""
     return all(ord(letter) < 0x530 or 0x1E00 <= ord(letter) < 0x2C00 for letter in text)

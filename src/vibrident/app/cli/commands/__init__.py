@@ -1,1 +1,1 @@
-"""One file a command."""
+"""Hold the commands of the shell, one a file."""

@@ -5,29 +5,34 @@ from __future__ import annotations
 from pathlib import Path
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import show, wrote
+from vibrident.app.cli.console import show, show_written
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 
 
 def axes(
     calibration: Path = options.CALIBRATION_FILE,
-    folder: Path = option("--out", "DIR", "Folder for matrix.json and matrix.md.", Path("vibrident-matrix")),
+    folder: Path = option(
+        "--out", "DIR", "Folder for matrix.json and matrix.md.", Path("vibrident-matrix")
+    ),
 ) -> None:
     """Sensitivity matrix of a sensor with two or three outputs: main, transverse, misalignment.
 
-    The calibration file has a [[response]] for each output, with its axis, and either [reference] with the axis of the
-    motion in each [[records]] entry, or a [[reference]] for each axis of motion.
+    The calibration file has a [[response]] for each output, with its axis, and either [reference]
+    with the axis of the motion in each [[records]] entry, or a [[reference]] for each axis of
+    motion.
     """
     from vibrident.show.matrix import element_table, main_table
     from vibrident.show.media.markdown import markdown_table
     from vibrident.use.triaxial import sensitivity_matrix
 
-    found = sensitivity_matrix(calibration)
-    tables = main_table(found), element_table(found)
+    matrix = sensitivity_matrix(calibration)
+    tables = main_table(matrix), element_table(matrix)
     with written_whole(folder) as output:
-        found.save(output.path / "matrix.json")
+        matrix.save(output.path / "matrix.json")
         text = "\n\n".join(markdown_table(table) for table in tables)
-        (output.path / "matrix.md").write_text(f"# Sensitivity matrix\n\n{text}\n", encoding="utf-8")
+        (output.path / "matrix.md").write_text(
+            f"# Sensitivity matrix\n\n{text}\n", encoding="utf-8"
+        )
     show(tables[0])
-    wrote(output.files)
+    show_written(output.files)

@@ -1,4 +1,4 @@
-"""``vibrident correct``: the acceleration behind a measured response, with an uncertainty for every sample."""
+"""``vibrident correct``: restore the acceleration behind a response, with an uncertainty."""
 
 from __future__ import annotations
 
@@ -6,68 +6,96 @@ from pathlib import Path
 from typing import Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import show_made, warn, wrote
+from vibrident.app.cli.console import show_output, show_written, warn
 from vibrident.app.cli.options import argument, flag, option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 
 
 def correct(
     result: Path = options.RESULT_FILE,
-    calibration: Path = argument("CAL.toml|TABLE", "Calibration file; or a table of your own: CSV, Parquet, Excel."),
+    calibration: Path = argument(
+        "CAL.toml|TABLE", "Calibration file; or a table of your own: CSV, Parquet, Excel."
+    ),
     folder: Path = option(
-        "--out", "DIR", "Folder for the CSV files, correction.json and the picture.", Path("vibrident-correction")
+        "--out",
+        "DIR",
+        "Folder for the CSV files, correction.json and the picture.",
+        Path("vibrident-correction"),
     ),
     band: str | None = option(
-        "--band", "LOW:HIGH", "Hz: the band to restore.", default="chosen from noise, motion, sensor and sampling rate"
+        "--band",
+        "LOW:HIGH",
+        "Hz: the band to restore.",
+        default="chosen from noise, motion, sensor and sampling rate",
     ),
     noise: float | None = option(
-        "--noise", "RMS", "White noise of the response, in its unit.", default="estimated from each record"
+        "--noise",
+        "RMS",
+        "White noise of the response, in its unit.",
+        default="estimated from each record",
     ),
     track: bool = flag(
-        "--track", help="Track the sensor through the records, and correct each with its own parameters."
+        "--track",
+        help="Track the sensor through the records, and correct each with its own parameters.",
     ),
     column: str | None = option("--column", "NAME|N", "TABLE: the column of the sensor's signal."),
     time: str | None = option(
-        "--time", "NAME|N", "TABLE: column of the times, in s or the unit of its name; else by name."
+        "--time",
+        "NAME|N",
+        "TABLE: column of the times, in s or the unit of its name; else by name.",
     ),
     rate: float | None = option("--rate", "HZ", "TABLE: sampling rate, where it has no times."),
     scale: float = option("--scale", "X", "TABLE: response unit per unit of the column.", 1.0),
-    pictures: bool = flag("--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True),
+    pictures: bool = flag(
+        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
+    ),
 ) -> None:
     """Restore the acceleration from the measured response, with an uncertainty for every sample.
 
-    Writes a CSV file a record, and band, noise, peak with interval, and warnings in correction.json.
-    A reference is used for comparison only. Write excitation = "decay" for records without one.
+    Writes a CSV file a record, and band, noise, peak with interval, and warnings in
+    correction.json. A reference is used for comparison only. Write excitation = "decay" for records
+    without one.
 
-    Of a table, writes the same table into the folder with two columns more: acceleration and its standard uncertainty.
+    Of a table, writes the same table into the folder with two columns more: acceleration and its
+    standard uncertainty.
     """
     limits = options.band(band)
     if calibration.suffix.lower() != ".toml":
-        _own_table(load_result(result), calibration, folder, limits, noise, (column, time, rate, scale))
+        _own_table(
+            load_result(result), calibration, folder, limits, noise, (column, time, rate, scale)
+        )
         return
     from vibrident.data.io import read_guarded
 
     known = load_result(result)
     data = read_guarded(calibration)
-    with written_whole(folder) as output, Busy("Correcting"):
+    with written_whole(folder) as output, ProgressBar("Correcting"):
         from vibrident.app.workflow.uses import correct as run
 
-        made = run(known, data, output.path, band_hz=limits, noise=noise, track=track)
+        correction = run(known, data, output.path, band_hz=limits, noise=noise, track=track)
         if pictures:
             from vibrident.show import plots
 
-            plots.save(made.figures[0], output.path / "correction.png")
-    show_made(made)
-    wrote([folder / "correction.json", folder / "*.csv", *([folder / "correction.png"] if pictures else [])])
+            plots.save(correction.figures[0], output.path / "correction.png")
+    show_output(correction)
+    show_written(
+        [
+            folder / "correction.json",
+            folder / "*.csv",
+            *([folder / "correction.png"] if pictures else []),
+        ]
+    )
 
 
-def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float | None, asked: tuple[Any, ...]) -> None:
+def _own_table(
+    known: Any, path: Path, folder: Path, limits: Any, noise: float | None, signal: tuple[Any, ...]
+) -> None:
     from vibrident.base.errors import InputError
     from vibrident.data.io.own_table import ENDINGS, read_signal, with_columns
     from vibrident.data.records import Calibration
 
-    column, time, rate, scale = asked
+    column, time, rate, scale = signal
     if column is None or path.suffix.lower() not in ENDINGS:
         raise InputError(
             "This is no calibration file, and no table to add columns to.",
@@ -79,13 +107,18 @@ def _own_table(known: Any, path: Path, folder: Path, limits: Any, noise: float |
     from vibrident.use.correction import correct as run
 
     with written_whole(folder) as output:
-        with Busy("Correcting"):
+        with ProgressBar("Correcting"):
             data = Calibration(
-                (read_signal(path, column, time, rate, scale, known.response_unit),), response_unit=known.response_unit
+                (read_signal(path, column, time, rate, scale, known.response_unit),),
+                response_unit=known.response_unit,
             )
             corrections = run(known, data, band_hz=limits, noise=noise)
-        one, motion = corrections.corrections[0], corrections.motion
-        new = {motion: one.acceleration, f"{motion}_standard_uncertainty": one.standard_uncertainty}
+        correction = corrections.corrections[0]
+        motion = corrections.motion
+        new = {
+            motion: correction.acceleration,
+            f"{motion}_standard_uncertainty": correction.standard_uncertainty,
+        }
         with_columns(path, output.path / path.name, new)
     warn(corrections.findings)
-    wrote(output.files)
+    show_written(output.files)

@@ -7,9 +7,9 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.app.cli.console import out, say, show
+from vibrident.app.cli.console import output_console, say, show
 from vibrident.app.cli.options import option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import written_whole
 from vibrident.app.workflow.simulated import RESPONSE_NOISE, SAMPLES, SENSOR, SNR_DB, write_demo
 from vibrident.base.escaping import terminal as printable
@@ -19,12 +19,19 @@ if TYPE_CHECKING:
     from vibrident.result import Result
 
 
-def demo(folder: Path = option("--out", "DIR", "Folder for everything; other files in it stay.", Path("demo"))) -> None:
+def demo(
+    folder: Path = option(
+        "--out", "DIR", "Folder for everything; other files in it stay.", Path("demo")
+    ),
+) -> None:
     """Simulate a calibration, identify the sensor, compare with the truth, write a report."""
     with written_whole(folder) as output:
         _steps(output.path, folder)
     file, truth = (shlex.quote(str(folder / name)) for name in ("calibration.toml", "truth.json"))
-    say(f"\nNext: vibrident inspect {file}\n      vibrident compare {file} --truth {truth}\n      vibrident --help")
+    say(
+        f"\nNext: vibrident inspect {file}\n      vibrident compare {file} --truth {truth}\n      "
+        "vibrident --help"
+    )
 
 
 def _steps(place: Path, folder: Path) -> None:
@@ -36,41 +43,45 @@ def _steps(place: Path, folder: Path) -> None:
     with painter() as artist:
         _chapter(
             "1  A calibration",
-            f"The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, {SAMPLES} samples "
-            f"each. The sensor feels noise {SNR_DB:g} dB below the motion; its output carries "
-            f"{100 * RESPONSE_NOISE:g} % noise.",
-            f"Look at: {folder}/calibration.toml, which says what the columns of the CSV files mean.",
+            "The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, "
+            f"{SAMPLES} samples each. The sensor feels noise {SNR_DB:g} dB below the motion; its "
+            f"output carries {100 * RESPONSE_NOISE:g} % noise.",
+            f"Look at: {folder}/calibration.toml, which says what the columns of the CSV files "
+            "mean.",
         )
-        with Busy("Simulating"):
+        with ProgressBar("Simulating"):
             write_demo(place)
         _chapter(
             "2  The identification",
             f"The same as: vibrident identify {file}",
             "Look at: u, the standard uncertainty of each value, and the verdict on the fit.",
         )
-        with Busy("Identifying") as progress:
+        with ProgressBar("Identifying") as progress:
             from vibrident.use.identification import identify
 
             result = identify(io.read(place / "calibration.toml"), progress=progress)
         # The final path, not the temporary one.
         provenance = {**result.provenance, "calibration_file": str(folder / "calibration.toml")}
         result = dataclasses.replace(result, provenance=provenance)
-        out().print(terminal.summary(result))
+        output_console().print(terminal.summary(result))
         _chapter(
             "3  The paper's network beside it, and the truth",
             f"The same as: vibrident identify {file} --estimator ipnn --weights",
-            "A simulation knows the truth. About two values in three lie within 1 u of it, 95 in 100 within 2 u. The "
-            "network's weights are the physics: its curve is that of a sensor with the parameters above it.",
+            "A simulation knows the truth. About two values in three lie within 1 u of it, 95 in "
+            "100 within 2 u. The network's weights are the physics: its curve is that of a sensor "
+            "with the parameters above it.",
         )
-        with Busy("Training the network") as progress:
-            network = identify(io.read(place / "calibration.toml"), estimator="ipnn", progress=progress)
+        with ProgressBar("Training the network") as progress:
+            network = identify(
+                io.read(place / "calibration.toml"), estimator="ipnn", progress=progress
+            )
         network = dataclasses.replace(network, provenance=provenance)
         _show_beside([result, network])
         _finish(place, folder, result, network, artist)
 
 
 def _show_beside(results: list[Result]) -> None:
-    """Parameters, curve and weights of the estimators and the truth."""
+    """Show parameters, curve and weights of the estimators beside the truth."""
     import numpy as np
 
     from vibrident.app.workflow.simulated import true_values
@@ -87,19 +98,22 @@ def _show_beside(results: list[Result]) -> None:
 
 def _finish(place: Path, folder: Path, result: Result, network: Result, artist: Painter) -> None:
     from vibrident.show import plots
-    from vibrident.show.comparison import beside
+    from vibrident.show.comparison_curves import comparison_figure
     from vibrident.show.report import render
 
     saved = result.save(place / "result.json")
     network.save(place / "network.json")
-    with Busy("Drawing"):
+    with ProgressBar("Drawing"):
         artist.draw(result, saved)
-        if (curves := beside([result, network], [result.estimator, network.estimator])) is not None:
+        if (
+            curves := comparison_figure([result, network], [result.estimator, network.estimator])
+        ) is not None:
             plots.save(curves, place / "network.png")
     (place / "report.md").write_text(render(result, pictures=place), encoding="utf-8")
     records = result.measured.record
-    said = {
-        "calibration.toml": f"what the columns of the {len(records)} CSV files mean: {records[0]} … {records[-1]}",
+    files = {
+        "calibration.toml": f"what the columns of the {len(records)} CSV files mean: {records[0]} "
+        f"… {records[-1]}",
         "truth.json": "the simulated sensor's parameters",
         "result.json": "every number of step 2 and the curves; all else is made from it",
         "report.md": "a report with these pictures:",
@@ -111,8 +125,11 @@ def _finish(place: Path, folder: Path, result: Result, network: Result, artist: 
         "network.json": "the paper's network of step 3: parameters, weights, curve",
         "network.png": "its curve beside that of step 2",
     }
-    width = max(map(len, said))
-    _chapter("4  What is written", *(f"{folder}/{name:<{width}}  {words}" for name, words in said.items()))
+    width = max(map(len, files))
+    _chapter(
+        "4  What is written",
+        *(f"{folder}/{name:<{width}}  {words}" for name, words in files.items()),
+    )
 
 
 def _chapter(title: str, *lines: str) -> None:
@@ -120,4 +137,4 @@ def _chapter(title: str, *lines: str) -> None:
 
     say(f"\n{title}", style="bold")
     for line in lines:
-        out().print(Padding(printable(line), (0, 0, 0, 3), expand=False))
+        output_console().print(Padding(printable(line), (0, 0, 0, 3), expand=False))

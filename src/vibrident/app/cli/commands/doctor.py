@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import typer
 
-from vibrident.app.cli.console import BAD_INPUT, err, out, say
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.console import BAD_INPUT, error_console, output_console, say
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.base.escaping import terminal as printable
 
 _COLOURS = {"ok": "green", "not installed": "dim", "cannot be used": "yellow"}
 
 
 def doctor() -> None:
-    """Check the installation: versions, arithmetic, cache, and an identification with known truth."""
+    """Check the installation: versions, arithmetic, cache, and an identification with known \
+truth."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     from vibrident.app.doctor import examine
 
-    with Busy("Examining"):
+    with ProgressBar("Examining"):
         checks = examine()
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in ("", "check", "found"):
@@ -27,13 +28,13 @@ def doctor() -> None:
     for check in checks:
         colour = "bold red" if check.fatal else _COLOURS[check.verdict]
         verdict = Text(check.verdict, colour)
-        text = Text(printable(check.found))
+        text = Text(printable(check.finding))
         if check.remedy:
             text.append(f"\n→ {printable(check.remedy)}", "bold" if check.fatal else "yellow")
         table.add_row(verdict, Text(check.subject), text)
-    out().print(table)
+    output_console().print(table)
     if failed := [check.subject for check in checks if check.fatal]:
-        err().print(f"Not fit for use: {', '.join(failed)}.", style="bold red")
+        error_console().print(f"Not fit for use: {', '.join(failed)}.", style="bold red")
         raise typer.Exit(BAD_INPUT)
     without = [check.subject for check in checks if check.verdict == "cannot be used"]
     say(f"Fit for use, without: {', '.join(without)}." if without else "Fit for use.")

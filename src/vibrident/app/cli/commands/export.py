@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import wrote
+from vibrident.app.cli.console import show_written
 from vibrident.app.cli.options import choice, flag, option
 from vibrident.app.workflow.folder import written_whole
 from vibrident.export.registry import EXPORTS
@@ -14,11 +14,18 @@ from vibrident.export.registry import EXPORTS
 def export(
     result: Path = options.RESULT_FILE,
     form: str = choice("--format", EXPORTS.names, "Format to write.", ..., "{exports}", False),
-    folder: Path | None = option("--out", "DIR", "Folder for the files.", default="beside the result"),
-    rate: float | None = option(
-        "--rate", "HZ", "Sampling rate of {exports: rate_hz}.", default="the network's, where there is one"
+    folder: Path | None = option(
+        "--out", "DIR", "Folder for the files.", default="beside the result"
     ),
-    band: str | None = option("--band", "LOW:HIGH", "Band of use in Hz.", default="that of the data"),
+    rate: float | None = option(
+        "--rate",
+        "HZ",
+        "Sampling rate of {exports: rate_hz}.",
+        default="the network's, where there is one",
+    ),
+    band: str | None = option(
+        "--band", "LOW:HIGH", "Band of use in Hz.", default="that of the data"
+    ),
     without: str | None = option(
         "--without",
         "NAMES",
@@ -26,11 +33,19 @@ def export(
         callback=options.listed("--without", options.not_rational),
     ),
     name: str = option("--name", "NAME", "Name of files and functions.", "sensor"),
-    schema: Path | None = option("--schema", "XSD", "{exports: schema}: validate against this schema."),
-    country: str | None = option("--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country."),
+    schema: Path | None = option(
+        "--schema", "XSD", "{exports: schema}: validate against this schema."
+    ),
+    country: str | None = option(
+        "--country", "XX", "{exports: country}: ISO 3166-1 code of the laboratory's country."
+    ),
     certificate: list[Path] | None = options.CERTIFICATE_FILES,
-    channel: str | None = option("--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel."),
-    online: bool = flag("--online", help="{exports: online}: the tracker (learner, detector, corrector)."),
+    channel: str | None = option(
+        "--channel", "NET.STA.LOC.CHA", "{exports: channel}: codes of the channel."
+    ),
+    online: bool = flag(
+        "--online", help="{exports: online}: the tracker (learner, detector, corrector)."
+    ),
 ) -> None:
     """Write a result in another program's format, from the result alone.
 
@@ -54,4 +69,4 @@ def export(
             channel=channel,
             online=online,
         )
-    wrote(output.files)
+    show_written(output.files)

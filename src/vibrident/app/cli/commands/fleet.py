@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from vibrident.app.cli.console import DOUBTFUL, note, out, say
+from vibrident.app.cli.console import DOUBTFUL, note, output_console, say
 from vibrident.app.cli.options import argument, between, choice, flag, option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.base.errors import InputError
 
@@ -28,10 +28,15 @@ _LINE_S = 30.0  # seconds between progress lines if stderr is not a terminal
 
 def fleet(
     patterns: list[str] = argument(
-        "PATTERN...", "Calibration files; folders, for all .toml files in and below them; globs in quotes."
+        "PATTERN...",
+        "Calibration files; folders, for all .toml files in and below them; globs in quotes.",
     ),
-    folder: Path = option("--out", "DIR", "Folder for the table, the page and the parts needed to resume.", ...),
-    workers: int | None = option("--workers", "N", "Processes on this machine.", default="all cores", min=1),
+    folder: Path = option(
+        "--out", "DIR", "Folder for the table, the page and the parts needed to resume.", ...
+    ),
+    workers: int | None = option(
+        "--workers", "N", "Processes on this machine.", default="all cores", min=1
+    ),
     scheduler: str | None = option(
         "--scheduler",
         "ADDRESS|FILE.json",
@@ -39,10 +44,18 @@ def fleet(
     ),
     model: str | None = option("--model", "NAME", "Sensor model for all, in place of each file's."),
     estimator: str = choice(
-        "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data of each.", AUTO, "{estimators}"
+        "--estimator",
+        estimator_names,
+        f"How to fit; {AUTO} chooses by the data of each.",
+        AUTO,
+        "{estimators}",
     ),
-    resume: bool = flag("--resume/--fresh", help="Resume with what is in DIR, or start afresh.", value=True),
-    time_limit_s: float = between("--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9, 300.0),
+    resume: bool = flag(
+        "--resume/--fresh", help="Resume with what is in DIR, or start afresh.", value=True
+    ),
+    time_limit_s: float = between(
+        "--time-limit", "S", "Most seconds of one calibration.", 1e-3, 1e9, 300.0
+    ),
     memory_limit_mb: float | None = between(
         "--memory-limit",
         "MB",
@@ -51,22 +64,31 @@ def fleet(
         1e9,
         default="its share of the machine's, 4 GB or more",
     ),
-    limits: Path | None = option("--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page."),
-    results: bool = flag("--results/--no-results", help="Keep whole results in DIR/results.", value=True),
-    store: str | None = option("--store", "URL", "Add the results to this history too; see `vibrident history`."),
-    strict: bool = flag("--strict", help="Exit with 3 if a calibration is refused, failed or doubtful."),
+    limits: Path | None = option(
+        "--limits", "FILE", "Nominal values and tolerances by type (TOML), for the page."
+    ),
+    results: bool = flag(
+        "--results/--no-results", help="Keep whole results in DIR/results.", value=True
+    ),
+    store: str | None = option(
+        "--store", "URL", "Add the results to this history too; see `vibrident history`."
+    ),
+    strict: bool = flag(
+        "--strict", help="Exit with 3 if a calibration is refused, failed or doubtful."
+    ),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors."),
 ) -> None:
     """Identify many sensors: DIR/fleet.parquet, a row each, and DIR/fleet.html.
 
-    The same command resumes after a stop or a crash. Existing rows are kept, unless the calibration's files have
-    changed.
+    The same command resumes after a stop or a crash. Existing rows are kept, unless the
+    calibration's files have changed.
 
-    Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
+    Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused,
+    failed or doubtful.
     """
     from vibrident.lab.fleets import Fleet
 
-    asked = Fleet(
+    request = Fleet(
         patterns,
         folder,
         model=model,
@@ -78,34 +100,40 @@ def fleet(
     )
     if store is not None:
         _require_store(store, results=results)
-    outcome = _run(asked, workers, scheduler, resume=resume, quiet=quiet)
+    outcome = _run(request, workers, scheduler, resume=resume, quiet=quiet)
     if not quiet:
         _show(outcome)
     if store is not None:
         _add(store, outcome, quiet=quiet)
     if strict and outcome.tally.doubts:
-        note(f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, failed or doubtful.")
+        note(
+            f"Strict: {outcome.tally.doubts} of {outcome.tally.rows} calibrations are refused, "
+            "failed or doubtful."
+        )
         raise typer.Exit(DOUBTFUL)
 
 
-def _run(asked: Fleet, workers: int | None, scheduler: str | None, *, resume: bool, quiet: bool) -> Outcome:
+def _run(
+    request: Fleet, workers: int | None, scheduler: str | None, *, resume: bool, quiet: bool
+) -> Outcome:
     from vibrident.lab.fleet.parts import load_arrow
 
     load_arrow()
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said once, in words of our own
-    with Busy("Identifying") as bar:
-        said = time.monotonic()
+    # what is lost is said once, in words of our own
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with ProgressBar("Identifying") as bar:
+        last_line_s = time.monotonic()
 
         def tell(progress: RunProgress) -> None:
             """Move the bar, or say it in a line now and then where there is none."""
-            nonlocal said
+            nonlocal last_line_s
             text = _progress_text(progress)
             bar.share(f"Identifying: {text}", progress.done, progress.total)
-            if not quiet and not bar.shown and time.monotonic() - said >= _LINE_S:
-                said = time.monotonic()
+            if not quiet and not bar.shown and time.monotonic() - last_line_s >= _LINE_S:
+                last_line_s = time.monotonic()
                 note(text)
 
-        return asked.identify(workers=workers, scheduler=scheduler, resume=resume, progress=tell)
+        return request.identify(workers=workers, scheduler=scheduler, resume=resume, progress=tell)
 
 
 def _require_store(store: str, *, results: bool) -> None:
@@ -143,13 +171,17 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
             else:
                 nameless += 1
 
-    with Busy("Adding to the history"):
+    with ProgressBar("Adding to the history"):
         new = history.add(store, named())
     if not quiet:
         say(f"Added to the history: {count(new, 'new result')}.")
     if nameless:
-        said = "result states no serial number and was" if nameless == 1 else "results state no serial number and were"
-        note(f"{nameless} {said} not added.")
+        clause = (
+            "result states no serial number and was"
+            if nameless == 1
+            else "results state no serial number and were"
+        )
+        note(f"{nameless} {clause} not added.")
 
 
 def _progress_text(progress: RunProgress) -> str:
@@ -158,18 +190,27 @@ def _progress_text(progress: RunProgress) -> str:
         return f"{words}, waiting for workers"
     if progress.rate > 0:
         words += f", {progress.rate:.3g} a second"
-    if (left := progress.left_s) is None:
+    if (remaining_s := progress.left_s) is None:
         return words
-    near = f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min" if left < 5400 else f"{left / 3600:.1f} h"
+    near = (
+        f"{remaining_s:.0f} s"
+        if remaining_s < 90
+        else f"{remaining_s / 60:.0f} min"
+        if remaining_s < 5400
+        else f"{remaining_s / 3600:.1f} h"
+    )
     return f"{words}, {near} left"
 
 
 def _show(outcome: Outcome) -> None:
     from vibrident.lab.fleet.summary import summary
 
-    out().print(summary(outcome), crop=False)
+    output_console().print(summary(outcome), crop=False)
     if outcome.left_out:
-        note(f"{outcome.left_out} .toml files in the folders hold no section of a calibration and were left out.")
+        note(
+            f"{outcome.left_out} .toml files in the folders hold no section of a calibration and "
+            "were left out."
+        )
     for name, units in outcome.tally.units_of_parameters.items():
         if len(units) > 1:
             note(f"The unit of {name} is not the same in all rows: {', '.join(units)}.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from vibrident.app.cli.console import note, say, show, wrote
+from vibrident.app.cli.console import note, say, show, show_written
+from vibrident.app.cli.history_options import build_question, read_date, read_tolerance
 from vibrident.app.cli.options import (
     CERTIFICATE_FILES,
     RESULT_FILES,
     argument,
     between,
     choice,
-    not_read,
     one_of,
     option,
 )
@@ -26,14 +25,14 @@ from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
-    from vibrident.lab.history.document import Question
-    from vibrident.lab.history.due import Tolerance
-    from vibrident.lab.history.query import StoredSensor
     from vibrident.lab.history.store import Store
     from vibrident.result import Result
     from vibrident.show.views import Block
 
-history = typer.Typer(no_args_is_help=True, help="Keep every calibration of every sensor; drift, agreement, due dates.")
+history = typer.Typer(
+    no_args_is_help=True,
+    help="Keep every calibration of every sensor; drift, agreement, due dates.",
+)
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -50,7 +49,9 @@ _MAKER = option("--manufacturer", "NAME", "Of sensors with one serial number.")
 _AXIS = option("--axis", "AXIS", "Of sensors with several.")
 _FORM = choice("--format", ("text", "json"), "Tables, or one JSON document.", "text")
 _BY = option("--by", "NAME", "Author of the entry.", default="the account")
-_APPROVER = option("--by", "NAME", "Who approves.", default="approved_by of the certificate, else the account")
+_APPROVER = option(
+    "--by", "NAME", "Who approves.", default="approved_by of the certificate, else the account"
+)
 _NOTE = option("--note", "TEXT", "Why.", "")
 _QUANTITY = option(
     "--quantity",
@@ -58,11 +59,22 @@ _QUANTITY = option(
     "A parameter of the results, such as natural_frequency.",
     default="the sensitivity at the reference frequency",
 )
-_FREQUENCY = option("--frequency", "HZ", "The sensitivity at this nominal frequency.", default=False)
+_FREQUENCY = option(
+    "--frequency", "HZ", "The sensitivity at this nominal frequency.", default=False
+)
 _TOLERANCE = option("--tolerance", "REL", "Tolerance: 1% or 0.01.", default=False)
 _NOMINAL = option("--nominal", "VALUE", "Value it is used with.", default="the last calibration's")
-_LIMITS = option("--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`.")
-_INTERVAL = between("--interval", "YEARS", "In force, years.", 1e-3, 1e3, default="between the last two calibrations")
+_LIMITS = option(
+    "--limits", "FILE", "Nominal values and tolerances by type, as for `vibrident fleet`."
+)
+_INTERVAL = between(
+    "--interval",
+    "YEARS",
+    "In force, years.",
+    1e-3,
+    1e3,
+    default="between the last two calibrations",
+)
 
 
 @history.command("add")
@@ -70,11 +82,14 @@ def add(
     results: list[Path] = RESULT_FILES,
     store: str | None = _STORE,
     serial: str | None = option("--serial", "SERIAL", "For results without one."),
-    date: str | None = option("--date", "DATE", "Of the calibration; corrects that of a stored one."),
+    date: str | None = option(
+        "--date", "DATE", "Of the calibration; corrects that of a stored one."
+    ),
     certificate: list[Path] | None = CERTIFICATE_FILES,
 ) -> None:
-    """Add results. An existing result stays unchanged; another --date corrects its date by an event."""
-    day = _date(date, "--date")
+    """Add results. An existing result stays unchanged; another --date corrects its date by an \
+event."""
+    day = read_date(date, "--date")
     from vibrident.lab.history.entry import add_all, rows_of
     from vibrident.show.issue import issued
     from vibrident.show.views import count
@@ -90,18 +105,21 @@ def add(
             raise error.within(str(path)) from error
     with _opened(store) as opened:
         added = list(add_all(opened, map(read, results), serial_number=serial, date=day))
-        for path, one in zip(results, added, strict=True):
-            stored = "" if one.new else ", already stored"
-            if one.former_date is not None:
-                stored += f"; its date is now {day}, it was {one.former_date}"
-            say(f"{path}: calibration {one.number}{stored}")
-        new_ones = sum(one.new for one in added)
+        for path, entry in zip(results, added, strict=True):
+            stored = "" if entry.new else ", already stored"
+            if entry.former_date is not None:
+                stored += f"; its date is now {day}, it was {entry.former_date}"
+            say(f"{path}: calibration {entry.number}{stored}")
+        new_ones = sum(entry.new for entry in added)
         note(f"{new_ones} of {count(len(added), 'result')} new in {opened.shown}")
 
 
 @history.command("list")
-def list_sensors(store: str | None = _STORE, type_name: str | None = _TYPE, form: str = _FORM) -> None:
-    """List the sensors, with the number of their calibrations and the dates of the first and the last."""
+def list_sensors(
+    store: str | None = _STORE, type_name: str | None = _TYPE, form: str = _FORM
+) -> None:
+    """List the sensors, with the number of their calibrations and the dates of the first and \
+the last."""
     from vibrident.lab.history import query, tables
     from vibrident.lab.history.document import listed
     from vibrident.show.views import count
@@ -120,23 +138,35 @@ def show_sensor(
     maker: str | None = _MAKER,
     quantity: str | None = _QUANTITY,
     frequency: float | None = _FREQUENCY,
-    until: str | None = option("--at", "DATE", "Predict for it.", default="the end of the interval"),
+    until: str | None = option(
+        "--at", "DATE", "Predict for it.", default="the end of the interval"
+    ),
     tolerance: str | None = _TOLERANCE,
     nominal: float | None = _NOMINAL,
     limits: Path | None = _LIMITS,
     interval: float | None = _INTERVAL,
     form: str = _FORM,
-    target: Path | None = option("--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too."),
+    target: Path | None = option(
+        "--out", "FILE", "Write it as .html, .png, .svg, .pdf or .json too."
+    ),
 ) -> None:
-    """Show every calibration of a sensor, their agreement, drift, prediction, and control charts."""
+    """Show every calibration of a sensor, their agreement, drift, prediction, and control \
+charts."""
     from vibrident.lab.history import page, query
     from vibrident.lab.history.document import of_sensor
 
     if target is not None:
         one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
-    asked = _question(quantity, frequency, _tolerance(tolerance, nominal), limits, interval, _date(until, "--at"))
+    question = build_question(
+        quantity,
+        frequency,
+        read_tolerance(tolerance, nominal),
+        limits,
+        interval,
+        read_date(until, "--at"),
+    )
     with _opened(store) as opened:
-        document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), asked)
+        document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), question)
     _print(form, document, lambda: page.printed(document))
     if target is not None:
         _write(document, target)
@@ -157,9 +187,10 @@ def due(
     interval: float | None = _INTERVAL,
     form: str = _FORM,
 ) -> None:
-    """Say when each sensor is due: by the risk of being outside the tolerance, the interval, and the staircase."""
-    given = _tolerance(tolerance, nominal)
-    if (given is None) == (limits is None):
+    """Say when each sensor is due: by the risk of being outside the tolerance, the \
+interval, and the staircase."""
+    given_tolerance = read_tolerance(tolerance, nominal)
+    if (given_tolerance is None) == (limits is None):
         raise InputError(
             "No tolerance is given." if limits is None else "Two tolerances are given.",
             expected="a tolerance such as 1%, or a file of limits by type",
@@ -171,23 +202,30 @@ def due(
     from vibrident.lab.history.document import all_due, of_sensor
     from vibrident.show.views import count
 
-    asked = _question(quantity, frequency, given, limits, interval)
+    question = build_question(quantity, frequency, given_tolerance, limits, interval)
     with _opened(store) as opened:
         if serial is not None:
-            found = query.find(opened, serial, type_name, axis, maker)
-            document = of_sensor(opened, found, asked)
-            rows = all_due(opened, asked, type_name, found.id)
+            sensor = query.find(opened, serial, type_name, axis, maker)
+            document = of_sensor(opened, sensor, question)
+            rows = all_due(opened, question, type_name, sensor.id)
             _print(form, rows, lambda: [tables.due(document) or tables.all_due(rows)])
             return
-        rows = all_due(opened, asked, type_name)
-    within = f"tolerance ±{100 * given.relative:g} %" if given is not None else "tolerances by type"
+        rows = all_due(opened, question, type_name)
+    within = (
+        f"tolerance ±{100 * given_tolerance.relative:g} %"
+        if given_tolerance is not None
+        else "tolerances by type"
+    )
     title = f"{count(len(rows), 'sensor')}, the soonest first; {within}"
     _print(form, rows, lambda: [replace(tables.all_due(rows), title=title)])
 
 
 @history.command("approve")
 def approve(
-    number: int = _CALIBRATION, store: str | None = _STORE, by: str | None = _APPROVER, note_text: str = _NOTE
+    number: int = _CALIBRATION,
+    store: str | None = _STORE,
+    by: str | None = _APPROVER,
+    note_text: str = _NOTE,
 ) -> None:
     """Approve a calibration. Other evaluations of the same data are superseded."""
     from vibrident.lab.history import approval
@@ -195,18 +233,24 @@ def approve(
     with _opened(store) as opened:
         superseded = approval.approve(opened, number, by=by, note=note_text)
     say(f"Calibration {number} is approved.")
-    for other in superseded:
-        say(f"Calibration {other}, of the same data, is superseded.")
+    for number_superseded in superseded:
+        say(f"Calibration {number_superseded}, of the same data, is superseded.")
 
 
 @history.command("event")
 def event(
     serial: str = _SERIAL,
     kind: str = choice(
-        "--kind", ("repaired", "recalled", "superseded", "redated"), "What happened.", ..., default=False
+        "--kind",
+        ("repaired", "recalled", "superseded", "redated"),
+        "What happened.",
+        ...,
+        default=False,
     ),
     date: str | None = option("--date", "DATE", "When.", default="today"),
-    calibration: int | None = option("--calibration", "ID", "Of this calibration, not of the sensor."),
+    calibration: int | None = option(
+        "--calibration", "ID", "Of this calibration, not of the sensor."
+    ),
     note_text: str = _NOTE,
     by: str | None = _BY,
     store: str | None = _STORE,
@@ -214,14 +258,17 @@ def event(
     axis: str | None = _AXIS,
     maker: str | None = _MAKER,
 ) -> None:
-    """Enter what happened to a sensor, or to one of its calibrations; redated: its date is --date."""
-    day = _date(date, "--date")
+    """Enter what happened to a sensor, or to one of its calibrations; redated: its date is \
+--date."""
+    day = read_date(date, "--date")
     from vibrident.lab.history import entry, query
 
     with _opened(store) as opened:
-        found = query.find(opened, serial, type_name, axis, maker)
-        entry.add_event(opened, found, kind, date=day, calibration_id=calibration, by=by, note=note_text)
-    subject = found.name if calibration is None else f"Calibration {calibration} of {found.name}"
+        sensor = query.find(opened, serial, type_name, axis, maker)
+        entry.add_event(
+            opened, sensor, kind, date=day, calibration_id=calibration, by=by, note=note_text
+        )
+    subject = sensor.name if calibration is None else f"Calibration {calibration} of {sensor.name}"
     say(f"{subject}: {kind}, {day or datetime.date.today()}")
 
 
@@ -238,11 +285,13 @@ def result(
         stored = query.result(opened, number)
     with written_whole(target.parent) as output:
         stored.save(output.path / target.name)
-    wrote(output.files)
+    show_written(output.files)
 
 
 @history.command("export")
-def export(target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE) -> None:
+def export(
+    target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE
+) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.lab.history import query
 
@@ -251,7 +300,7 @@ def export(target: Path = argument("FILE.parquet|FILE.csv", "File to write."), s
         rows = list(query.rows(opened))
     with written_whole(target.parent) as output:
         query.write(rows, output.path / target.name)
-    wrote(output.files)
+    show_written(output.files)
 
 
 @history.command("upgrade")
@@ -259,82 +308,14 @@ def upgrade(store: str | None = _STORE) -> None:
     """Upgrade a store of an older version, with its data; or create a new one."""
     with _opened(store) as opened:
         before, after = opened.upgrade()
-        what = "is new" if before is None else "was up to date" if before == after else f"was at schema {before}"
+        what = (
+            "is new"
+            if before is None
+            else "was up to date"
+            if before == after
+            else f"was at schema {before}"
+        )
         say(f"{opened.shown} {what}; schema {after}")
-
-
-def _date(text: str | None, option: str) -> datetime.date | None:
-    if text is None:
-        return None
-    try:
-        return datetime.date.fromisoformat(text)
-    except ValueError:
-        raise not_read(option, text, "a date such as 2025-03-31", "write year, month and day") from None
-
-
-def _tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
-    """A tolerance such as 1% or 0.01."""
-    if nominal is not None and (not math.isfinite(nominal) or nominal == 0):
-        raise InputError(
-            "A tolerance is relative to the nominal value, which cannot be 0.",
-            expected="a finite number other than 0, in the quantity's unit",
-            found=f"{nominal:g}",
-            where="--nominal",
-            remedy="give the value that the sensor is used with, or leave --nominal out",
-        )
-    if text is None:
-        return None
-    from vibrident.lab.history.due import Tolerance
-
-    try:
-        percent = text.strip().endswith("%")
-        value = float(text.strip().removesuffix("%")) * (0.01 if percent else 1.0)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 1:
-        remedy = "give a number between 0 and 100 with %, or between 0 and 1"
-        raise not_read("--tolerance", text, "a part of the value, such as 1% or 0.01", remedy)
-    return Tolerance(value, nominal)
-
-
-def _question(
-    quantity: str | None,
-    frequency: float | None,
-    tolerance: Tolerance | None,
-    limits: Path | None,
-    interval: float | None,
-    until: datetime.date | None = None,
-) -> Question:
-    if quantity is not None and frequency is not None:
-        raise InputError(
-            "Two quantities are asked for.",
-            expected="a parameter, or the sensitivity at a frequency",
-            found="both",
-            where="--quantity, --frequency",
-            remedy="give one of the two",
-        )
-    from vibrident.lab.history.document import Question
-
-    asked = Question(frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=interval)
-    asked = asked if quantity is None else replace(asked, quantity=quantity)
-    return asked if limits is None else replace(asked, tolerances=_by_type(limits, asked))
-
-
-def _by_type(limits: Path, asked: Question) -> Callable[[StoredSensor], Tolerance | None]:
-    """The tolerance of a sensor, from a limits file; of the reference sensitivity as of the sensitivity."""
-    from vibrident.lab.fleet.limits import read_limits
-    from vibrident.lab.history.due import Tolerance
-
-    known = read_limits(limits)
-    name = "sensitivity" if asked.quantity == "reference_sensitivity" else asked.quantity
-
-    def tolerance(sensor: StoredSensor) -> Tolerance | None:
-        limit = known.limit(sensor.type or None, name)
-        if limit is None or not limit.nominal or asked.frequency_hz is not None:
-            return None
-        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
-
-    return tolerance
 
 
 def _opened(url: str | None) -> Store:
@@ -344,7 +325,7 @@ def _opened(url: str | None) -> Store:
 
 
 def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:
-    """The content as one JSON document, or the blocks made of it."""
+    """Print the content as one JSON document, or the blocks made of it."""
     if form == "json":
         from vibrident.result.document import json_text
 
@@ -369,4 +350,4 @@ def _write(document: Mapping[str, Any], target: Path) -> None:
             file.write_text(html.render(page.report(document)), encoding="utf-8")
         else:
             write_json(file, document)
-    wrote(output.files)
+    show_written(output.files)

@@ -9,21 +9,23 @@ from typing import Any
 import typer
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import DOUBTFUL, note, out, say, show, warn
+from vibrident.app.cli.console import DOUBTFUL, note, output_console, say, show, warn
 from vibrident.app.cli.options import argument, choice, flag, option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.cli.words import shell_word
 from vibrident.app.workflow.estimators import AUTO, estimator_names
 from vibrident.app.workflow.folder import written_whole
-from vibrident.app.workflow.identification import Request, places, run
+from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
 
 _DETAILS = "Settings of an estimator"
 _detail = partial(option, panel=_DETAILS)
 _MODEL = (
-    "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for all, or one each, "
-    "joined by commas."
+    "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for "
+    "all, or one each, joined by commas."
 )
-_EXCERPTS = "Keep in result.json the samples of records that pictures in reports show; most of its size."
+_EXCERPTS = (
+    "Keep in result.json the samples of records that pictures in reports show; most of its size."
+)
 _DISCRETISATION = choice(
     "--discretisation",
     options.DISCRETISATIONS,
@@ -36,21 +38,33 @@ _DISCRETISATION = choice(
 
 def identify(
     context: typer.Context,
-    calibrations: list[Path] = argument("CAL.toml...", "Calibration file; several of one sensor are fitted together."),
+    calibrations: list[Path] = argument(
+        "CAL.toml...", "Calibration file; several of one sensor are fitted together."
+    ),
     model: str | None = option("--model", "NAME", _MODEL),
     estimator_name: str = choice(
-        "--estimator", estimator_names, f"How to fit; {AUTO} chooses by the data and says why.", AUTO, "{estimators}"
+        "--estimator",
+        estimator_names,
+        f"How to fit; {AUTO} chooses by the data and says why.",
+        AUTO,
+        "{estimators}",
     ),
     folder: Path = option(
-        "--out", "DIR", "Folder for result.json and pictures; other files in it stay.", Path("vibrident-out")
+        "--out",
+        "DIR",
+        "Folder for result.json and pictures; other files in it stay.",
+        Path("vibrident-out"),
     ),
     uncertainty: str = choice(
         "--uncertainty",
         options.UNCERTAINTIES,
-        "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model is rejected.",
+        "What they cover: noise alone; inflated, the misfit too; auto, the misfit where the model "
+        "is rejected.",
         "auto",
     ),
-    band: str | None = option("--band", "LOW:HIGH", "Hz: the band that the fit takes.", default="the files', or all"),
+    band: str | None = option(
+        "--band", "LOW:HIGH", "Hz: the band that the fit takes.", default="the files', or all"
+    ),
     share: str | None = option(
         "--share",
         "A,B",
@@ -58,7 +72,9 @@ def identify(
         default="the oscillator, and gains of equal outputs",
     ),
     strict: bool = flag("--strict", help="Exit with 3 if the result carries a warning."),
-    pictures: bool = flag("--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True),
+    pictures: bool = flag(
+        "--pictures/--no-pictures", help="Draw pictures (PNG) into the folder.", value=True
+    ),
     excerpts: bool = flag("--excerpts/--no-excerpts", help=_EXCERPTS, value=True),
     weights: bool = flag("--weights", help="Print the network's weights, the paper's Table 1."),
     quiet: bool = flag("--quiet", "-q", help="Print nothing but errors and warnings."),
@@ -70,8 +86,12 @@ def identify(
         default="lm",
         panel=_DETAILS,
     ),
-    steps: int | None = _detail("--steps", "N", "Network with adam: training steps.", default="1500", min=1),
-    learning_rate: float | None = _detail("--learning-rate", "X", "Network with adam: step size.", default="0.001"),
+    steps: int | None = _detail(
+        "--steps", "N", "Network with adam: training steps.", default="1500", min=1
+    ),
+    learning_rate: float | None = _detail(
+        "--learning-rate", "X", "Network with adam: step size.", default="0.001"
+    ),
     weighting: str | None = choice(
         "--weighting",
         ("plain", "weighted"),
@@ -80,30 +100,47 @@ def identify(
     ),
     residual: bool = flag(
         "--residual",
-        help="Network: learn the residual by a small network beside the physics; kept only where it "
-        "predicts held-out data better.",
+        help="Network: learn the residual by a small network beside the physics; kept only where "
+        "it predicts held-out data better.",
         panel=_DETAILS,
     ),
-    others: list[str] | None = option(
-        "--set", "NAME=VALUE", "A setting of another package's estimator; may be repeated.", panel=_DETAILS
+    set_values: list[str] | None = option(
+        "--set",
+        "NAME=VALUE",
+        "A setting of another package's estimator; may be repeated.",
+        panel=_DETAILS,
     ),
     posterior: bool = flag(
         "--posterior",
-        help="Also sample and print the parameters' posterior; for weakly determined ones. Needs the extra bayes.",
+        help="Also sample and print the parameters' posterior; for weakly determined ones. Needs "
+        "the extra bayes.",
     ),
 ) -> None:
     """Identify a sensor: DIR/result.json, pictures, and a short table.
 
-    Several files make one joint fit: the first one's result is DIR/result.json, each other one's DIR/NAME/result.json,
-    NAME being the file's without .toml.
+    Several files make one joint fit: the first one's result is DIR/result.json, each other one's
+    DIR/NAME/result.json, NAME being the file's without .toml.
 
-    Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written all the same).
+    Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written
+    all the same).
     """
     values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
-    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(others or ())
+    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(
+        set_values or ()
+    )
     shared = options.listed("--share")(share)
-    models = None if model is None else [part.strip() for part in model.split(",")]  # one may serve several files
-    request = Request(estimator_name, settings, models, uncertainty, shared, posterior, options.band(band), weights)
+    # one may serve several files
+    models = None if model is None else [part.strip() for part in model.split(",")]
+    request = IdentifyRequest(
+        estimator_name,
+        settings,
+        models,
+        uncertainty,
+        shared,
+        posterior,
+        options.band(band),
+        weights,
+    )
     request.check(len(calibrations))
     with written_whole(folder) as output:
         results = _identified(request, calibrations, output.path, pictures, excerpts)
@@ -114,7 +151,9 @@ def identify(
         raise typer.Exit(DOUBTFUL)
 
 
-def _identified(request: Request, files: list[Path], place: Path, plots: bool, excerpts: bool) -> list[Any]:
+def _identified(
+    request: IdentifyRequest, files: list[Path], place: Path, plots: bool, excerpts: bool
+) -> list[Any]:
     from vibrident.data.io import read_guarded
 
     calibrations = [read_guarded(file) for file in files]
@@ -122,19 +161,21 @@ def _identified(request: Request, files: list[Path], place: Path, plots: bool, e
     from vibrident.app.cli.drawing import painter
 
     with painter(wanted=plots) as artist:
-        with Busy("Identifying") as progress:
+        with ProgressBar("Identifying") as progress:
             results = run(request, calibrations, progress)
-        for result, folder in zip(results, places(files, place), strict=True):
+        for result, folder in zip(results, result_folders(files, place), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
-                with Busy("Drawing"):
+                with ProgressBar("Drawing"):
                     artist.draw(result, saved)
             if not excerpts:  # the pictures were drawn with them
                 result.save(saved, excerpts=False)
     return results
 
 
-def _show(results: list[Any], files: list[Path], context: typer.Context, *, quiet: bool, weights: bool) -> None:
+def _show(
+    results: list[Any], files: list[Path], context: typer.Context, *, quiet: bool, weights: bool
+) -> None:
     from vibrident.show import terminal
 
     if len(results) > 1 and not quiet:
@@ -146,7 +187,9 @@ def _show(results: list[Any], files: list[Path], context: typer.Context, *, quie
 
     word = shell_word(context.find_root().command, "identify")
     for result in results:
-        for text in notes_of_copies((file["file"], file["history"]) for file in result.provenance.get("files", ())):
+        for text in notes_of_copies(
+            (file["file"], file["history"]) for file in result.provenance.get("files", ())
+        ):
             note(text)
         for row in result.settings.get("known_responses", ()):
             low, high = row["band_hz"]
@@ -159,14 +202,15 @@ def _show(results: list[Any], files: list[Path], context: typer.Context, *, quie
             if len(results) > 1:
                 joint = result.settings["joint"]
                 say(joint["calibrations"][joint["position"]]["file"])
-            out().print(terminal.summary(result, written, word), crop=False)  # paths are not cropped
+            # paths are not cropped
+            output_console().print(terminal.summary(result, written, word), crop=False)
             if residual := result.settings.get("residual_network"):
                 say(_residual_line(residual))
             if sampled := result.settings.get("posterior"):
-                out().print(terminal.posterior_table(result), crop=False)
+                output_console().print(terminal.posterior_table(result), crop=False)
                 say(_posterior_line(sampled))
         if weights and result.weights:
-            out().print(terminal.weights_table(result))
+            output_console().print(terminal.weights_table(result))
         elif weights:
             note(f"No weights: {result.estimator} trains no network.")
 
@@ -175,15 +219,23 @@ def _residual_line(residual: dict[str, Any]) -> str:
     if not residual["kept"]:
         return f"Learned residual: none kept, share 0 ({residual['reason']})."
     return (
-        f"Learned residual ({' and '.join(residual['structure'])}): {100 * residual['share']:.3g} % of the response; "
-        f"rmse {residual['rmse']:.3g}, of the physics alone {residual['rmse_of_physics_alone']:.3g}."
+        f"Learned residual ({' and '.join(residual['structure'])}): {100 * residual['share']:.3g} "
+        f"% of the response; rmse {residual['rmse']:.3g}, of the physics alone "
+        f"{residual['rmse_of_physics_alone']:.3g}."
     )
 
 
 def _posterior_line(posterior: dict[str, Any]) -> str:
-    words = f"Posterior: {posterior['chains']} chains of {posterior['draws']} draws, {posterior['sampler']}."
+    words = (
+        f"Posterior: {posterior['chains']} chains of {posterior['draws']} draws, "
+        f"{posterior['sampler']}."
+    )
     if names := posterior["ends_by_prior"]:
-        words += f" The range searched, not the data, limits {', '.join(names)} on at least one side."
+        words += (
+            f" The range searched, not the data, limits {', '.join(names)} on at least one side."
+        )
     if not posterior["converged"]:
-        words += " The chains are too short for their autocorrelation time: do not use these numbers."
+        words += (
+            " The chains are too short for their autocorrelation time: do not use these numbers."
+        )
     return words

@@ -1,4 +1,4 @@
-"""``vibrident inspect``: the content of the files, before any model."""
+"""``vibrident inspect``: show the content of the files, before any model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, say, show_rows, wrote
+from vibrident.app.cli.console import note, output_console, say, show_rows, show_written
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 from vibrident.base.escaping import terminal as printable
@@ -23,7 +23,9 @@ MAX_STEPS = 8  # of the reading that are shown
 
 def inspect(
     calibration: Path = options.CALIBRATION_FILE,
-    folder: Path | None = option("--out", "DIR", "Folder for the picture.", default="./CAL.inspect.png"),
+    folder: Path | None = option(
+        "--out", "DIR", "Folder for the picture.", default="./CAL.inspect.png"
+    ),
 ) -> None:
     """Show calibration data: their description, findings, and a picture."""
     from vibrident.data.io import read_guarded
@@ -42,7 +44,9 @@ def inspect(
 
         plots.save(plots.inspection(screened), output.path / name)
         if any(record.optical is not None for record in screened.records):
-            plots.save(plots.light(screened), output.path / name.replace("inspect.png", "light.png"))
+            plots.save(
+                plots.light(screened), output.path / name.replace("inspect.png", "light.png")
+            )
     _show(screened, inspection.findings, output.files)
 
 
@@ -53,12 +57,18 @@ def _show(calibration: Calibration, findings: Sequence[Finding], files: list[Pat
     from vibrident.data import io
     from vibrident.show import words
 
-    console = out()
+    console = output_console()
     for label, text in _understood(calibration).items():
-        console.print(Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True)
+        console.print(
+            Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True
+        )
     console.print()
-    show_rows(_telling(io.describe(calibration)), "Tabulated response" if calibration.table else "Records")
-    if light := [_light_row(record.name, record.optical) for record in calibration.records if record.optical]:
+    show_rows(
+        _telling(io.describe(calibration)), "Tabulated response" if calibration.table else "Records"
+    )
+    if light := [
+        _light_row(record.name, record.optical) for record in calibration.records if record.optical
+    ]:
         show_rows(light, "Interferometer")
     if known := _known_rows(calibration):
         show_rows(known, "Known responses")
@@ -68,13 +78,17 @@ def _show(calibration: Calibration, findings: Sequence[Finding], files: list[Pat
             console.print(Padding(Text(printable(step)), (0, 0, 0, 2), expand=False))
         console.print()
     for code in dict.fromkeys(finding.code for finding in findings):
-        console.print(Text.assemble(("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"))
+        console.print(
+            Text.assemble(
+                ("Finding: ", "bold yellow"), (words.explain(code).title, "bold"), f" ({code})"
+            )
+        )
         for finding in findings:
             if finding.code == code:
                 console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2), expand=False))
     if not findings and calibration.records:
         say("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
-    wrote(files)
+    show_written(files)
 
 
 def _steps(calibration: Calibration) -> list[str]:
@@ -82,9 +96,16 @@ def _steps(calibration: Calibration) -> list[str]:
     sources = [record.provenance for record in calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]
-    counts = Counter(step for source in sources for step in source.history).most_common(MAX_STEPS + 1)
-    shown = [step if count == len(sources) else f"{step} ({count} records)" for step, count in counts[:MAX_STEPS]]
-    return [*shown, "further steps: provenance in result.json"] if len(counts) > MAX_STEPS else shown
+    counts = Counter(step for source in sources for step in source.history).most_common(
+        MAX_STEPS + 1
+    )
+    shown = [
+        step if count == len(sources) else f"{step} ({count} records)"
+        for step, count in counts[:MAX_STEPS]
+    ]
+    return (
+        [*shown, "further steps: provenance in result.json"] if len(counts) > MAX_STEPS else shown
+    )
 
 
 def _understood(calibration: Calibration) -> dict[str, str]:
@@ -103,7 +124,7 @@ def _understood(calibration: Calibration) -> dict[str, str]:
 
 
 def _known_rows(calibration: Calibration) -> list[dict[str, Any]]:
-    """Return what is known of each channel: its band, and its size and uncertainty in the middle."""
+    """Return the known response of each channel: its band, and its size and u in the middle."""
     import numpy as np
 
     rows = []
@@ -131,7 +152,7 @@ def _known_rows(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
-    """Quality of an interferometer's signals."""
+    """Return the quality of an interferometer's signals."""
     row: dict[str, Any] = {
         "record": name,
         "fringes": optical.fringes,
@@ -146,7 +167,10 @@ def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
     if optical.carrier_hz is not None:
         return {**row, "carrier / Hz": optical.carrier_hz}
     first, second = optical.ellipse.amplitudes
-    offsets = [float(centre) / size for centre, size in zip(optical.ellipse.centre, (first, second), strict=True)]
+    offsets = [
+        float(centre) / size
+        for centre, size in zip(optical.ellipse.centre, (first, second), strict=True)
+    ]
     row |= {"offsets": ", ".join(f"{offset:.4f}" for offset in offsets), "ratio": second / first}
     row |= {"quadrature / rad": optical.ellipse.quadrature_error_rad, "ellipse": optical.origin}
     if optical.cyclic:
@@ -155,11 +179,18 @@ def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
 
 
 def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows without empty columns; one or two rows become properties line by line."""
-    silent = [key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)]
+    """Return rows without empty columns; one or two rows become properties line by line."""
+    silent = [
+        key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)
+    ]
     telling = [{key: value for key, value in row.items() if key not in silent} for row in rows]
     if len(telling) > 2:
         return telling
-    columns = dict(zip(("value",) if len(telling) == 1 else ("first", "second"), telling, strict=True))
+    columns = dict(
+        zip(("value",) if len(telling) == 1 else ("first", "second"), telling, strict=True)
+    )
     properties = dict.fromkeys(key for row in telling for key in row)
-    return [{"property": key, **{name: row.get(key) for name, row in columns.items()}} for key in properties]
+    return [
+        {"property": key, **{name: row.get(key) for name, row in columns.items()}}
+        for key in properties
+    ]

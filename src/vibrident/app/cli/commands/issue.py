@@ -1,4 +1,4 @@
-"""``vibrident issue``: a draft certificate is reviewed by a second account, then numbered and signed."""
+"""``vibrident issue``: review a draft certificate by a second account, number and sign it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from vibrident.app.cli.console import say, show, wrote
+from vibrident.app.cli.console import say, show, show_written
 from vibrident.app.cli.options import CERTIFICATE_FILES, RESULT_FILE, argument, flag, option
 from vibrident.app.workflow.folder import load_result, written_whole
 
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from vibrident.lab.issue.documents import Documents
 
 issue = typer.Typer(
-    no_args_is_help=True, help="Hand in, review, number and sign certificates: a draft and a second account."
+    no_args_is_help=True,
+    help="Hand in, review, number and sign certificates: a draft and a second account.",
 )
 
 _STORE = option(
@@ -37,7 +38,8 @@ def hand_in(
     store: str | None = _STORE,
     by: str | None = _BY,
 ) -> None:
-    """Hand in a draft: a result with all that its certificate states but number and date of issue."""
+    """Hand in a draft: a result with all that its certificate states but number and date of \
+issue."""
     from vibrident.lab.issue import drafts
     from vibrident.show.issue import issued
 
@@ -103,7 +105,7 @@ def files(number: int = _DRAFT, folder: Path = _FOLDER, store: str | None = _STO
         pdf = draft_pdf(content(opened, number))
     with written_whole(folder) as output:
         (output.path / f"draft-{number}.pdf").write_bytes(pdf)
-    wrote(output.files)
+    show_written(output.files)
 
 
 @issue.command("list")
@@ -121,7 +123,7 @@ def _write(documents: Documents, folder: Path) -> None:
 
     with written_whole(folder) as output:
         documents.write(output.path, stem(documents.certified))
-    wrote(output.files)
+    show_written(output.files)
 
 
 def _opened(url: str | None) -> Store:

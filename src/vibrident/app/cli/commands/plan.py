@@ -1,4 +1,4 @@
-"""``vibrident plan``: the expected uncertainty of a planned calibration, and its best frequencies."""
+"""``vibrident plan``: predict the uncertainty of a calibration, and choose its frequencies."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import show_made, wrote
+from vibrident.app.cli.console import show_output, show_written
 from vibrident.app.cli.options import choice, flag, option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
 
@@ -43,30 +43,59 @@ _CRITERION = choice(
 def plan(
     model: str | None = option("--model", "MODEL", "Such as accelerometer+delay.", panel=_SENSOR),
     source: Path | None = option(
-        "--from", "RESULT", "result.json: sensor, frequencies and points as good as its calibration's.", panel=_SENSOR
+        "--from",
+        "RESULT",
+        "result.json: sensor, frequencies and points as good as its calibration's.",
+        panel=_SENSOR,
     ),
     parameter: list[str] | None = option("--parameter", "NAME=VALUE", _PARAMETER, panel=_SENSOR),
     quantity: str | None = _QUANTITY,
     frequencies: str | None = _points(
-        "--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", default="those of the result"
+        "--frequencies",
+        "LOW:HIGH|A,B",
+        "Hz: one-third octaves in a range, or a list.",
+        default="those of the result",
     ),
-    amplitude: float | None = _points("--amplitude", "A", "Peak acceleration, m/s².", default="9.80665"),
+    amplitude: float | None = _points(
+        "--amplitude", "A", "Peak acceleration, m/s².", default="9.80665"
+    ),
     rate: float | None = _points("--rate", "HZ", "Sampling rate."),
     samples: int | None = _points("--samples", "N", "Samples of every record."),
-    response_noise: float = _points("--response-noise", "REL", "White, relative to the response's rms.", 0.0),
-    response_noise_rms: float = _points("--response-noise-rms", "RMS", "White, in the response's unit.", 0.0),
-    reference_noise: float = _points("--reference-noise", "REL", "White, relative to the reference's rms.", 0.0),
-    reference_noise_rms: float = _points("--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0),
-    magnitude_u: float | None = _points("--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1."),
-    phase_u: float | None = _points("--phase-uncertainty", "DEG", "Of a table's phases, k = 1."),
-    longer: float = _points("--times-as-long", "X", "With --from alone: records X times as long.", 1.0),
-    reference_uncertainty: float | None = _points(
-        "--reference-uncertainty", "REL", "Systematic, of the reference, k = 1.", default="the result's"
+    response_noise: float = _points(
+        "--response-noise", "REL", "White, relative to the response's rms.", 0.0
     ),
-    best: int | None = option("--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all"),
+    response_noise_rms: float = _points(
+        "--response-noise-rms", "RMS", "White, in the response's unit.", 0.0
+    ),
+    reference_noise: float = _points(
+        "--reference-noise", "REL", "White, relative to the reference's rms.", 0.0
+    ),
+    reference_noise_rms: float = _points(
+        "--reference-noise-rms", "RMS", "White, in the reference's unit.", 0.0
+    ),
+    magnitude_u: float | None = _points(
+        "--magnitude-uncertainty", "REL", "Of a table's magnitudes, k = 1."
+    ),
+    phase_u: float | None = _points("--phase-uncertainty", "DEG", "Of a table's phases, k = 1."),
+    longer: float = _points(
+        "--times-as-long", "X", "With --from alone: records X times as long.", 1.0
+    ),
+    reference_uncertainty: float | None = _points(
+        "--reference-uncertainty",
+        "REL",
+        "Systematic, of the reference, k = 1.",
+        default="the result's",
+    ),
+    best: int | None = option(
+        "--best", "N", "Choose N of the frequencies.", panel=_CHOICE, default="all"
+    ),
     criterion: str = _CRITERION,
-    repeats: bool = flag("--repeats", help="A frequency may be chosen several times.", panel=_CHOICE),
-    folder: Path | None = option("--out", "DIR", "Folder for plan.json and a picture.", default="none"),
+    repeats: bool = flag(
+        "--repeats", help="A frequency may be chosen several times.", panel=_CHOICE
+    ),
+    folder: Path | None = option(
+        "--out", "DIR", "Folder for plan.json and a picture.", default="none"
+    ),
 ) -> None:
     """Predict the uncertainty of a calibration with sines, and choose its best frequencies."""
     values = _parameters(parameter or [])
@@ -86,22 +115,22 @@ def plan(
         **({} if amplitude is None else {"amplitude": amplitude}),
     }
     sensor = _planned_for(model, source, values)
-    with Busy("Planning"):
+    with ProgressBar("Planning"):
         from vibrident.use.planning import plan as run
 
         planned = run(sensor, values or None, **settings)
-    from vibrident.app.workflow.uses import planned as said
+    from vibrident.app.workflow.uses import describe_plan as said
     from vibrident.app.workflow.uses import write_plan
 
-    made = said(planned)
-    show_made(made)
+    prediction = said(planned)
+    show_output(prediction)
     if folder is not None:
         from vibrident.show import plots
 
         with written_whole(folder) as output:
             write_plan(planned, output.path)
-            plots.save(made.figures[0], output.path / "plan.png")
-        wrote(output.files)
+            plots.save(prediction.figures[0], output.path / "plan.png")
+        show_written(output.files)
 
 
 def _planned_for(model: str | None, source: Path | None, values: dict[str, float]) -> str | Result:
@@ -116,15 +145,17 @@ def _planned_for(model: str | None, source: Path | None, values: dict[str, float
     return load_result(source) if source is not None else str(model)
 
 
-def _parameters(given: list[str]) -> dict[str, float]:
+def _parameters(texts: list[str]) -> dict[str, float]:
     values = {}
-    for name, number in options.pairs("--parameter", given, "delay=1e-5").items():
+    for name, number in options.pairs("--parameter", texts, "delay=1e-5").items():
         try:
             values[name] = float(number)
         except ValueError:
             remedy = "write the value as a number in SI units, frequencies in Hz"
             text = f"{name}={number}"
-            raise options.not_read("--parameter", text, "NAME=VALUE, such as delay=1e-5", remedy) from None
+            raise options.unreadable_error(
+                "--parameter", text, "NAME=VALUE, such as delay=1e-5", remedy
+            ) from None
     return values
 
 

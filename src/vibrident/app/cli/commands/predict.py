@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import show_made, wrote
+from vibrident.app.cli.console import show_output, show_written
 from vibrident.app.cli.options import option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import load_result, written_whole
 
 
@@ -15,7 +15,10 @@ def predict(
     result: Path = options.RESULT_FILE,
     calibration: Path = options.CALIBRATION_FILE,
     folder: Path = option(
-        "--out", "DIR", "Folder for the CSV files and prediction.json.", Path("vibrident-prediction")
+        "--out",
+        "DIR",
+        "Folder for the CSV files and prediction.json.",
+        Path("vibrident-prediction"),
     ),
 ) -> None:
     """Predict the response of other records: a CSV file each, and their rmse in prediction.json.
@@ -27,9 +30,9 @@ def predict(
 
     known = load_result(result)
     data = read_guarded(calibration)
-    with written_whole(folder) as output, Busy("Predicting"):
+    with written_whole(folder) as output, ProgressBar("Predicting"):
         from vibrident.app.workflow.uses import predict as run
 
-        made = run(known, data, output.path)
-    show_made(made)
-    wrote([folder / "prediction.json", folder / "*.csv"])
+        prediction = run(known, data, output.path)
+    show_output(prediction)
+    show_written([folder / "prediction.json", folder / "*.csv"])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import distinct, note, wrote
+from vibrident.app.cli.console import distinct_names, note, show_written
 from vibrident.app.cli.options import choice, option
 from vibrident.app.workflow.folder import load_result, written_whole
 from vibrident.base.errors import InputError
@@ -28,21 +28,25 @@ def report(
     form: str = choice(
         "--format",
         options.FORMATS,
-        "html: interactive, one file; pdf: calibration certificate or measurement report; md: Markdown with pictures.",
+        "html: interactive, one file; pdf: calibration certificate or measurement report; md: "
+        "Markdown with pictures.",
         "md",
     ),
     certificate: list[Path] | None = options.CERTIFICATE_FILES,
-    store: str | None = option("--store", "URL", "Add what this history holds of the sensor; not in a certificate."),
+    store: str | None = option(
+        "--store", "URL", "Add what this history holds of the sensor; not in a certificate."
+    ),
 ) -> None:
-    """Write a report; of several results also a comparison, with the drift of a sensor. It needs results alone."""
+    """Write a report; of several results also a comparison, with the drift of a sensor. It \
+needs results alone."""
     _refuse_file_name(folder)
     from vibrident.show.issue import check_numbers, issued
 
-    given = [issued(load_result(path), certificate or []) for path in results]
-    everything = [result for result, _ in given]
-    alone = len(given) == 1
+    issues = [issued(load_result(path), certificate or []) for path in results]
+    everything = [result for result, _ in issues]
+    alone = len(issues) == 1
     more = _histories(results, everything, store, form)
-    names = distinct(results)
+    names = distinct_names(results)
     if form == "pdf":
         check_numbers(everything, [str(path) for path in results])
     # By folder: the results of one report, its place in the folder, and its further sections.
@@ -58,9 +62,11 @@ def report(
     for target, parts in jobs.items():
         with written_whole(target) as output:
             for part, place, sections in parts:
-                write(part, form, output.path / place, names, sections, given[0][1])  # type: ignore[arg-type]
+                target_file = output.path / place
+                issue = issues[0][1]
+                write(part, form, target_file, names, sections, issue)  # type: ignore[arg-type]
         written += output.files
-    wrote([file for file in written if file.suffix == f".{form}"])
+    show_written([file for file in written if file.suffix == f".{form}"])
 
 
 def _refuse_file_name(folder: Path | None) -> None:
@@ -76,8 +82,10 @@ def _refuse_file_name(folder: Path | None) -> None:
         )
 
 
-def _histories(paths: list[Path], results: list[Result], store: str | None, form: str) -> Sequence[Sequence[Section]]:
-    """What a store holds of the sensor of each result, as sections; empty without a store."""
+def _histories(
+    paths: list[Path], results: list[Result], store: str | None, form: str
+) -> Sequence[Sequence[Section]]:
+    """Return what a store holds of the sensor of each result, as sections; empty without one."""
     if store is None:
         return [()] * len(results)
     if form == "pdf":

@@ -10,19 +10,26 @@ from pathlib import Path
 
 from vibrident.app.cli.console import note, say
 from vibrident.app.cli.options import flag, option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import written_whole
 from vibrident.base.errors import InputError
 
 
 def reproduce(
-    folder: Path = option("--out", "DIR", "Folder for the page; other files in it stay.", Path("reproduction")),
+    folder: Path = option(
+        "--out", "DIR", "Folder for the page; other files in it stay.", Path("reproduction")
+    ),
     quick: bool = flag("--quick", help="A trial of two minutes; networks are not fully trained."),
-    full_range: bool = flag("--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz."),
+    full_range: bool = flag(
+        "--full-range", help="Also 41 records from 0.1 Hz on, beside the paper's 21 from 10 Hz."
+    ),
     seed: int = option("--seed", "N", "Of everything random.", 20251111, min=0),
-    into: Path | None = option("--into", "FILE.md", "Also put the tables between the marks of FILE.md."),
+    into: Path | None = option(
+        "--into", "FILE.md", "Also put the tables between the marks of FILE.md."
+    ),
 ) -> None:
-    """Reproduce the paper: every table and figure, and further ones, on one page (Markdown and HTML).
+    """Reproduce the paper: every table and figure, and further ones, on one page (Markdown and \
+HTML).
 
     Measured records are included if VIBRIDENT_DATA names their folder. Same seed, same numbers.
     """
@@ -32,8 +39,8 @@ def reproduce(
 
     named = os.environ.get("VIBRIDENT_DATA")
     data = Path(named) if named else None
-    whole = Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
-    settings = trial(seed, data, full_range=full_range) if quick else whole
+    full_settings = Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
+    settings = trial(seed, data, full_range=full_range) if quick else full_settings
     if into is not None:
         _read(into)  # fails now, not after twenty minutes
     with written_whole(folder) as output:
@@ -49,9 +56,12 @@ def reproduce(
     for table in tables:
         if table.name in ("claims", "own"):
             say(f"\n{table.title}", style="bold")
-            for claim, found, verdict, _ in table.rows:
-                say(f"  {verdict:3}  {claim}: {found}")
-    say(f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, pictures")
+            for claim, our_value, verdict, _ in table.rows:
+                say(f"  {verdict:3}  {claim}: {our_value}")
+    say(
+        f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, "
+        "pictures"
+    )
 
 
 def _read(document: Path) -> str:
@@ -68,9 +78,9 @@ def _read(document: Path) -> str:
 
 
 @contextlib.contextmanager
-def _stage(what: str) -> Iterator[Busy]:
-    """A progress bar while it lasts, and a line on stderr when it is done."""
+def _stage(what: str) -> Iterator[ProgressBar]:
+    """Show a progress bar within the block, and print a line on stderr at its end."""
     begin = time.perf_counter()
-    with Busy(what) as progress:
+    with ProgressBar(what) as progress:
         yield progress
     note(f"{what}: {time.perf_counter() - begin:.0f} s")

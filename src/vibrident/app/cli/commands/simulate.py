@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import say, wrote
-from vibrident.app.cli.options import choice, flag, not_read, option
-from vibrident.app.cli.progress import Busy
+from vibrident.app.cli.console import say, show_written
+from vibrident.app.cli.options import choice, flag, option, unreadable_error
+from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import refuse_used, written_whole
 from vibrident.app.workflow.simulated import write
 from vibrident.base.errors import unknown
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 #: What may stand in --optics: key, what it takes, what it is.
 KEYS = {
-    "rate": ("HZ", "of the optical signals; without it a multiple of the response's that the motion needs"),
+    "rate": (
+        "HZ",
+        "of the optical signals; without it a multiple of the response's that the motion needs",
+    ),
     "carrier": ("HZ", "of a heterodyne signal; a quarter of the rate without it"),
     "noise": ("REL", "of each signal, over its amplitude"),
     "bits": ("N", "of the converter, 8 to 16; 0 for none"),
@@ -56,7 +59,9 @@ _LIGHT = "Raw light"
 
 def simulate(
     folder: Path = option("--out", "DIR", "Folder for the files.", ..., False),
-    sensor: str = choice("--sensor", options.SENSORS, f"Of {', '.join(options.SENSORS)}.", "paper", "NAME"),
+    sensor: str = choice(
+        "--sensor", options.SENSORS, f"Of {', '.join(options.SENSORS)}.", "paper", "NAME"
+    ),
     excitation: str = choice(
         "--excitation",
         options.EXCITATIONS,
@@ -67,10 +72,17 @@ def simulate(
     rate: float | None = option("--rate", "HZ", "Sampling rate.", default="the sensor's usual"),
     samples: int = option("--samples", "N", "Samples of every record.", 16000),
     frequencies: str | None = option(
-        "--frequencies", "LOW:HIGH|A,B", "Hz: one-third octaves in a range, or a list.", default="the sensor's band"
+        "--frequencies",
+        "LOW:HIGH|A,B",
+        "Hz: one-third octaves in a range, or a list.",
+        default="the sensor's band",
     ),
     quantity: str = choice(
-        "--quantity", options.QUANTITIES, f"Of the reference: {', '.join(options.QUANTITIES)}.", "acceleration", "NAME"
+        "--quantity",
+        options.QUANTITIES,
+        f"Of the reference: {', '.join(options.QUANTITIES)}.",
+        "acceleration",
+        "NAME",
     ),
     start: str = choice(
         "--start",
@@ -79,9 +91,14 @@ def simulate(
         "rest",
     ),
     method: str = choice(
-        "--method", ("exact", "rk4"), "How the response is computed: exact, or the paper's Runge-Kutta.", "exact"
+        "--method",
+        ("exact", "rk4"),
+        "How the response is computed: exact, or the paper's Runge-Kutta.",
+        "exact",
     ),
-    excitation_snr: float | None = _noise("--excitation-snr", "DB", "Excitation over noise motion of the base."),
+    excitation_snr: float | None = _noise(
+        "--excitation-snr", "DB", "Excitation over noise motion of the base."
+    ),
     reference_noise: float = _noise("--reference-noise", "REL", "White, relative to the rms.", 0.0),
     response_noise: float = _noise("--response-noise", "REL", "White, relative to the rms.", 0.0),
     interferometer: str | None = choice(
@@ -110,28 +127,38 @@ def simulate(
         "response_noise": response_noise,
         "seed": seed,
     }
-    with written_whole(folder) as output, Busy("Simulating"):
+    with written_whole(folder) as output, ProgressBar("Simulating"):
         if interferometer is None:
             write(output.path, sensor, excitation, **settings)
         else:
             _write_light(output.path, sensor, excitation, interferometer, optics, settings)
     from vibrident.show.views import count
 
-    records = [file for file in output.files if file.suffix in (".csv", ".h5") and "_optical" not in file.name]
-    others = [file for file in output.files if file.suffix not in (".csv", ".h5")]
+    records = [
+        file
+        for file in output.files
+        if file.suffix in (".csv", ".h5") and "_optical" not in file.name
+    ]
+    other_files = [file for file in output.files if file.suffix not in (".csv", ".h5")]
     say(f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}.")
-    wrote([*others, folder / ("*.csv" if interferometer is None else "*.h5")])
+    show_written([*other_files, folder / ("*.csv" if interferometer is None else "*.h5")])
 
 
 def _write_light(
-    folder: Path, sensor: str, excitation: str, kind: str, optics: str | None, settings: dict[str, Any]
+    folder: Path,
+    sensor: str,
+    excitation: str,
+    kind: str,
+    optics: str | None,
+    settings: dict[str, Any],
 ) -> None:
     """Write a simulated calibration with an interferometer's raw signals, and its truth."""
     from vibrident.app.workflow.simulated import write_truth
     from vibrident.physics.simulation import sensor_named
     from vibrident.physics.simulation.optics import write_optical_calibration
 
-    chosen, seed = sensor_named(sensor), settings["seed"]
+    chosen = sensor_named(sensor)
+    seed = settings["seed"]
     light = _optics(kind, optics, settings["sampling_rate_hz"] or chosen.sampling_rate_hz, seed)
     del settings["quantity"]
     calibration = write_optical_calibration(folder, chosen, excitation, light, **settings)
@@ -139,27 +166,30 @@ def _write_light(
 
 
 def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
-    """The interferometer of --interferometer and --optics, KEY=VALUE joined by commas; ``rate_hz`` of the response."""
+    """Return the interferometer of --interferometer and --optics.
+
+    ``text``: KEY=VALUE joined by commas; ``rate_hz``: sampling rate of the response.
+    """
     from vibrident.data.interferometer.setting import Interferometer
     from vibrident.physics.simulation.optics import CARRIER_RATIO, Optics, drawn
 
-    given = _given(text)
-    passes = int(given.pop("passes", 1))
+    faults = _read_faults(text)
+    passes = int(faults.pop("passes", 1))
     setting = Interferometer("quadrature", 632.991e-9, passes=passes, direction=1)
     if kind == "heterodyne":
-        carrier = given.pop("carrier", CARRIER_RATIO * given.get("rate", rate_hz))
+        carrier = faults.pop("carrier", CARRIER_RATIO * faults.get("rate", rate_hz))
         setting = replace(setting, kind="heterodyne", carrier_hz=carrier)
-    cyclic = tuple(given.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
-    if (hidden := given.pop("hidden-delay", None)) is not None:
-        given |= {"delay": hidden, "hidden_delay": True}
-    values: dict[str, Any] = {_FIELDS.get(key, key): value for key, value in given.items()}
+    cyclic = tuple(faults.pop(f"cyclic{order}", 0.0) for order in (1, 2, 4))
+    if (hidden := faults.pop("hidden-delay", None)) is not None:
+        faults |= {"delay": hidden, "hidden_delay": True}
+    values: dict[str, Any] = {_FIELDS.get(key, key): value for key, value in faults.items()}
     for key in {"bits", "dropouts"} & values.keys():
         values[key] = int(values[key])
     return drawn(replace(Optics(setting), cyclic_rad=cyclic, **values), seed)
 
 
-def _given(text: str | None) -> dict[str, Any]:
-    given: dict[str, Any] = {}
+def _read_faults(text: str | None) -> dict[str, Any]:
+    faults: dict[str, Any] = {}
     for part in (text or "").split(","):
         if not part.strip():
             continue
@@ -167,8 +197,10 @@ def _given(text: str | None) -> dict[str, Any]:
         if key not in KEYS:
             raise unknown(f"{key!r} is not a key of --optics.", key, KEYS, "--optics")
         try:
-            given[key] = (key, value) == ("ellipse", "random") or float(value)
+            faults[key] = (key, value) == ("ellipse", "random") or float(value)
         except ValueError:
             expected = f"{key}={KEYS[key][0]}, {KEYS[key][1]}"
-            raise not_read(f"--optics {key}", value, expected, "write a number with a point, without a unit") from None
-    return given
+            raise unreadable_error(
+                f"--optics {key}", value, expected, "write a number with a point, without a unit"
+            ) from None
+    return faults

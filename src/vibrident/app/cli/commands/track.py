@@ -1,4 +1,4 @@
-"""``vibrident track``: a sensor's parameters kept up to date with the samples as they come, and alarms."""
+"""``vibrident track``: follow a sensor's parameters with the samples, and raise alarms."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, out, show_made, wrote
+from vibrident.app.cli.console import note, output_console, show_output, show_written
 from vibrident.app.cli.options import between, flag, option
-from vibrident.app.workflow.made import Teller
+from vibrident.app.workflow.made import ProgressReporter
 from vibrident.app.workflow.tracking import RECORDS
 from vibrident.base.errors import InputError
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
@@ -24,62 +24,86 @@ if TYPE_CHECKING:
 def track(
     result: Path = options.RESULT_FILE,
     calibration: Path = options.CALIBRATION_FILE,
-    folder: Path = option("--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")),
-    follow: bool = flag("--follow", help="The record's file grows: go on as it does, and after an interruption."),
+    folder: Path = option(
+        "--out", "DIR", "Folder for track.csv, track.json and the picture.", Path("vibrident-track")
+    ),
+    follow: bool = flag(
+        "--follow", help="The record's file grows: go on as it does, and after an interruption."
+    ),
     stdin: str | None = option("--stdin", "csv|float32", "Take the samples from standard input."),
-    source: str | None = option("--source", "NAME[=ADDRESS]", "Take them from a source of another package."),
-    idle: float | None = between("--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"),
+    source: str | None = option(
+        "--source", "NAME[=ADDRESS]", "Take them from a source of another package."
+    ),
+    idle: float | None = between(
+        "--idle", "SECONDS", "End after so long without samples.", 0.0, 1e9, default="wait"
+    ),
     every: float | None = between(
-        "--every", "SECONDS", "Time between rows.", 1e-6, 1e9, default=f"{EVERY_S:g}, or a hundredth of the records"
+        "--every",
+        "SECONDS",
+        "Time between rows.",
+        1e-6,
+        1e9,
+        default=f"{EVERY_S:g}, or a hundredth of the records",
     ),
     rate: float = between(
-        "--false-alarms-per-day", "RATE", "False alarms expected in a day of motion.", 1e-9, 1e3, FALSE_ALARMS_PER_DAY
+        "--false-alarms-per-day",
+        "RATE",
+        "False alarms expected in a day of motion.",
+        1e-9,
+        1e3,
+        FALSE_ALARMS_PER_DAY,
     ),
     store: str | None = option(
-        "--store", "URL", "History of the sensor, by whose random walk u grows.", default=f"{DRIFT_PER_YEAR:.0%} a year"
+        "--store",
+        "URL",
+        "History of the sensor, by whose random walk u grows.",
+        default=f"{DRIFT_PER_YEAR:.0%} a year",
     ),
-    pictures: bool = flag("--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True),
+    pictures: bool = flag(
+        "--pictures/--no-pictures", help="Draw a picture (PNG) into the folder.", value=True
+    ),
 ) -> None:
-    """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor changes.
+    """Keep a sensor's parameters up to date, with their uncertainties, and say when the sensor \
+changes.
 
-    Takes the records of the calibration file, or samples as they come. Writes a row an interval in track.csv, and the
-    end, the alarms and what was wrong with the samples in track.json, and the sensor as it is now in
-    result.json, for other commands.
+    Takes the records of the calibration file, or samples as they come. Writes a row an interval in
+    track.csv, and the end, the alarms and what was wrong with the samples in track.json, and the
+    sensor as it is now in result.json, for other commands.
     """
     name, address = _chosen(follow=follow, stdin=stdin, source=source)
     from vibrident.app.workflow.tracked import TrackRequest
     from vibrident.app.workflow.tracked import track as run
 
-    asked = TrackRequest(result, calibration, folder, name, address, idle, every, rate, store)
-    with _live() as tell:
-        made, written = run(asked, tell)
-    show_made(made)
+    request = TrackRequest(result, calibration, folder, name, address, idle, every, rate, store)
+    with _live_table() as tell:
+        output, written = run(request, tell)
+    show_output(output)
     if pictures:
         from vibrident.show import plots
 
-        written.append(plots.save(made.figures[0], folder / "track.png"))
-    wrote(written)
+        written.append(plots.save(output.figures[0], folder / "track.png"))
+    show_written(written)
 
 
 def _chosen(*, follow: bool, stdin: str | None, source: str | None) -> tuple[str, str]:
-    """Name and address of the source."""
+    """Return the name and the address of the source."""
     name, _, address = (source or "").partition("=")
-    given = [("follow", "")] if follow else []
-    given += [("stdin", stdin)] if stdin is not None else []
-    given += [(name, address)] if source else []
-    if len(given) > 1:
+    sources = [("follow", "")] if follow else []
+    sources += [("stdin", stdin)] if stdin is not None else []
+    sources += [(name, address)] if source else []
+    if len(sources) > 1:
         raise InputError(
             "More than one source is given.",
             expected="one of --follow, --stdin, --source",
-            found=", ".join(name for name, _ in given),
+            found=", ".join(name for name, _ in sources),
             where="options",
             remedy="leave the others out",
         )
-    return given[0] if given else (RECORDS, "")
+    return sources[0] if sources else (RECORDS, "")
 
 
-class _Live(Teller):
-    """Notes as lines, and on a terminal the sensor as a table that is renewed."""
+class LiveTable(ProgressReporter):
+    """Print notes as lines, and on a terminal the sensor as a table that is renewed."""
 
     def __init__(self, live: Live | None) -> None:
         self._live = live
@@ -102,12 +126,12 @@ class _Live(Teller):
 
 
 @contextlib.contextmanager
-def _live() -> Iterator[_Live]:
-    console = out()
+def _live_table() -> Iterator[LiveTable]:
+    console = output_console()
     if not console.is_terminal:
-        yield _Live(None)
+        yield LiveTable(None)
         return
     from rich.live import Live
 
     with Live(console=console, transient=True, refresh_per_second=4) as live:
-        yield _Live(live)
+        yield LiveTable(live)

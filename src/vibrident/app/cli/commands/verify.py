@@ -18,7 +18,11 @@ def verify(
     from vibrident.lab.signatures import verify as verified
 
     signed = verified(file, trusted=trusted)
-    when = "at a time that is not stated" if signed.time is None else f"at {signed.time:%Y-%m-%d %H:%M:%S %Z}"
+    when = (
+        "at a time that is not stated"
+        if signed.time is None
+        else f"at {signed.time:%Y-%m-%d %H:%M:%S %Z}"
+    )
     say(f"{file.name} is valid: signed by {signed.signer} {when}, by the signer's clock.")
     say(f"Certificate of the signer, SHA-256: {signed.fingerprint}")
     if signed.trusted is None:

@@ -1,4 +1,4 @@
-"""What a certificate states: a form below the result; the laboratory's part is its profile's."""
+"""Build the form of what a certificate states; the laboratory's part comes from its profile."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
-from vibrident.app.web.held import Named
-from vibrident.app.web.laboratories import OWN
+from vibrident.app.web.laboratories import LABORATORY_FILES
 from vibrident.app.web.language import phrase, say, spoken
-from vibrident.app.web.users import User
+from vibrident.app.web.state import NamedResult
+from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
 from vibrident.data.io.calibration_file import SensorSection
@@ -34,7 +34,7 @@ from vibrident.show.report import name_of_sensor
 
 #: What an entry of a list is called.
 ENTRY_NAMES = {"instruments": phrase("Instrument"), "requirements": phrase("Requirement")}
-_MOST_TEXT = 100_000  # most characters of all entries
+_MAX_ENTRY_CHARACTERS = 100_000  # most characters of all entries
 _KEYS = keys_of(CertificateSection)
 _SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model"]
 
@@ -46,14 +46,16 @@ class CertificateForm:
     ``parameters``.
     """
 
-    def __init__(self, user: User, named: Named, known: Mapping[str, Any]) -> None:
-        self.user, self.named, self.known = user, named, known
+    def __init__(self, user: User, named: NamedResult, known: Mapping[str, Any]) -> None:
+        self.user = user
+        self.named = named
+        self.known = known
         self._begin()
         self.entries: dict[str, Any] = {}
         self.of_sensor: dict[str, Any] = {}
 
     def _begin(self) -> None:
-        """State what the profile does of a calibration that was made here with it."""
+        """Begin with what the chosen profile states, for a result that was made here."""
         if self.named.stated is None and self.named.choices is not None and self.user.profile:
             known = self.known["certificate"]
             stated = {key: v for key, v in self._laboratory().items() if key not in known}
@@ -73,11 +75,15 @@ class CertificateForm:
         )
         self.place.on_value_change(self._open)
 
-    def given(self) -> CertificateData:
-        """What is stated beside the result, with logo and template."""
-        own = self.named.stated or CertificateData()
-        before = own.before if own.before and own.before.exists() else None
-        return replace(own, before=before, **{kind: self.user.session.own(kind) for kind in OWN})
+    def stated_data(self) -> CertificateData:
+        """Return what is stated beside the result, with logo and template."""
+        statements = self.named.stated or CertificateData()
+        before = statements.before if statements.before and statements.before.exists() else None
+        return replace(
+            statements,
+            before=before,
+            **{kind: self.user.session.laboratory_file(kind) for kind in LABORATORY_FILES},
+        )
 
     def name_of_file(self, name: str) -> str:
         """Return the name under which the browser saves a document, with sensor and date."""
@@ -85,10 +91,10 @@ class CertificateForm:
         return name_of_sensor(name, sensor, certificate)
 
     def _stated(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        own = self.named.stated or CertificateData()
-        return {**self.known["certificate"], **own.certificate}, {
+        statements = self.named.stated or CertificateData()
+        return {**self.known["certificate"], **statements.certificate}, {
             **self.known["sensor"],
-            **own.sensor,
+            **statements.sensor,
         }
 
     def _say(self) -> None:
@@ -114,13 +120,13 @@ class CertificateForm:
                     "laboratory's certificates comes from its profile."
                 )
             ).classes("hint")
-            asked = form(spoken().code)
-            with frame.group(say("Object"), 4):
+            fields = form(spoken().code)
+            with frame.add_group(say("Object"), 4):
                 for key in _SENSOR:
                     label = say(key.label) + (" *" if key.name == "serial_number" else "")
                     self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
-            for title in dict.fromkeys(one.group for one in asked):
-                self._group(title, [one for one in asked if one.group == title], stated)
+            for title in dict.fromkeys(field.group for field in fields):
+                self._group(title, [field for field in fields if field.group == title], stated)
             self._more()
             with ui.element("div").classes("actions"):
                 ui.button(say("Save"), on_click=self._save).props("id=save-certificate")
@@ -129,17 +135,18 @@ class CertificateForm:
             self.said = ui.label("").classes("hint").props("role=status")
             self.errors = ui.element("div").props("aria-live=assertive")
 
-    def _group(self, title: str, asked: Sequence[FormField], stated: Mapping[str, Any]) -> None:
+    def _group(self, title: str, fields: Sequence[FormField], stated: Mapping[str, Any]) -> None:
         """Ask for the keys below a heading of the certificate."""
-        lists = {one.key: one for one in asked if _KEYS[one.key].kind == "entries"}
-        with frame.group(title, 4):
-            for one in asked:
-                if one.key not in lists:
-                    key = replace(_KEYS[one.key], title=one.label)
-                    label = key.label + (" *" if one.required else "")
-                    self.entries[one.key] = entry(key, stated.get(one.key), label=label)
+        lists = {field.key: field for field in fields if _KEYS[field.key].kind == "entries"}
+        with frame.add_group(title, 4):
+            for field in fields:
+                if field.key not in lists:
+                    key = replace(_KEYS[field.key], title=field.label)
+                    label = key.label + (" *" if field.required else "")
+                    self.entries[field.key] = entry(key, stated.get(field.key), label=label)
         for name in lists:
-            section, values = _KEYS[name].section, stated.get(name) or []
+            section = _KEYS[name].section
+            values = stated.get(name) or []
             known = {name: say(in_words(name)) for name in self.known["parameters"]}
             words = {"sensitivity_deviation": say("deviation of the sensitivity"), **known}
             self.entries[name] = Rows(
@@ -150,14 +157,20 @@ class CertificateForm:
             )
 
     def _more(self) -> None:
-        """The result before an adjustment."""
-        others = {
-            str(one.path): one.name for one in self.user.results if one.path != self.named.path
+        """Ask for the result before an adjustment."""
+        other_results = {
+            str(named.path): named.name
+            for named in self.user.results
+            if named.path != self.named.path
         }
-        own = self.named.stated
-        value = str(own.before) if own and str(own.before) in others else None
-        with frame.group(say("Adjustment"), 4):
-            choices = {None: say("none"), **others}
+        statements = self.named.stated
+        value = (
+            str(statements.before)
+            if statements and str(statements.before) in other_results
+            else None
+        )
+        with frame.add_group(say("Adjustment"), 4):
+            choices = {None: say("none"), **other_results}
             label = say("Before adjustment")
             self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
@@ -168,16 +181,16 @@ class CertificateForm:
         return {}
 
     def _read(self) -> CertificateData:
-        """What is in the form, checked; None for what the result states and the form does not."""
+        """Return the checked form; None for entries of the result that the form leaves empty."""
         values = {
             name: element.value if isinstance(element, Rows) else filled(_KEYS[name], element.value)
             for name, element in self.entries.items()
         }
         stated = {name: value for name, value in values.items() if value not in (None, [])}
-        if len(json.dumps(stated)) > _MOST_TEXT:
+        if len(json.dumps(stated)) > _MAX_ENTRY_CHARACTERS:
             raise InputError(
                 "The entries are too long.",
-                expected=f"at most {_MOST_TEXT} characters in all",
+                expected=f"at most {_MAX_ENTRY_CHARACTERS} characters in all",
                 found="more",
                 where="certificate",
                 remedy="shorten them",
@@ -188,7 +201,7 @@ class CertificateForm:
         sensor: Any = {
             name: text for name, text in texts.items() if text != (known.get(name) or None)
         }
-        paths = (one.path for one in self.user.results)
+        paths = (named.path for named in self.user.results)
         chosen = next((path for path in paths if str(path) == self.before.value), None)
         check_dates(section, "what the certificate states")
         certificate = {**dict.fromkeys(self.known["certificate"]), **section}
@@ -210,4 +223,4 @@ class CertificateForm:
 
     async def _file(self) -> None:
         if await self._save():
-            ui.download.content(certificate_text(self.given()), "certificate.toml")
+            ui.download.content(certificate_text(self.stated_data()), "certificate.toml")

@@ -1,4 +1,4 @@
-"""Second step: the meaning of the columns, guessed and drawn, for the user to confirm."""
+"""Build the second step: the meaning of the columns, guessed and drawn, for the user to confirm."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
+from vibrident.app.web.column_guess import ColumnGuess, guess
 from vibrident.app.web.data import DataStep
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import (
@@ -20,17 +21,23 @@ from vibrident.app.web.form.description import (
     ROLES,
     SECTIONS,
     calibration_text,
-    described,
+    describe_guess,
 )
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
 from vibrident.app.web.form.laboratory import LaboratoryStep
-from vibrident.app.web.form.written import edited
-from vibrident.app.web.held import Confirmed, Form
+from vibrident.app.web.form.written import edit_as_text
 from vibrident.app.web.language import phrase, say, spoken
-from vibrident.app.web.looks import MOST_TEXT, Guess, calibration, chart, faults, guess, readable
-from vibrident.app.web.preview import HEIGHT
+from vibrident.app.web.preview import CHART_HEIGHT_PX
+from vibrident.app.web.sandboxed import (
+    MAX_TEXT_LENGTH,
+    draw_chart,
+    find_faults,
+    read_calibration_text,
+    require_readable,
+)
 from vibrident.app.web.session import CALIBRATION
-from vibrident.app.web.users import User
+from vibrident.app.web.state import ConfirmedCalibration, Form
+from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
 from vibrident.base.escaping import html
 from vibrident.data.io.keys import Key
@@ -52,34 +59,37 @@ class _Outdated(Exception):
 
 
 class ColumnsStep:
-    """From files to a calibration file in the user's folder."""
+    """The section from files to a calibration file in the user's folder."""
 
     def __init__(
         self, user: User, data: DataStep, laboratory: LaboratoryStep, fit: FitStep
     ) -> None:
-        self.user, self.data, self.laboratory, self.fit = user, data, laboratory, fit
+        self.user = user
+        self.data = data
+        self.laboratory = laboratory
+        self.fit = fit
         self.turn = 0
 
     def build(self) -> None:
         """Build the section, hidden until there are data."""
-        self.section = frame.step(say("Columns, units and model"), "columns")
+        self.section = frame.add_step(say("Columns, units and model"), "columns")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
 
     async def show(self) -> None:
-        """The files have changed: guess again, or use the uploaded calibration file."""
-        self.fit.doubt()
+        """Guess again after the files have changed, or use the uploaded calibration file."""
+        self.fit.withdraw_confirmation()
         self.user.session.forget_calibration()
         if await self._look(again=True):
-            frame.go(self.section)
+            frame.scroll_to(self.section)
 
     async def restore(self) -> None:
         """Show the user's earlier state."""
         await self._look(again=False)
 
     async def _look(self, *, again: bool) -> bool:
-        """Update the form and the sources; returns whether there is something to confirm."""
+        """Update the form and the sources; return whether there is something to confirm."""
         confirmable = await self._guess(again=again)
         if not self.body.is_deleted:
             self.laboratory.show()
@@ -87,7 +97,8 @@ class ColumnsStep:
 
     async def _guess(self, *, again: bool) -> bool:
         self.turn += 1
-        turn, session = self.turn, self.user.session
+        turn = self.turn
+        session = self.user.session
         self.body.clear()
         self.section.visible = bool(session.names)
         if not session.names:
@@ -106,12 +117,12 @@ class ColumnsStep:
                     remedy="add them",
                 )
             name = session.calibration
-            look = self.user.look
-            text = "" if name is None else await look(calibration, session.data, name)
+            look = self.user.run_sandboxed
+            text = "" if name is None else await look(read_calibration_text, session.data, name)
             if name is None and (again or self.user.form is None):
                 guessed = await look(guess, session.data, session.files, spoken().code)
                 if turn == self.turn:
-                    self.user.form = merged(self.user.form, guessed)
+                    self.user.form = merge_guess(self.user.form, guessed)
                     self.user.changed()
         except Exception as error:
             if turn == self.turn:
@@ -123,7 +134,9 @@ class ColumnsStep:
         with self.body:
             if name is not None:
                 self._as_it_stands(name, text)
-                await frame.looked(self.user, self.errors, readable, session.data, name)
+                await frame.run_sandboxed(
+                    self.user, self.errors, require_readable, session.data, name
+                )
                 return True
             with contextlib.suppress(_Outdated):
                 await self._ask()
@@ -138,31 +151,31 @@ class ColumnsStep:
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
             confirm = ui.button(
-                say("Confirm"), on_click=lambda: self.fit.show(Confirmed(name, False))
+                say("Confirm"), on_click=lambda: self.fit.show(ConfirmedCalibration(name, False))
             )
             confirm.props("id=confirm")
-            if len(text) <= MOST_TEXT:
+            if len(text) <= MAX_TEXT_LENGTH:
                 edit = ui.button(say("Edit"), on_click=lambda: self._write(name, text))
                 edit.props("outline id=edit-text")
 
     def _edit_as_text(self) -> None:
-        """The form as a calibration file, for what the form does not ask."""
+        """Edit the form as a calibration file, for what the form does not ask."""
         self.errors.clear()
         try:
             assert self.user.form is not None
-            text = calibration_text(self.user.form.given, self.user.session.files)
+            text = calibration_text(self.user.form.description, self.user.session.files)
             self._write(CALIBRATION, text)
         except Exception as error:
             frame.show_error(self.errors, error, self.user.session)
 
     def _write(self, name: str, text: str) -> None:
-        """A calibration file to be edited, in place of what is shown."""
+        """Offer a calibration file to be edited, in place of what is shown."""
         self.turn += 1
         self.body.clear()
         with self.body:
-            edited(self.user, name, text, self._taken, self.restore)
+            edit_as_text(self.user, name, text, self._on_text_used, self.restore)
 
-    async def _taken(self) -> None:
+    async def _on_text_used(self) -> None:
         self.data.show()
         await self.show()
 
@@ -173,19 +186,21 @@ class ColumnsStep:
         self.groups: list[tuple[ui.element, list[str]]] = []
         first = self.user.session.files[0]
         guessed = "Guessed from the names in {file} and the motion. Please check."
-        kept = (
+        guessed_around_settings = (
             "Guessed from the names in {file} and the motion; your settings are kept. Please check."
         )
-        ui.label(say(kept if form.touched else guessed, file=first)).classes("hint")
+        ui.label(say(guessed_around_settings if form.touched else guessed, file=first)).classes(
+            "hint"
+        )
         if form.guess.all_columns > len(form.guess.columns.columns):
             many = (
                 "The file has {number} columns: enter the name or number of each that is needed. "
                 "The first are {names}."
             )
-            names = frame.listed(form.guess.columns.labels)
+            names = frame.list_names(form.guess.columns.labels)
             ui.label(say(many, number=form.guess.all_columns, names=names)).classes("hint")
         kinds = {False: say("Records in time"), True: say("Table of a response")}
-        kind = ui.toggle(kinds, value=form.given.table).props("no-caps")
+        kind = ui.toggle(kinds, value=form.description.table).props("no-caps")
         kind.on_value_change(lambda event: self._edited("table", event.value))
         for sections in _GROUPS:
             await self._group(sections, "basic", 3)
@@ -193,7 +208,8 @@ class ColumnsStep:
         self.more.props("id=more-keys").on_value_change(self._open)
         with ui.element("div").classes("actions"):
             ui.button(say("Draw these columns"), on_click=self._plot).props("outline id=show")
-        self.plot, self.chart = ui.element("div").classes("chart"), None
+        self.plot = ui.element("div").classes("chart")
+        self.chart = None
         self.faults = ui.element("div").props("aria-live=polite id=faults")
         self.errors = ui.element("div").props("aria-live=assertive")
         with ui.element("div").classes("actions"):
@@ -212,10 +228,10 @@ class ColumnsStep:
             self.chart.show(drawn)
             return
         with self.plot:
-            self.chart = frame.Chart(drawn, HEIGHT)
+            self.chart = frame.Chart(drawn, CHART_HEIGHT_PX)
             first = self.user.session.files[0]
-            said = say("{file}, the beginning of the file as it is.", file=first)
-            ui.label(said).classes("hint")
+            caption = say("{file}, the beginning of the file as it is.", file=first)
+            ui.label(caption).classes("hint")
 
     async def _open(self) -> None:
         """Build what is asked for less often."""
@@ -233,7 +249,7 @@ class ColumnsStep:
             return
         basic = say(SECTIONS[sections[0]].label)
         title = basic if level == "basic" else say("Channels and records")
-        with ui.element("div").classes("w-full") as place, frame.group(title, heading):
+        with ui.element("div").classes("w-full") as place, frame.add_group(title, heading):
             self.groups.append((place, paths))
             self._visible()
             for path in paths:
@@ -244,16 +260,19 @@ class ColumnsStep:
                     element = entry(KEYS[path], self.form.get(path), options=offered)
                     await self._placed(path, element, KEYS[path])
             if "records.excitation" in paths and len(self.user.session.files) > 1:
-                value = self.form.given.optical_part
+                value = self.form.description.optical_part
                 hint = say("such as _ref")
                 part = ui.input(say(_PART), value=value, placeholder=hint).props(PLAIN)
                 part.on_value_change(lambda event: self._edited("optical_part", event.value or ""))
 
     async def _placed(self, path: str, element: Any, key: Key) -> None:
-        """Have an element set its key. Other users have a turn: a form has many elements."""
+        """Have an element set its key.
+
+        Other users get a turn in between, because a form has many elements.
+        """
         element.props(f"id={path.replace('.', '-')}")
         element.on_value_change(lambda event: self._edited(path, filled(key, event.value)))
-        element.visible = self.form.given.applies(path)
+        element.visible = self.form.description.applies(path)
         self.elements[path] = element
         turn = self.turn
         await asyncio.sleep(0)
@@ -270,7 +289,7 @@ class ColumnsStep:
         self.fit.refresh()
 
     def _visible(self) -> None:
-        applies = self.form.given.applies
+        applies = self.form.description.applies
         for path, element in self.elements.items():
             element.visible = applies(path)
         for place, paths in self.groups:
@@ -310,50 +329,57 @@ class ColumnsStep:
         self._visible()
 
     async def _plot(self) -> None:
-        form, session = self.user.form, self.user.session
+        form = self.user.form
+        session = self.user.session
         if form is None:
             return
         self.errors.clear()
-        place, errors = self.plot, self.errors
-        asked = form.given, session.data, session.files, spoken().code
-        drawn = await frame.looked(self.user, errors, chart, *asked)
+        place = self.plot
+        errors = self.errors
+        arguments = form.description, session.data, session.files, spoken().code
+        drawn = await frame.run_sandboxed(self.user, errors, draw_chart, *arguments)
         if drawn is not None and place is self.plot and not place.is_deleted:
             self._draw(drawn)
             await self._examine()
 
     async def _examine(self) -> None:
-        """Say of every file what an identification would refuse."""
-        form, session, place = self.user.form, self.user.session, self.faults
+        """Show what an identification would refuse in each file."""
+        form = self.user.form
+        session = self.user.session
+        place = self.faults
         if form is None:
             return
         place.clear()
-        asked = form.given, session.data, session.files
-        refused = await frame.looked(self.user, place, faults, *asked)
+        arguments = form.description, session.data, session.files
+        refused = await frame.run_sandboxed(self.user, place, find_faults, *arguments)
         if refused and not place.is_deleted:
             frame.show_faults(place, [InputError(**fields) for fields in refused], session)
 
     async def _confirm(self) -> None:
         self.errors.clear()
-        form, session = self.user.form, self.user.session
+        form = self.user.form
+        session = self.user.session
         if form is None:
             return
         try:
-            calibration_text(form.given, session.files)
+            calibration_text(form.description, session.files)
         except InputError as error:
             frame.show_error(self.errors, error, session)
             return
-        await self.fit.show(Confirmed(CALIBRATION, True))
+        await self.fit.show(ConfirmedCalibration(CALIBRATION, True))
         if self.laboratory.states_nothing:
-            frame.go(self.laboratory.section)
+            frame.scroll_to(self.laboratory.section)
 
 
-def merged(before: Form | None, guessed: Guess) -> Form:
-    """The form for a new guess: keeps what the user set, except columns that no longer exist."""
-    given = described(guessed.columns, guessed.excitation or "sine", guessed.optical_part)
+def merge_guess(before: Form | None, guessed: ColumnGuess) -> Form:
+    """Return the form of a new guess, with the user's settings of columns that still exist."""
+    description = describe_guess(
+        guessed.columns, guessed.excitation or "sine", guessed.optical_part
+    )
     if before is None or not before.touched:
-        return Form(guessed, given)
+        return Form(guessed, description)
     for path in ROLES:
-        known = before.given.get(path) in (None, *guessed.columns.columns)
+        known = before.description.get(path) in (None, *guessed.columns.columns)
         if path not in before.touched and not known:
-            before.given.set(path, given.get(path))
-    return Form(guessed, before.given, before.touched)
+            before.description.set(path, description.get(path))
+    return Form(guessed, before.description, before.touched)

@@ -1,4 +1,4 @@
-"""From the confirmed form to the calibration file that reproduces it, and files paired by name."""
+"""Write the confirmed form as a calibration file, and pair files by their names."""
 
 from __future__ import annotations
 
@@ -27,22 +27,20 @@ ENTRIES = {
 }
 
 
-def _asked() -> Iterator[tuple[str, Key]]:
+def _form_keys() -> Iterator[tuple[str, Key]]:
     """Yield path and key of each entry; an interferometer's two columns are two."""
     for section, keys in ENTRIES.items():
         for key in keys:
             if key.kind == "columns":
-                first, second = (
-                    phrase("First signal: cos, or carrier"),
-                    phrase("Second signal: sin"),
-                )
+                first = phrase("First signal: cos, or carrier")
+                second = phrase("Second signal: sin")
                 for place, title in enumerate((first, second)):
                     yield f"{section}.{key.name}.{place}", replace(key, title=title, kind="column")
             else:
                 yield f"{section}.{key.name}", key
 
 
-KEYS = dict(_asked())
+KEYS = dict(_form_keys())
 ROLES = [path for path, key in KEYS.items() if key.kind == "column"]
 #: Keys that a calibration file need not have in every case, and has where they apply.
 NEEDED = (
@@ -79,10 +77,10 @@ class Description:
             return getattr(self, path, self.document.get(path))
         section, name, *place = path.split(".")
         value = self.document.get(section, {}).get(name)
-        return _two(value)[int(place[0])] if place else value
+        return _padded_pair(value)[int(place[0])] if place else value
 
     def set(self, path: str, value: Any) -> None:
-        """Set it."""
+        """Set the value of ``section.key``, of a place in its list, or of a list of entries."""
         section, *names = path.split(".")
         if not names:
             target = vars(self) if path in vars(self) else self.document
@@ -90,36 +88,39 @@ class Description:
             return
         held = self.document.setdefault(section, {})
         if len(names) == 2:
-            both = _two(held.get(names[0]))
+            both = _padded_pair(held.get(names[0]))
             both[int(names[1])] = value
             value = both
         held[names[0]] = value
 
     @property
     def decay(self) -> bool:
-        """Whether the records are free decays, which need no reference."""
+        """Return whether the records are free decays, which need no reference."""
         return self.get("records.excitation") == "decay"
 
     @property
     def signals(self) -> tuple[int | str | None, ...]:
-        """Columns of the photodetector signals; empty if the reference is a channel."""
+        """Return the columns of the photodetector signals; empty if the reference is a channel."""
         kind = self.get("interferometer.kind")
         if self.table or self.decay or not kind:
             return ()
-        return tuple(_two(self.get("interferometer.columns"))[: 2 if kind == "quadrature" else 1])
+        return tuple(
+            _padded_pair(self.get("interferometer.columns"))[: 2 if kind == "quadrature" else 1]
+        )
 
     @property
     def motion(self) -> tuple[int | str | None, ...]:
-        """Columns of the reference: photodetector signals, or one of a channel."""
+        """Return the columns of the reference: photodetector signals, or one of a channel."""
         return self.signals or (self.get("reference.column"),)
 
     def pairs(self, files: Sequence[str]) -> list[tuple[str, str | None]]:
-        """The file of each record, and that of its reference where these are apart."""
-        return paired(files, "" if self.table or self.decay else self.optical_part)
+        """Return the file of each record with that of its reference, None where it is the same."""
+        return pair_files(files, "" if self.table or self.decay else self.optical_part)
 
     def applies(self, path: str) -> bool:
-        """Whether a key, or a section, has a meaning beside the others."""
-        records, light = not self.table, self.get("interferometer.kind")
+        """Return whether a key, or a section, has a meaning beside the others."""
+        records = not self.table
+        light = self.get("interferometer.kind")
         drive = self.get("reference.quantity") == "drive"
         conditions = {
             "table": self.table,
@@ -139,12 +140,12 @@ class Description:
         return conditions.get(path.partition(".")[0], True) and conditions.get(path, True)
 
 
-def _two(columns: Sequence[Any] | None) -> list[Any]:
+def _padded_pair(columns: Sequence[Any] | None) -> list[Any]:
     return [*(columns or ()), None, None][:2]
 
 
-def described(guess: Columns, excitation: str = "sine", optical_part: str = "") -> Description:
-    """A guess as a description; the excitation is guessed separately.
+def describe_guess(guess: Columns, excitation: str = "sine", optical_part: str = "") -> Description:
+    """Return a guess as a description; the excitation is guessed separately.
 
     The model is the usual one, with the add-ons that do nothing but delay where there is a phase.
     """
@@ -157,39 +158,43 @@ def described(guess: Columns, excitation: str = "sine", optical_part: str = "") 
     return Description(document, guess.is_table, optical_part)
 
 
-def calibration_text(given: Description, files: Sequence[str]) -> str:
-    """The calibration file, as text; refused where a choice is missing or not allowed."""
-    if given.table and len(files) != 1:
-        problem, number = "A tabulated response is one file.", f"{len(files)} files"
-        raise _refused(problem, "one file", number, "remove the others")
-    _require_distinct(given)
-    document = dict(_document(given, files))
+def calibration_text(description: Description, files: Sequence[str]) -> str:
+    """Return the calibration file as text; InputError where a choice is missing or not allowed."""
+    if description.table and len(files) != 1:
+        problem = "A tabulated response is one file."
+        number = f"{len(files)} files"
+        raise _form_error(problem, "one file", number, "remove the others")
+    _require_distinct(description)
+    document = dict(_document(description, files))
     checked_calibration(document, HERE)
     return toml_document(document)
 
 
-def _document(given: Description, files: Sequence[str]) -> Iterator[tuple[str, Any]]:
+def _document(description: Description, files: Sequence[str]) -> Iterator[tuple[str, Any]]:
     """Yield the sections that apply, with their keys."""
     for section, heading in SECTIONS.items():
-        if not given.applies(section) or (section == "interferometer" and not given.signals):
+        if not description.applies(section) or (
+            section == "interferometer" and not description.signals
+        ):
             continue
         if section == "table":
-            yield section, {"file": files[0], **_filled(given, section)}
+            yield section, {"file": files[0], **_filled(description, section)}
         elif section == "records":
-            shared, pairs = _filled(given, section), given.pairs(files)
+            shared = _filled(description, section)
+            pairs = description.pairs(files)
             each = {file: {"file": file, "reference_file": o, **shared} for file, o in pairs}
-            for entry in given.different:
+            for entry in description.different:
                 if "file" not in entry:
                     expected = "the file of a record that differs"
-                    raise _refused("“File” is empty.", expected, "nothing", "choose one")
+                    raise _form_error("“File” is empty.", expected, "nothing", "choose one")
                 each.get(entry["file"], {}).update(entry)
             yield section, [*each.values()]
         elif heading.kind == "entries":
-            entries = given.get(section) or []
+            entries = description.get(section) or []
             for number, entry in enumerate(entries, start=1):
                 _require_filled(section, number, entry)
             yield section, entries
-        elif filled := _filled(given, section):
+        elif filled := _filled(description, section):
             yield section, filled
 
 
@@ -200,63 +205,65 @@ def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:
         if path == "uncertainty.standard_uncertainty" and entry.get("table"):
             continue
         if entry.get(key.name) is None and (key.default is ... or path in NEEDED):
-            row = {other.name: other.default for other in ENTRIES[section]} | entry
+            row = {sibling.name: sibling.default for sibling in ENTRIES[section]} | entry
             if key.applies(row):
                 problem = f"“{key.label}” of {ENTRY_NAMES[section].lower()} {number} is empty."
-                raise _refused(problem, key.expected, "nothing", "fill it in, or remove the row")
+                raise _form_error(problem, key.expected, "nothing", "fill it in, or remove the row")
 
 
-def _filled(given: Description, section: str) -> dict[str, Any]:
+def _filled(description: Description, section: str) -> dict[str, Any]:
     """Return the keys of a section that apply; refused where one is empty that may not be."""
     filled = {}
     for key in ENTRIES[section]:
-        name, path = key.name, f"{section}.{key.name}"
-        if key.level == "expert" or not given.applies(path):
+        name = key.name
+        path = f"{section}.{key.name}"
+        if key.level == "expert" or not description.applies(path):
             continue
-        value = given.get(path) if name != "columns" else [*given.signals]
+        value = description.get(path) if name != "columns" else [*description.signals]
         if value in (None, "") or (isinstance(value, list) and None in value):
-            cleared = name in given.document.get(section, {}) and key.default
+            cleared = name in description.document.get(section, {}) and key.default
             if key.default is ... or cleared or path in NEEDED:
-                raise _refused(f"“{key.label}” is empty.", key.expected, "nothing", "fill it in")
+                raise _form_error(f"“{key.label}” is empty.", key.expected, "nothing", "fill it in")
             continue
         filled[name] = value
     return filled
 
 
-def _require_distinct(given: Description) -> None:
-    motion, response = given.motion, given.get("response.column")
-    if given.table or given.decay:
+def _require_distinct(description: Description) -> None:
+    motion = description.motion
+    response = description.get("response.column")
+    if description.table or description.decay:
         return
-    if response is not None and response in motion and not given.optical_part:
+    if response is not None and response in motion and not description.optical_part:
         text = "Reference and response are the same column."
-        raise _refused(text, "two columns", repr(response), "choose another for one of the two")
+        raise _form_error(text, "two columns", repr(response), "choose another for one of the two")
     if len(motion) == 2 and motion[0] is not None and motion[0] == motion[1]:
         text = "Both photodetector signals are the same column."
-        raise _refused(text, "two columns", repr(motion[0]), "choose another for one of the two")
+        raise _form_error(text, "two columns", repr(motion[0]), "choose another for one of the two")
 
 
-def _refused(problem: str, expected: str, found: str, remedy: str) -> InputError:
-    return InputError(problem, expected=expected, found=found, where=HERE, remedy=remedy)
+def _form_error(problem: str, expected: str, actual: str, remedy: str) -> InputError:
+    return InputError(problem, expected=expected, found=actual, where=HERE, remedy=remedy)
 
 
-def mark(files: Sequence[str]) -> str:
-    """Return what names of optical files have beyond the response's, such as ``_optical``.
+def find_optical_part(files: Sequence[str]) -> str:
+    """Return what the names of optical files add to the response's, such as ``_optical``.
 
     Half of the files must have it, and each of them a partner without it; empty for no pairs.
     """
     if len(files) < 2 or len(files) % 2:
         return ""
-    first, *others = (Path(file).stem for file in files)
-    parts = (_added(*sorted((first, other), key=len)) for other in others)
+    first, *other_names = (Path(file).stem for file in files)
+    parts = (_inserted_part(*sorted((first, name), key=len)) for name in other_names)
     return next((part for part in parts if part and _partners(files, part) is not None), "")
 
 
-def paired(files: Sequence[str], part: str) -> list[tuple[str, str | None]]:
-    """Return each file of a response with the file of its optical signals, if that is another."""
+def pair_files(files: Sequence[str], part: str) -> list[tuple[str, str | None]]:
+    """Return each file of a response with the file of its optical signals, None if the same."""
     if not part:
         return [(file, None) for file in files]
-    found = _partners(files, part)
-    if found is None:
+    partners = _partners(files, part)
+    if partners is None:
         optical = [file for file in files if part in Path(file).stem]
         raise InputError(
             "The files with optical signals do not match those with responses.",
@@ -266,22 +273,22 @@ def paired(files: Sequence[str], part: str) -> list[tuple[str, str | None]]:
             remedy="add or rename files, or correct that part of the names; "
             "leave it empty for signals in one file",
         )
-    return list(found)
+    return list(partners)
 
 
 def _partners(files: Sequence[str], part: str) -> list[tuple[str, str | None]] | None:
-    """Pairs in the order of the responses; None if a file is left over."""
+    """Return pairs in the order of the responses; None if a file is left over."""
     marked = [file for file in files if part in Path(file).stem]
     optical = {Path(file).stem.replace(part, "", 1): file for file in marked}
-    others = [file for file in files if file not in marked]
-    if len(optical) != len(others) or len(files) != 2 * len(others) or not others:
+    responses = [file for file in files if file not in marked]
+    if len(optical) != len(responses) or len(files) != 2 * len(responses) or not responses:
         return None
-    pairs = [(file, optical.get(Path(file).stem)) for file in others]
+    pairs = [(file, optical.get(Path(file).stem)) for file in responses]
     return pairs if all(partner is not None for _, partner in pairs) else None
 
 
-def _added(short: str, long: str) -> str:
-    """Return what a name has beyond another, in one place; empty if they differ otherwise."""
+def _inserted_part(short: str, long: str) -> str:
+    """Return what a name adds to another in one place; empty if they differ otherwise."""
     pairs = enumerate(zip(short, long, strict=False))
     same = next((i for i, (a, b) in pairs if a != b), len(short))
     more = len(long) - len(short)

@@ -1,4 +1,4 @@
-"""Entries of a form, made from the keys of a file."""
+"""Build the entries of a form from the keys of a file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ def entry(
     it here. ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
     ``in_form`` of a key.
     """
-    label, kind, usual = label or spoken().label(key.label), key.kind, key.default
+    label = label or spoken().label(key.label)
+    kind = key.kind
+    usual = key.default
     if options is None and kind == "choice":
         options = {choice: say(words) for choice, words in key.options.items()}
     if options is not None:
@@ -90,28 +92,31 @@ class Rows:
         options: Mapping[str, Mapping[Any, str]] | None = None,
         rare: Collection[str] = (),
         on_change: Callable[[], Any] = lambda: None,
-        asked: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
-        written: Callable[[Mapping[str, Any]], dict[str, Any]] = dict,
+        to_form: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
+        to_file: Callable[[Mapping[str, Any]], dict[str, Any]] = dict,
     ) -> None:
         """Build the rows of ``values``; each is called ``name``, in English, and its number.
 
         ``options``: key → value → words, before its own; ``rare``: keys that are shown where
-        somebody has stated one, or wants them all; ``asked``: what the file states as the form asks
-        for it, ``written``: the way back.
+        somebody has stated one, or wants them all; ``to_form``: converts an entry of the
+        file to a row of the form, ``to_file``: the way back.
         """
-        self.name, self.options, self.on_change = name, options or {}, on_change
-        thing = say(name.lower())
-        self.asked, self.written = asked, written
+        self.name = name
+        self.options = options or {}
+        self.on_change = on_change
+        noun = say(name.lower())
+        self.to_form = to_form
+        self.to_file = to_file
         self.keys = {key.name: key for key in keys}
         self.rare = {key for key in rare if key in self.keys}
         self.with_all = any(self.rare & {*value} for value in values)
         self.rows: list[dict[str, Any]] = []
         self.place = ui.element("div").classes("w-full")
         for value in values:
-            self.add(self.asked(value))
+            self.add(self.to_form(value))
         with ui.element("div").classes("actions"):
             ui.button(
-                say("Add {thing}", thing=thing), on_click=lambda: self.add(self.asked({}))
+                say("Add {thing}", thing=noun), on_click=lambda: self.add(self.to_form({}))
             ).props("outline")
             if self.rare and not self.with_all:
                 ui.checkbox(say("By temperature"), on_change=self._reveal).props("dense")
@@ -127,7 +132,7 @@ class Rows:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.place, frame.group(f"{say(self.name)} {number}", 0) as place:
+        with self.place, frame.add_group(f"{say(self.name)} {number}", 0) as place:
             place.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
@@ -140,9 +145,9 @@ class Rows:
                 row[name].classes("long" if key.kind == "text" else "")
                 row[name].on_value_change(lambda: self._edited(row))
             button = ui.button(icon="close", on_click=partial(self._remove, row))
-            which = f"{say(self.name.lower())} {number}"
+            row_name = f"{say(self.name.lower())} {number}"
             button.props("flat round size=sm").props["aria-label"] = say(
-                "remove {thing}", thing=which
+                "remove {thing}", thing=row_name
             )
         self.rows.append(row)
         self._fit(row)
@@ -166,8 +171,8 @@ class Rows:
 
     @property
     def value(self) -> list[dict[str, Any]]:
-        """The rows that are filled in, with the keys that apply."""
-        return [row for row in map(self.written, map(self._value, self.rows)) if row]
+        """Return the rows that are filled in, with the keys that apply."""
+        return [row for row in map(self.to_file, map(self._value, self.rows)) if row]
 
     def _value(self, row: Mapping[str, Any]) -> dict[str, Any]:
         entered = {name: element.value for name, element in row.items()}
@@ -182,7 +187,7 @@ class Rows:
 class Bands(Rows):
     """A value by frequency within a row: bands, or single frequencies, with a value each.
 
-    ``unit``: in which the values are asked for, and how many of it are one of the file's.
+    ``unit``: of the values, and how many of it are one of the file's unit.
     """
 
     def __init__(self, table: Sequence[Sequence[float]], unit: tuple[str, float]) -> None:
@@ -197,8 +202,8 @@ class Bands(Rows):
         return self.frame.visible
 
     @visible.setter
-    def visible(self, seen: bool) -> None:
-        self.frame.visible = seen
+    def visible(self, shown: bool) -> None:
+        self.frame.visible = shown
 
     @property
     def value(self) -> Any:

@@ -1,4 +1,4 @@
-"""Third step: the laboratory, its instruments, and the sources of the uncertainty, as a profile."""
+"""Build the third step: the laboratory, its instruments, and the sources of uncertainty."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
-from vibrident.app.web.form.sources import asked as as_asked
-from vibrident.app.web.form.sources import source_keys, written
-from vibrident.app.web.laboratories import MAX_OWN_BYTES, OWN
+from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
+from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import phrase, say, spoken
-from vibrident.app.web.users import User
+from vibrident.app.web.user import User
 from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
@@ -30,8 +29,8 @@ _KEYS = keys_of(CertificateSection)
 _LISTS = ("uncertainty", "cmc")
 
 
-class OwnFile(NamedTuple):
-    """What the page says of one of the laboratory's own files."""
+class LaboratoryFileLabels(NamedTuple):
+    """Labels of one of the laboratory's own files, and its accepted endings."""
 
     label: str
     choose: str
@@ -40,15 +39,15 @@ class OwnFile(NamedTuple):
     endings: str
 
 
-_OWN_KINDS = {
-    "logo": OwnFile(
+_FILE_LABELS = {
+    "logo": LaboratoryFileLabels(
         phrase("Logo: PNG, JPEG or SVG"),
         phrase("Choose the logo"),
         phrase("The logo is here."),
         phrase("Remove the logo"),
         ".png,.jpg,.jpeg,.svg",
     ),
-    "template": OwnFile(
+    "template": LaboratoryFileLabels(
         phrase("Template: a typst file in place of ours"),
         phrase("Choose the template"),
         phrase("The template is here."),
@@ -60,14 +59,15 @@ _SOON_DAYS = 30  # days before an instrument is due from which it is named
 
 
 class LaboratoryStep:
-    """The sources of the present calibration, and the profile from which they come."""
+    """The section of the sources of the present calibration and of the profile they come from."""
 
     def __init__(self, user: User, fit: FitStep) -> None:
-        self.user, self.fit = user, fit
+        self.user = user
+        self.fit = fit
 
     def build(self) -> None:
         """Build the section, hidden until there are data or results."""
-        self.section = frame.step(say("Laboratory and uncertainty"), "laboratory")
+        self.section = frame.add_step(say("Laboratory and uncertainty"), "laboratory")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -75,9 +75,9 @@ class LaboratoryStep:
     @property
     def states_nothing(self) -> bool:
         """Return whether the form is used, and states no uncertainty of the measuring chain."""
-        given = self.user.asked
-        return given is not None and not (
-            given.get("uncertainty") or given.get("reference.standard_uncertainty")
+        columns_form = self.user.applicable_form
+        return columns_form is not None and not (
+            columns_form.get("uncertainty") or columns_form.get("reference.standard_uncertainty")
         )
 
     def show(self) -> None:
@@ -107,11 +107,11 @@ class LaboratoryStep:
 
     def _state(self, profile: Mapping[str, Any]) -> None:
         """Put the profile's lists into a form where nobody has stated others."""
-        if (asked := self.user.asked) is None or not self.user.profile:
+        if (columns_form := self.user.applicable_form) is None or not self.user.profile:
             return
         for name in _LISTS:
-            if name not in asked.touched and asked.get(name) != profile[name]:
-                asked.given.set(name, profile[name])
+            if name not in columns_form.touched and columns_form.get(name) != profile[name]:
+                columns_form.description.set(name, profile[name])
                 self.fit.refresh()
 
     def _choice(self) -> None:
@@ -129,12 +129,15 @@ class LaboratoryStep:
 
     def _chosen(self, event: events.ValueChangeEventArguments) -> None:
         """Take the sources and files of a profile in place of those that there are."""
-        user, name = self.user, str(event.value or "")
+        user = self.user
+        name = str(event.value or "")
         user.profile = name
         if user.form is not None:
             user.form.touched -= {*_LISTS}
-        for kind in OWN:
-            user.session.keep_own(kind, user.users.laboratories.own(name, kind))
+        for kind in LABORATORY_FILES:
+            user.session.keep_laboratory_file(
+                kind, user.users.laboratories.file_content(name, kind)
+            )
         user.changed()
         self.show()
 
@@ -142,43 +145,47 @@ class LaboratoryStep:
         """Name the instruments whose calibration has ended, or ends soon."""
         today = datetime.date.today()
         dates = [
-            (datetime.date.fromisoformat(one["calibrated_until"]), one["name"])
-            for one in instruments
-            if one.get("calibrated_until")
+            (datetime.date.fromisoformat(instrument["calibrated_until"]), instrument["name"])
+            for instrument in instruments
+            if instrument.get("calibrated_until")
         ]
         for date, name in sorted(dates):
             days = (date - today).days
             if days < 0:
-                said = ui.label(
+                label = ui.label(
                     say("{name}: its calibration ended on {date}.", name=name, date=date)
                 )
-                said.classes("warning").props("role=status")
+                label.classes("warning").props("role=status")
             elif days <= _SOON_DAYS:
                 due = say("{name}: to be calibrated by {date}.", name=name, date=date)
                 ui.label(due).classes("hint")
 
     def _sources(self, profile: Mapping[str, Any]) -> None:
         """Ask for the lists of a calibration file, of the data that there are or of the profile."""
-        asked = self.user.asked
-        if self.user.session.names and asked is None:
+        columns_form = self.user.applicable_form
+        if self.user.session.names and columns_form is None:
             ui.label(say("The sources are those of the calibration file that came with the data."))
         self.lists: dict[str, Rows] = {}
         for name in _LISTS:
-            values = profile[name] if asked is None else asked.get(name) or []
+            values = profile[name] if columns_form is None else columns_form.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
                 ui.html(f"<h3>{html(say(SECTIONS[name].label))}</h3>", sanitize=False)
                 ways: dict[str, Any] = {}
                 if name == "uncertainty":
-                    ways = {"asked": as_asked, "written": written, "rare": ("from_c", "to_c")}
+                    ways = {
+                        "to_form": entry_in_form,
+                        "to_file": entry_in_file,
+                        "rare": ("from_c", "to_c"),
+                    }
                 keys = source_keys() if name == "uncertainty" else ENTRIES[name]
                 rows = Rows(ENTRY_NAMES[name], keys, values, **ways)
                 rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
             self.lists[name] = rows
 
     def _edited(self, name: str, value: Any) -> None:
-        if (asked := self.user.asked) is None or asked.get(name) == value:
+        if (columns_form := self.user.applicable_form) is None or columns_form.get(name) == value:
             return
-        asked.set(name, value)
+        columns_form.set(name, value)
         self.user.changed()
         self.fit.refresh()
 
@@ -187,11 +194,11 @@ class LaboratoryStep:
         self.entries: dict[str, Any] = {}
         place = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
         place.props("id=laboratory-data")
-        asked = {one.key: one for one in form(spoken().code) if one.key in LABORATORY_KEYS}
+        fields = {field.key: field for field in form(spoken().code) if field.key in LABORATORY_KEYS}
         with place:
-            with frame.group(say("Name and address")):
-                for name in (name for name in asked if _KEYS[name].kind != "entries"):
-                    key = replace(_KEYS[name], title=asked[name].label)
+            with frame.add_group(say("Name and address")):
+                for name in (name for name in fields if _KEYS[name].kind != "entries"):
+                    key = replace(_KEYS[name], title=fields[name].label)
                     self.entries[name] = entry(key, stated.get(name), label=key.label)
             section = _KEYS["instruments"].section
             assert section is not None
@@ -199,26 +206,26 @@ class LaboratoryStep:
             instruments = stated.get("instruments") or []
             rows = Rows("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
-            for kind in OWN:
-                self._own(kind)
+            for kind in LABORATORY_FILES:
+                self._file_choice(kind)
 
-    def _own(self, kind: str) -> None:
+    def _file_choice(self, kind: str) -> None:
         """Let one of the laboratory's own files be chosen and removed."""
-        words = _OWN_KINDS[kind]
+        words = _FILE_LABELS[kind]
 
         async def keep(event: events.UploadEventArguments) -> None:
-            self.user.session.keep_own(kind, await event.file.read())
+            self.user.session.keep_laboratory_file(kind, await event.file.read())
             here.visible = True
 
         def remove() -> None:
-            self.user.session.keep_own(kind, b"")
+            self.user.session.keep_laboratory_file(kind, b"")
             here.visible = False
 
         with ui.element("div"):
             chosen = ui.upload(
                 label=say(words.label),
                 auto_upload=True,
-                max_file_size=MAX_OWN_BYTES,
+                max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
             )
             chosen.classes("uploader").props(f'flat bordered accept="{words.endings}"')
@@ -226,7 +233,7 @@ class LaboratoryStep:
             with ui.element("div").classes("actions") as here:
                 ui.label(say(words.here)).classes("hint").props("role=status")
                 ui.button(say(words.remove), on_click=remove).props("flat")
-            here.visible = self.user.session.own(kind) is not None
+            here.visible = self.user.session.laboratory_file(kind) is not None
         names = json.dumps([say(words.choose), say(words.label).partition(":")[0]])
         ui.run_javascript(f"vibrident.name({chosen.id}, ...{names})")
 
@@ -240,18 +247,21 @@ class LaboratoryStep:
         self.said = ui.label("").classes("hint").props("role=status id=profile-said")
 
     async def _save(self) -> None:
-        user, laboratories = self.user, self.user.users.laboratories
+        user = self.user
+        laboratories = self.user.users.laboratories
         self.errors.clear()
         try:
             user.require("identify", "change a laboratory's profile")
             values = {
-                name: made.value if isinstance(made, Rows) else filled(_KEYS[name], made.value)
-                for name, made in self.entries.items()
+                name: element.value
+                if isinstance(element, Rows)
+                else filled(_KEYS[name], element.value)
+                for name, element in self.entries.items()
             }
             certificate = {name: value for name, value in values.items() if value not in (None, [])}
             lists = {name: rows.value for name, rows in self.lists.items()}
-            own = {kind: user.session.own(kind) for kind in OWN}
-            files = {kind: path.read_bytes() for kind, path in own.items() if path is not None}
+            paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
+            files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}
             wanted = (self.name.value or "").strip() or str(certificate.get("laboratory") or "")
             user.profile = laboratories.write(wanted, {"certificate": certificate, **lists}, files)
             await user.note("saved a laboratory's profile", name=user.profile)
@@ -261,8 +271,8 @@ class LaboratoryStep:
         user.changed()
         name = user.profile
         self.show()
-        said = "Saved as “{name}”: new calibrations and certificates begin with it."
-        self.said.text = say(said, name=name)
+        message = "Saved as “{name}”: new calibrations and certificates begin with it."
+        self.said.text = say(message, name=name)
 
     async def _remove(self) -> None:
         try:

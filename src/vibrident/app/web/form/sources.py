@@ -1,4 +1,4 @@
-"""Sources of uncertainty as certificates state them: u, U with its k, or by frequency.
+"""Convert sources of uncertainty as certificates state them: u, U with its k, or by frequency.
 
 The calibration file knows u, and a table over frequency; a form fills these in.
 """
@@ -47,32 +47,35 @@ def _key(key: Key, *ways: str, **changed: Any) -> SourceKey:
 
 def source_keys() -> list[Key]:
     """Return the keys of a source in a form: those of the file, and how its size is stated."""
-    found: list[Key] = []
+    keys: list[Key] = []
     for key in ENTRIES["uncertainty"]:
         if key.name == "standard_uncertainty":
             title = phrase("Stated as")
-            found.append(Key("stated_as", "u", "choice", _WAYS, None, "", title))
-            found.append(_key(key, "u"))
-            found.append(_key(key, "U", name="expanded_uncertainty", title="U"))
+            keys.append(Key("stated_as", "u", "choice", _WAYS, None, "", title))
+            keys.append(_key(key, "u"))
+            keys.append(_key(key, "U", name="expanded_uncertainty", title="U"))
             plain = replace(key, name="coverage_factor", title="k", default=_K, in_form_by=None)
-            found.append(_key(plain, "U", in_form=("", 1.0)))
+            keys.append(_key(plain, "U", in_form=("", 1.0)))
         elif key.name == "table":
-            by_kind = next(one for one in found if one.name == "standard_uncertainty").in_form_by
-            found.append(_key(key, "table", in_form_by=by_kind))
+            by_kind = next(
+                known for known in keys if known.name == "standard_uncertainty"
+            ).in_form_by
+            keys.append(_key(key, "table", in_form_by=by_kind))
         else:
-            found.append(_key(key, *(("u", "U") if key.name in ("from_hz", "to_hz") else ())))
-    return found
+            keys.append(_key(key, *(("u", "U") if key.name in ("from_hz", "to_hz") else ())))
+    return keys
 
 
-def asked(entry: Mapping[str, Any]) -> dict[str, Any]:
+def entry_in_form(entry: Mapping[str, Any]) -> dict[str, Any]:
     """Return an entry of the file as the form asks for it."""
     return {"stated_as": "table" if entry.get("table") else "u", **entry}
 
 
-def written(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is filled in as the file states it: of U its k-th part."""
+def entry_in_file(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a filled row as the file states it: u is U divided by k."""
     entry = {name: value for name, value in row.items() if name != "stated_as"}
-    expanded, k = entry.pop("expanded_uncertainty", None), entry.pop("coverage_factor", _K)
+    expanded = entry.pop("expanded_uncertainty", None)
+    k = entry.pop("coverage_factor", _K)
     if expanded is not None:
         entry["standard_uncertainty"] = float(f"{expanded / k:.15g}") if k > 0.0 else -expanded
     return entry
@@ -80,17 +83,17 @@ def written(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def bands_of(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:
     """Return the rows of a table as bands of one value, and the others as single frequencies."""
-    found: list[dict[str, float]] = []
+    bands: list[dict[str, float]] = []
     rows = [tuple(row) for row in table]
     while rows:
         frequency, value = rows.pop(0)
         band = {"from_hz": frequency, "value": value}
-        if found and frequency < found[-1].get("to_hz", 0.0) * (1.0 + 2.0 * _EDGE):
-            band["from_hz"] = found[-1]["to_hz"]
+        if bands and frequency < bands[-1].get("to_hz", 0.0) * (1.0 + 2.0 * _EDGE):
+            band["from_hz"] = bands[-1]["to_hz"]
         if rows and rows[0][1] == value:
             band["to_hz"] = rows.pop(0)[0]
-        found.append(band)
-    return found
+        bands.append(band)
+    return bands
 
 
 def table_of(bands: Sequence[Mapping[str, Any]]) -> list[list[Any]]:

@@ -1,4 +1,4 @@
-"""The calibration file as text on the page: all that the file can say and the form does not ask."""
+"""Edit the calibration file as text: all that the file can say and the form does not ask."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.language import phrase, say
-from vibrident.app.web.looks import calibration, readable
-from vibrident.app.web.users import User
+from vibrident.app.web.sandboxed import read_calibration_text, require_readable
+from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
 
 _HINT = phrase(
@@ -20,14 +20,14 @@ _HINT = phrase(
 _TRIED = ".tried.toml"  # name under which a text is read before it takes the place of a file
 
 
-def edited(
+def edit_as_text(
     user: User,
     name: str,
     text: str,
     on_taken: Callable[[], Awaitable[Any]],
     on_back: Callable[[], Awaitable[Any]],
 ) -> None:
-    """Show a text to be edited; taken, it is a file of the user, as if it had been uploaded."""
+    """Show a text to be edited; once used, it is a file of the user like an uploaded one."""
     ui.label(say(_HINT)).classes("hint")
     written = ui.textarea(say("Calibration file"), value=text).classes("written w-full")
     written.props("dense outlined stack-label autogrow")
@@ -35,18 +35,19 @@ def edited(
 
     async def take() -> None:
         errors.clear()
-        session, content = user.session, (written.value or "").encode()
+        session = user.session
+        content = (written.value or "").encode()
         session.open()
         tried = session.data / _TRIED
         try:
             user.require("identify", "write files")
             tried.write_bytes(content)
-            for look in (calibration, readable):
-                await user.look(look, session.data, _TRIED)
-            session.place_for(name, len(content)).write_bytes(content)
+            for look in (read_calibration_text, require_readable):
+                await user.run_sandboxed(look, session.data, _TRIED)
+            session.reserve_path(name, len(content)).write_bytes(content)
         except InputError as error:
-            said = {key: part.replace(_TRIED, name) for key, part in vars(error).items()}
-            frame.show_error(errors, type(error)(**said), session)
+            fields = {key: part.replace(_TRIED, name) for key, part in vars(error).items()}
+            frame.show_error(errors, type(error)(**fields), session)
         except Exception as error:
             frame.show_error(errors, error, session)
         else:

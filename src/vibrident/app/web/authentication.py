@@ -1,4 +1,4 @@
-"""Who may come in to a team's page: by signing in, or by the header of a proxy at a named address; what was done."""
+"""Authenticate visitors of a team's page, by password or proxy header, and write the audit log."""
 
 from __future__ import annotations
 
@@ -18,18 +18,25 @@ from vibrident.app.web.language import LOCALES, SCOPE, language, phrase
 from vibrident.app.workflow.accounts import Account, Accounts
 from vibrident.base.errors import InputError
 
-SIGN_IN, SIGN_OUT = "/sign-in", "/sign-out"
+SIGN_IN = "/sign-in"
+SIGN_OUT = "/sign-out"
 _SESSION_S = 12 * 3600.0  # seconds for which somebody stays signed in
-_MOST_SESSIONS = 1000
-_MOST_BYTES = 2000  # of a name and a password
-_MOST_WAITING = 8  # most tries that wait for their turn
-_PAGE = """<!doctype html><html lang="{lang}"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<meta name="color-scheme" content="light dark"><title>vibrident: {title}</title><style nonce="{nonce}">
-body {{ font: 1rem/1.5 system-ui, sans-serif; max-width: 22rem; margin: 12vh auto; padding: 0 16px }}
+_MAX_SESSIONS = 1000
+_MAX_FORM_BYTES = 2000  # of a name and a password
+_MAX_WAITING_SIGN_INS = 8  # most tries that wait for their turn
+_PAGE = """<!doctype html><html lang="{lang}"><meta charset="utf-8"><meta name="viewport"
+ content="width=device-width">
+<meta name="color-scheme" content="light dark"><title>vibrident: {title}</title><style
+ nonce="{nonce}">
+body {{ font: 1rem/1.5 system-ui, sans-serif; max-width: 22rem; margin: 12vh auto;
+  padding: 0 16px }}
 label, input, button {{ display: block; width: 100%; box-sizing: border-box; font: inherit }}
-input {{ padding: 8px; margin: 2px 0 14px }} button {{ padding: 10px }} [role=alert] {{ font-weight: 650 }}
-</style><main><h1>vibrident</h1>{said}<form method="post" action="{action}"><label for="name">{name}</label>
-<input id="name" name="name" autocomplete="username" required autofocus><label for="password">{password}</label>
+input {{ padding: 8px; margin: 2px 0 14px }} button {{ padding: 10px }}
+[role=alert] {{ font-weight: 650 }}
+</style><main><h1>vibrident</h1>{said}<form method="post" action="{action}"><label
+ for="name">{name}</label>
+<input id="name" name="name" autocomplete="username" required autofocus><label
+ for="password">{password}</label>
 <input id="password" name="password" type="password" autocomplete="current-password" required>
 <button>{button}</button></form></main></html>"""
 
@@ -43,8 +50,8 @@ _TOO_MANY = phrase("Too many tries. Wait {seconds} s.")
 _WRONG = phrase("Name and password do not belong together.")
 
 
-class Door:
-    """Lets requests in, and answers those of signing in and out.
+class Authenticator:
+    """Let requests in, and answer those that sign in or out.
 
     Args:
         accounts: of the file; None if everybody whom the proxy lets in may identify.
@@ -62,13 +69,17 @@ class Door:
         proxy: str | None = None,
         user_header: str | None = None,
     ) -> None:
-        self._accounts, self._audit, self._file, self._proxy = accounts, audit, sessions, proxy
+        self._accounts = accounts
+        self._audit = audit
+        self._file = sessions
+        self._proxy = proxy
         self._user_header = None if user_header is None else user_header.lower().encode()
         self._waiting = 0
         self._sessions: dict[str, tuple[str, float]] = {}
         with contextlib.suppress(OSError, ValueError, TypeError):
             self._sessions = {
-                key: (str(one[0]), float(one[1])) for key, one in json.loads(sessions.read_text()).items()
+                key: (str(session[0]), float(session[1]))
+                for key, session in json.loads(sessions.read_text()).items()
             }
 
     def note(self, account: str, action: str, **facts: Any) -> None:
@@ -78,67 +89,80 @@ class Door:
         at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         line = json.dumps({"time": at, "account": account, "action": action, **facts}) + "\n"
         self._audit.parent.mkdir(parents=True, exist_ok=True)
-        with os.fdopen(os.open(self._audit, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600), "wb", 0) as out:
+        with os.fdopen(
+            os.open(self._audit, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600), "wb", 0
+        ) as out:
             out.write(line.encode())
             os.fsync(out.fileno())
 
     def account(self, name: str) -> Account | None:
-        """Who has this name now; a role that was changed holds at once."""
+        """Return the account of this name, with its present role; None if there is none."""
         known = self._accounts.named(name) if self._accounts else None
         if known is None and self._user_header is not None:
             return Account(name, "look" if self._accounts else "identify", "")
         return known
 
     def visitor(self, scope: Any, headers: dict[bytes, str]) -> Account | None:
-        """Whose request it is; None if of nobody who may come in."""
+        """Return the account that makes a request; None if it has no valid session."""
         if self._user_header is not None:
             name = headers.get(self._user_header, "")
             plain = 0 < len(name) <= 200 and name.isprintable()
-            return self.account(name) if plain and _peer(scope) == self._proxy else None
-        name, until = self._sessions.get(_key(headers, scope), ("", 0.0))
+            return self.account(name) if plain and _peer_address(scope) == self._proxy else None
+        name, until = self._sessions.get(_session_key(headers, scope), ("", 0.0))
         return self.account(name) if time.time() < until else None
 
-    async def answer(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], told: Any) -> bool:
+    async def answer(
+        self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], response_headers: Any
+    ) -> bool:
         """Answer a request that the page does not; False if the page may."""
-        path, method = scope.get("path"), scope.get("method")
+        path = scope.get("path")
+        method = scope.get("method")
         if self._user_header is not None:
             if self.visitor(scope, headers) is None:
-                await say(send, 403, told, b"Sign in at the proxy before this page.")
+                await respond(
+                    send, 403, response_headers, b"Sign in at the proxy before this page."
+                )
                 return True
             return False
         if path == SIGN_IN and method == "POST":
-            await self._sign_in(scope, receive, send, headers, told)
+            await self._sign_in(scope, receive, send, headers, response_headers)
         elif path == SIGN_IN:
-            await self._form(scope, send, told, 200)
+            await self._form(scope, send, response_headers, 200)
         elif path == SIGN_OUT and method == "POST":
             account = self.visitor(scope, headers)
-            self._sessions.pop(_key(headers, scope), None)
+            self._sessions.pop(_session_key(headers, scope), None)
             self._write()
             self.note(account.name if account else "", "signed out")
-            await _see(send, told, SIGN_IN)
+            await _redirect(send, response_headers, SIGN_IN)
         elif self.visitor(scope, headers) is None:
             if path == "/" and method == "GET":
-                await _see(send, told, SIGN_IN)
+                await _redirect(send, response_headers, SIGN_IN)
             else:
-                await say(send, 401, told, b"Sign in first.")
+                await respond(send, 401, response_headers, b"Sign in first.")
         else:
             return False
         return True
 
-    async def _sign_in(self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], told: Any) -> None:
+    async def _sign_in(
+        self, scope: Any, receive: Any, send: Any, headers: dict[bytes, str], response_headers: Any
+    ) -> None:
         assert self._accounts is not None
-        body, more = b"", True
-        while more and len(body) <= _MOST_BYTES:
+        body = b""
+        more = True
+        while more and len(body) <= _MAX_FORM_BYTES:
             message = await receive()
             if message["type"] == "http.disconnect":
                 return
-            body, more = body + message.get("body", b""), message.get("more_body", False)
-        given = parse_qs(body[:_MOST_BYTES].decode("utf-8", "replace"))
-        name, password = (given.get(key, [""])[0] for key in ("name", "password"))
+            body = body + message.get("body", b"")
+            more = message.get("more_body", False)
+        fields = parse_qs(body[:_MAX_FORM_BYTES].decode("utf-8", "replace"))
+        name, password = (fields.get(key, [""])[0] for key in ("name", "password"))
         where = self._from(scope, headers)
         keys = (f"name {name}", f"address {where}")
-        if (wait := self._accounts.wait_s(*keys)) > 0.0 or self._waiting >= _MOST_WAITING:
-            await self._form(scope, send, told, 429, _TOO_MANY, seconds=f"{max(wait, 1.0):.0f}")
+        if (wait := self._accounts.wait_s(*keys)) > 0.0 or self._waiting >= _MAX_WAITING_SIGN_INS:
+            await self._form(
+                scope, send, response_headers, 429, _TOO_MANY, seconds=f"{max(wait, 1.0):.0f}"
+            )
             return
         self._waiting += 1
         try:
@@ -147,24 +171,30 @@ class Door:
             self._waiting -= 1
         self.note(name[:64], "signed in" if account else "refused", address=where)
         if account is None:
-            await self._form(scope, send, told, 403, _WRONG)
+            await self._form(scope, send, response_headers, 403, _WRONG)
             return
         token = secrets.token_hex(32)
         now = time.time()
-        self._sessions = {key: one for key, one in self._sessions.items() if one[1] > now}
-        if len(self._sessions) >= _MOST_SESSIONS:
+        self._sessions = {
+            key: session for key, session in self._sessions.items() if session[1] > now
+        }
+        if len(self._sessions) >= _MAX_SESSIONS:
             self._sessions.pop(next(iter(self._sessions)))
         self._sessions[hashlib.sha256(token.encode()).hexdigest()] = (name, now + _SESSION_S)
         self._write()
         flags = f"Path=/; Max-Age={_SESSION_S:.0f}; HttpOnly; SameSite=Lax"
-        if self._proxy and _peer(scope) == self._proxy and headers.get(b"x-forwarded-proto") == "https":
+        if (
+            self._proxy
+            and _peer_address(scope) == self._proxy
+            and headers.get(b"x-forwarded-proto") == "https"
+        ):
             flags += "; Secure"
-        cookie = (b"set-cookie", f"{_cookie(scope)}={token}; {flags}".encode())
-        await _see(send, (*told, cookie), "/")
+        cookie = (b"set-cookie", f"{_cookie_name(scope)}={token}; {flags}".encode())
+        await _redirect(send, (*response_headers, cookie), "/")
 
     def _from(self, scope: Any, headers: dict[bytes, str]) -> str:
-        """The address of who asks: what the proxy says of it, if there is one."""
-        peer = _peer(scope)
+        """Return the client's address, as the proxy states it where there is one."""
+        peer = _peer_address(scope)
         if self._proxy and peer == self._proxy:
             return headers.get(b"x-forwarded-for", peer).rpartition(",")[2].strip()[:64]
         return peer
@@ -175,12 +205,23 @@ class Door:
             json.dump(self._sessions, out)
         partial.replace(self._file)
 
-    async def _form(self, scope: Any, send: Any, told: Any, status: int, said: str = "", **values: str) -> None:
+    async def _form(
+        self,
+        scope: Any,
+        send: Any,
+        response_headers: Any,
+        status: int,
+        message: str = "",
+        **values: str,
+    ) -> None:
         """Answer with the form, in the visitor's language, below what is said of the last try."""
         speak = language(scope.get(SCOPE, "en"))
         nonce = secrets.token_hex(16)
-        policy = f"default-src 'none'; style-src 'nonce-{nonce}'; form-action 'self'; frame-ancestors 'none'"
-        alert = f'<p role="alert">{html.escape(speak(said, **values))}</p>' if said else ""
+        policy = (
+            f"default-src 'none'; style-src 'nonce-{nonce}'; form-action 'self'; "
+            "frame-ancestors 'none'"
+        )
+        alert = f'<p role="alert">{html.escape(speak(message, **values))}</p>' if message else ""
         page = _PAGE.format(
             nonce=nonce,
             said=alert,
@@ -188,64 +229,90 @@ class Door:
             lang=LOCALES[speak.code],
             **{place: html.escape(speak(text)) for place, text in _WORDS.items()},
         ).encode()
-        own = ((b"content-security-policy", policy.encode()), (b"cache-control", b"no-store"))
-        kept = [one for one in told if one[0] != b"content-security-policy"]
-        await say(send, status, (*kept, *own), page, b"text/html; charset=utf-8")
+        form_headers = (
+            (b"content-security-policy", policy.encode()),
+            (b"cache-control", b"no-store"),
+        )
+        other_headers = [
+            header for header in response_headers if header[0] != b"content-security-policy"
+        ]
+        await respond(
+            send, status, (*other_headers, *form_headers), page, b"text/html; charset=utf-8"
+        )
 
 
-def team(
-    auth: Path | None, proxy: str | None, user_header: str | None, audit: Path | None, folder: Path, *, loopback: bool
-) -> Door | None:
-    """The door of a team's page, refused if others could come in unasked; None if this machine alone can reach it."""
+def build_authenticator(
+    auth: Path | None,
+    proxy: str | None,
+    user_header: str | None,
+    audit: Path | None,
+    folder: Path,
+    *,
+    loopback: bool,
+) -> Authenticator | None:
+    """Return the authenticator of a team's page; None if only this machine can reach the page.
+
+    InputError if others could use the page without signing in.
+    """
     if user_header is not None and proxy is None:
-        raise _unguarded(
+        raise _unguarded_error(
             f"⟦serve.user_header = {user_header!r}⟧ without ⟦serve.proxy⟧",
             "the address of the proxy that sends the header",
         )
     if auth is None and user_header is None:
         if not loopback or proxy is not None:
             ways = "⟦serve.auth = FILE⟧, or ⟦serve.proxy = ADDRESS⟧ with ⟦serve.user_header = NAME⟧"
-            raise _unguarded("neither", ways)
+            raise _unguarded_error("neither", ways)
         return None
     known = Accounts(auth) if auth is not None else None
-    return Door(known, audit, folder / "sessions.json", proxy or None, user_header)
+    return Authenticator(known, audit, folder / "sessions.json", proxy or None, user_header)
 
 
-def _unguarded(found: str, expected: str) -> InputError:
+def _unguarded_error(settings: str, expected: str) -> InputError:
     return InputError(
         "Others could use this page without signing in.",
         expected=expected,
-        found=found,
+        found=settings,
         where="⟦here⟧",
         remedy="make accounts with ⟦command = serve⟧, ⟦serve.auth = FILE⟧ and "
         "⟦serve.add = NAME:ROLE⟧, or leave ⟦serve.host⟧ out",
     )
 
 
-def _peer(scope: Any) -> str:
+def _peer_address(scope: Any) -> str:
     return str((scope.get("client") or ("",))[0])
 
 
-def _cookie(scope: Any) -> str:
+def _cookie_name(scope: Any) -> str:
     return f"vibrident-in-{(scope.get('server') or ('', 0))[1]}"
 
 
-def cookies(headers: dict[bytes, str]) -> dict[str, str]:
-    """The cookies of a request, by name."""
+def read_cookies(headers: dict[bytes, str]) -> dict[str, str]:
+    """Return the cookies of a request, by name."""
     pairs = (part.strip().partition("=") for part in headers.get(b"cookie", "").split(";"))
     return {name: value for name, _, value in pairs}
 
 
-def _key(headers: dict[bytes, str], scope: Any) -> str:
-    return hashlib.sha256(cookies(headers).get(_cookie(scope), "").encode()).hexdigest()
+def _session_key(headers: dict[bytes, str], scope: Any) -> str:
+    return hashlib.sha256(read_cookies(headers).get(_cookie_name(scope), "").encode()).hexdigest()
 
 
-async def _see(send: Any, told: Any, path: str) -> None:
-    await say(send, 303, (*told, (b"location", path.encode())), b"")
+async def _redirect(send: Any, response_headers: Any, path: str) -> None:
+    await respond(send, 303, (*response_headers, (b"location", path.encode())), b"")
 
 
-async def say(send: Any, status: int, told: Any, text: bytes, kind: bytes = b"text/plain; charset=utf-8") -> None:
-    """A whole answer with further headers."""
-    headers = [(b"content-type", kind), (b"content-length", str(len(text)).encode()), *told]
+async def respond(
+    send: Any,
+    status: int,
+    response_headers: Any,
+    text: bytes,
+    kind: bytes = b"text/plain; charset=utf-8",
+) -> None:
+    """Send a complete response with further headers."""
+    headers = [
+        (b"content-type", kind),
+        (b"content-length", str(len(text)).encode()),
+        *response_headers,
+    ]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": text})

@@ -1,6 +1,6 @@
-"""What a user's page holds beside files: the form, the choices, the running identification, the results.
+"""Hold and keep the state of a user's page: form, choices, running identification, results.
 
-It lies on disk, too: what a stopped server left is there again when the next one starts.
+The state is also written to disk, so that the next server continues where one stopped.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from vibrident.app.web.column_guess import ColumnGuess
 from vibrident.app.web.form.description import Description
 from vibrident.app.web.language import Language, phrase
-from vibrident.app.web.looks import Guess
 from vibrident.app.workflow.estimators import AUTO, estimators_with
 from vibrident.base import parcel
 from vibrident.data.io.certificate import CertificateData
 
-_MOST_BYTES = 20_000_000  # most bytes of what is kept of a user
+_MAX_STATE_BYTES = 20_000_000  # most bytes of what is kept of a user
 
 
 @dataclass(frozen=True)
@@ -33,20 +33,30 @@ class Choices:
 
     @property
     def options(self) -> dict[str, str]:
-        """Every applicable option, including those at their default."""
-        own = {"discretisation": self.discretisation} if self.estimator in estimators_with("discretisation") else {}
-        return {"estimator": self.estimator, **own, "uncertainty": self.uncertainty}
+        """Return every applicable option, including those at their default."""
+        discretisation = (
+            {"discretisation": self.discretisation}
+            if self.estimator in estimators_with("discretisation")
+            else {}
+        )
+        return {"estimator": self.estimator, **discretisation, "uncertainty": self.uncertainty}
 
     @property
     def command(self) -> str:
-        """For a shell, in the folder of the data; file names are safe within double quotes."""
+        """Return the command for a shell in the folder of the data, with file names quoted."""
         file = f'"{self.calibration}"' if " " in self.calibration else self.calibration
-        return " ".join(("vibrident identify", file, *(f"--{key} {value}" for key, value in self.options.items())))
+        return " ".join(
+            (
+                "vibrident identify",
+                file,
+                *(f"--{key} {value}" for key, value in self.options.items()),
+            )
+        )
 
 
 @dataclass
-class Named:
-    """A result and its name; if made here, with its choices; and what was stated for its certificate."""
+class NamedResult:
+    """A result with its name, the choices if made here, and the statements of its certificate."""
 
     name: str
     path: Path
@@ -55,7 +65,7 @@ class Named:
 
     @property
     def calibration(self) -> Path:
-        """The calibration file of a result that was made here."""
+        """Return the path of the calibration file of a result that was made here."""
         return self.path.with_suffix(".toml")
 
 
@@ -63,22 +73,23 @@ class Named:
 class Form:
     """The form about the columns, and the user's input."""
 
-    guess: Guess  # the choices, and the possible meaning of the columns
-    given: Description
-    touched: set[str] = field(default_factory=set)  # fields set by the user; a guess does not change them
+    guess: ColumnGuess  # the choices, and the possible meaning of the columns
+    description: Description
+    # fields set by the user; a guess does not change them
+    touched: set[str] = field(default_factory=set)
 
     def get(self, path: str) -> Any:
-        """Value of a field."""
-        return self.given.get(path)
+        """Return the value of a field."""
+        return self.description.get(path)
 
     def set(self, path: str, value: Any) -> None:
         """Set a field to the user's value."""
         self.touched.add(path)
-        self.given.set(path, value)
+        self.description.set(path, value)
 
 
 @dataclass
-class Confirmed:
+class ConfirmedCalibration:
     """The calibration file that identifications use: the uploaded one, or the form's."""
 
     name: str
@@ -109,7 +120,9 @@ class Job:
         lasted = f"{time.monotonic() - self.began:.0f}"
         if self.most_left_s is None:
             return f"{words} ({lasted} s)"
-        more = language(phrase("this start: at most {seconds} s more"), seconds=f"{self.most_left_s:.0f}")
+        more = language(
+            phrase("this start: at most {seconds} s more"), seconds=f"{self.most_left_s:.0f}"
+        )
         return f"{words} ({lasted} s; {more})"
 
     def add(self, iteration: int, most: int, cost: float) -> None:
@@ -120,7 +133,9 @@ class Job:
         self.starts[-1].append(cost)
         self.share = iteration / most if most else None
         done = len(self.starts[-1]) - 1
-        self.most_left_s = (time.monotonic() - self._started) / done * (most - iteration) if done else None
+        self.most_left_s = (
+            (time.monotonic() - self._started) / done * (most - iteration) if done else None
+        )
         facts = {"iteration": iteration, "most": most, "cost": f"{cost:.4g}"}
         if len(self.starts) > 1:
             start = "Start {start}, iteration {iteration} of at most {most}, cost {cost}"
@@ -130,19 +145,30 @@ class Job:
 
 
 def write_state(folder: Path, state: dict[str, Any]) -> None:
-    """Replace what is kept of a user; nothing if the folder is gone."""
+    """Replace the kept state of a user; do nothing if the folder is gone."""
     with contextlib.suppress(FileNotFoundError):
         partial = folder / "state.part"
-        with os.fdopen(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), "wb") as file:
+        with os.fdopen(
+            os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o600), "wb"
+        ) as file:
             parcel.send(file, state)
         partial.replace(folder / "state")
 
 
 def read_state(folder: Path) -> dict[str, Any] | None:
-    """What was kept; None if there is nothing, or another version wrote it."""
+    """Return the kept state; None if there is none, or another version wrote it."""
     try:
         with (folder / "state").open("rb") as file:
-            found = parcel.receive(file, _MOST_BYTES)
-    except (OSError, EOFError, parcel.TooLong, ValueError, TypeError, KeyError, RecursionError, ImportError):
+            state = parcel.receive(file, _MAX_STATE_BYTES)
+    except (
+        OSError,
+        EOFError,
+        parcel.TooLong,
+        ValueError,
+        TypeError,
+        KeyError,
+        RecursionError,
+        ImportError,
+    ):
         return None
-    return found if isinstance(found, dict) else None
+    return state if isinstance(state, dict) else None

@@ -1,0 +1,109 @@
+"""Read the options of ``vibrident history`` that state a date, a tolerance or a question."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibrident.app.cli.options import unreadable_error
+from vibrident.base.errors import InputError
+
+if TYPE_CHECKING:
+    from vibrident.lab.history.document import Question
+    from vibrident.lab.history.due import Tolerance
+    from vibrident.lab.history.query import StoredSensor
+
+
+def read_date(text: str | None, option: str) -> datetime.date | None:
+    """Read a date such as 2025-03-31; None for none."""
+    if text is None:
+        return None
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise unreadable_error(
+            option, text, "a date such as 2025-03-31", "write year, month and day"
+        ) from None
+
+
+def read_tolerance(text: str | None, nominal: float | None) -> Tolerance | None:
+    """Read a tolerance such as 1% or 0.01."""
+    if nominal is not None and (not math.isfinite(nominal) or nominal == 0):
+        raise InputError(
+            "A tolerance is relative to the nominal value, which cannot be 0.",
+            expected="a finite number other than 0, in the quantity's unit",
+            found=f"{nominal:g}",
+            where="--nominal",
+            remedy="give the value that the sensor is used with, or leave --nominal out",
+        )
+    if text is None:
+        return None
+    from vibrident.lab.history.due import Tolerance
+
+    try:
+        percent = text.strip().endswith("%")
+        value = float(text.strip().removesuffix("%")) * (0.01 if percent else 1.0)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1:
+        remedy = "give a number between 0 and 100 with %, or between 0 and 1"
+        raise unreadable_error(
+            "--tolerance", text, "a part of the value, such as 1% or 0.01", remedy
+        )
+    return Tolerance(value, nominal)
+
+
+def build_question(
+    quantity: str | None,
+    frequency: float | None,
+    tolerance: Tolerance | None,
+    limits: Path | None,
+    interval: float | None,
+    until: datetime.date | None = None,
+) -> Question:
+    """Return the question about the history that the options state."""
+    if quantity is not None and frequency is not None:
+        raise InputError(
+            "Two quantities are asked for.",
+            expected="a parameter, or the sensitivity at a frequency",
+            found="both",
+            where="--quantity, --frequency",
+            remedy="give one of the two",
+        )
+    from vibrident.lab.history.document import Question
+
+    question = Question(
+        frequency_hz=frequency, until=until, tolerance=tolerance, interval_years=interval
+    )
+    question = question if quantity is None else replace(question, quantity=quantity)
+    return (
+        question
+        if limits is None
+        else replace(question, tolerances=_tolerances_by_type(limits, question))
+    )
+
+
+def _tolerances_by_type(
+    limits: Path, question: Question
+) -> Callable[[StoredSensor], Tolerance | None]:
+    """Return a function from a sensor to its tolerance, from a limits file.
+
+    The limits of the sensitivity hold for the reference sensitivity too.
+    """
+    from vibrident.lab.fleet.limits import read_limits
+    from vibrident.lab.history.due import Tolerance
+
+    known = read_limits(limits)
+    name = "sensitivity" if question.quantity == "reference_sensitivity" else question.quantity
+
+    def tolerance(sensor: StoredSensor) -> Tolerance | None:
+        limit = known.limit(sensor.type or None, name)
+        if limit is None or not limit.nominal or question.frequency_hz is not None:
+            return None
+        return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)
+
+    return tolerance
