@@ -18,7 +18,7 @@ import numpy as np
 
 import vibrident
 from vibrident.physics.models import parse
-from vibrident.use.comparison import recommendation
+from vibrident.use.model_choice import recommendation
 
 MODEL = "accelerometer+highpass"
 TRUE = {

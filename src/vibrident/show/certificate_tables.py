@@ -57,7 +57,7 @@ from vibrident.show.views import (
     columns,
     listed,
 )
-from vibrident.use.conformity import DEVIATION, Judged, judged, ratio_uncertainty
+from vibrident.use.conformity import DEVIATION, Judgement, judge_requirements, ratio_uncertainty
 
 MOST_FILES = 30  # data files listed; the result lists them all
 _BESIDE = 5  # columns of the magnitude, before those of the phase
@@ -271,7 +271,7 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     point = reference_value(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     result = stated_parameters(result)
-    rows = [_judged(result, one, say) for one in judged(result, None if point is None else point.frequency_hz, place)]
+    rows = [_judged(result, one, say) for one in judge_requirements(result, None if point is None else point.frequency_hz, place)]
     heads = [Column(say("head", key)) for key in ("requirement", "source")]
     heads += [Column(say("head", key), "number") for key in ("limits", "value")]
     heads += [Column("U", "number"), Column(say("head", "unit")), Column(say("head", "probability"), "number")]
@@ -280,7 +280,7 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     return (Sentence(rule), replace(table, notes=(say("text", "probability"),)))
 
 
-def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
+def _judged(result: Result, row: Judgement, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
         point = reference_value(result)
         place = "" if point is None else point.nominal

@@ -36,7 +36,7 @@ from vibrident.show.language import Say
 from vibrident.show.points import reference_value
 from vibrident.show.tables import small_signals
 from vibrident.show.views import Sentence
-from vibrident.use.conformity import DEVIATION, judged
+from vibrident.use.conformity import DEVIATION, judge_requirements
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
@@ -268,7 +268,7 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     point = reference_value(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
-    for row in judged(result, None if point is None else point.frequency_hz, place):
+    for row in judge_requirements(result, None if point is None else point.frequency_hz, place):
         numbers = {
             "low": row.low,
             "high": row.high,

@@ -20,6 +20,12 @@ from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.screening import Finding
 from vibrident.result import Result
 from vibrident.result.sensor import IdentifiedSensor
+from vibrident.use.correction.background import (
+    check_ends,
+    measure_background,
+    starts_in_motion,
+    with_rest_prepended,
+)
 from vibrident.use.correction.band import (
     BINS_PER_OCTAVE,
     MIN_EDGE_PERIODS,
@@ -36,12 +42,6 @@ from vibrident.use.correction.components import (
     removed_deviation,
     uncertainty_components,
     unknown_samples,
-)
-from vibrident.use.correction.background import (
-    check_ends,
-    measure_background,
-    starts_in_motion,
-    with_rest_prepended,
 )
 from vibrident.use.correction.peak import (
     Agreement,
