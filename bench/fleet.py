@@ -33,7 +33,7 @@ from bench.fleet_page import keep
 from vibrident.base import parcel
 from vibrident.base.process import Process
 from vibrident.data.io import write_calibration
-from vibrident.lab.fleet import Asked, Local, Orders, run, worker
+from vibrident.lab.fleet import RunRequest, Local, Orders, run, worker
 from vibrident.lab.fleet.batch import Done, fingerprints
 from vibrident.lab.fleet.key import Fingerprint, fingerprint
 from vibrident.lab.fleet.parts import load_arrow, write_part
@@ -146,7 +146,7 @@ def _as_a_worker(path: str, orders: Orders) -> None:
 def _wall(folder: Path, workers: int) -> tuple[float, float]:
     """Share of the time in which the workers were at work, and that time."""
     out = folder / f"{workers}"
-    run(Asked([str(folder / "data")], Orders(str(out), results=False), fresh=True), Local(workers))
+    run(RunRequest([str(folder / "data")], Orders(str(out), results=False), fresh=True), Local(workers))
     tables = [pq.read_table(part, columns=["finished", "seconds"]) for part in (out / "parts").glob("*.parquet")]
     finished, seconds = (np.concatenate([one[name].to_numpy() for one in tables]) for name in ("finished", "seconds"))
     elapsed = float(finished.max() - (finished - seconds).min())
@@ -197,7 +197,7 @@ def coordinator(count: int) -> dict[str, Any]:
                 (folder / "data" / f"{number // 1000:04d}").mkdir(parents=True)
             (folder / "data" / f"{number // 1000:04d}" / f"calibration-of-sensor-{number:07d}.toml").touch()
         begin, begin_cpu = time.perf_counter(), time.process_time()
-        outcome = run(Asked([str(folder / "data")], Orders(str(folder / "out"), results=False)), _Simulated())
+        outcome = run(RunRequest([str(folder / "data")], Orders(str(folder / "out"), results=False)), _Simulated())
         cpu, elapsed = time.process_time() - begin_cpu, time.perf_counter() - begin
         sizes = {path.name: path.stat().st_size for path in outcome.files}
         parts = sum(path.stat().st_size for path in (folder / "out/parts").iterdir())

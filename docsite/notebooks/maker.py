@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pyarrow.parquet as parquet
 
-from vibrident.lab.fleet import Asked, Local, Orders, run
+from vibrident.lab.fleet import RunRequest, Local, Orders, run
 from vibrident.lab.fleet.limits import read_limits
 from vibrident.physics.models import parse
 
@@ -80,7 +80,7 @@ parameter = "natural_frequency"
 nominal = 652.0
 tolerance = 30.0
 """)
-outcome = run(Asked(["lot"], Orders("fleet"), read_limits(Path("limits.toml"))), Local(2))
+outcome = run(RunRequest(["lot"], Orders("fleet"), read_limits(Path("limits.toml"))), Local(2))
 table = parquet.read_table("fleet/fleet.parquet").to_pandas()
 print(table.status.value_counts().to_string())
 print()
@@ -138,7 +138,7 @@ axis.grid(alpha=0.3)
 # outliers and warnings.
 
 # %%
-again = run(Asked(["lot"], Orders("fleet"), read_limits(Path("limits.toml"))), Local(2))
+again = run(RunRequest(["lot"], Orders("fleet"), read_limits(Path("limits.toml"))), Local(2))
 print(f"computed: first {outcome.computed}, then {again.computed}")
 
 # %% [check]

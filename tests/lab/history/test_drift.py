@@ -16,8 +16,8 @@ from vibrident.data.effects import SystematicEffect
 from vibrident.lab.history import control
 from vibrident.lab.history.drift import Drift
 from vibrident.lab.history.due import Tolerance, due, risk
-from vibrident.lab.history.entry import rows_of
 from vibrident.lab.history.life import Entry, Event, agreement, life
+from vibrident.lab.history.result_rows import rows_of
 
 
 def series(years, values, u=0.001, shared=0.0):

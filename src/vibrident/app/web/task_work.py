@@ -187,7 +187,7 @@ def _joint(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
 
 def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: Told) -> Made:
     from vibrident.base.process import processors
-    from vibrident.lab.fleet import Asked, Local, Orders, run
+    from vibrident.lab.fleet import Local, Orders, RunRequest, run
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
 
@@ -195,7 +195,7 @@ def _fleet(options: dict[str, Any], files: Sequence[str], folder: Path, tell: To
     orders = Orders(str(folder), options.get("model"))
     patterns = [f"./{file}" for file in files]
     outcome = run(
-        Asked(patterns, orders),
+        RunRequest(patterns, orders),
         Local(processors()),
         lambda now: tell.share(
             phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total

@@ -63,7 +63,7 @@ def fleet(
 
     Exit codes: 0 every calibration has a row; 2 bad input; 3 with --strict, a row that is refused, failed or doubtful.
     """
-    from vibrident.lab.fleet import Asked, Orders
+    from vibrident.lab.fleet import Orders, RunRequest
     from vibrident.lab.fleet.limits import Specification, read_limits
     from vibrident.physics.models import parse
 
@@ -71,7 +71,7 @@ def fleet(
         parse(model)  # a wrong name is refused once, not in every row
     memory_bytes = None if memory_limit_mb is None else int(memory_limit_mb * 1e6)
     orders = Orders(str(folder), model, estimator, time_limit_s, memory_bytes, results)
-    asked = Asked(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
+    asked = RunRequest(patterns, orders, Specification() if limits is None else read_limits(limits), fresh=not resume)
     if store is not None:
         _require_store(store, results=results)
     outcome = _run(asked, workers, scheduler, quiet=quiet)
