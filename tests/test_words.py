@@ -27,7 +27,7 @@ FRAGMENT_OPENINGS = frozenset(
 VAGUE_BOUNDS = ("MOST_", "LEAST_")
 MAX_LINE_LENGTH = 100
 #: Rooms whose words are mended.
-ROOMS = ("use",)
+ROOMS = ("lab", "use")
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 

@@ -1,4 +1,4 @@
-"""Python: the sensor as an object of python-control or SciPy, and as a module that makes it from its own numbers."""
+"""Sensor as an object of python-control or SciPy, and as a module that makes it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from vibrident.result.sensor import IdentifiedSensor
 
 
 def system(known: IdentifiedSensor) -> PolesZeros:
-    """A sensor as poles and zeros in rad/s; delay and average over a window approximated over the band of its data.
+    """Return a sensor as poles and zeros in rad/s.
 
-    Raises:
-        InputError: the model is not linear, or poles and zeros cannot hold it.
+    Delay and average over a window are approximated over the band of its data.
     """
     return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
 
@@ -62,5 +61,5 @@ def write_module(
 
 
 def _number(value: float | None) -> str:
-    """A literal; None for a number that is not finite, as in result.json."""
+    """Return a literal; None for a number that is not finite, as in result.json."""
     return "None" if value is None or not math.isfinite(value) else repr(float(value))

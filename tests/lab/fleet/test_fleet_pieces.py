@@ -20,7 +20,7 @@ from vibrident.lab.fleet.key import fingerprint
 from vibrident.lab.fleet.limits import Specification, read_limits
 from vibrident.lab.fleet.orders import Orders, memory_limit
 from vibrident.lab.fleet.page import write_page
-from vibrident.lab.fleet.patterns import Paths, found
+from vibrident.lab.fleet.patterns import Paths, find_files
 from vibrident.lab.fleet.statistics import MIN_OUTLIER_VALUES, outlier_limit, statistics
 from vibrident.lab.fleet.table import write_table
 
@@ -142,7 +142,7 @@ def test_folders_behind_links_count_and_no_link_leads_in_circles(tmp_path):
     }
     for link, target in links.items():
         (tmp_path / link).symlink_to(target)
-    files = {os.path.realpath(path) for path in found([str(tmp_path / "here")]).paths}
+    files = {os.path.realpath(path) for path in find_files([str(tmp_path / "here")]).paths}
     assert files == {str(tmp_path / name / "c.toml") for name in ("here/a", "elsewhere/b", "elsewhere/c/d")}
 
 

@@ -1,4 +1,4 @@
-"""FMI 2.0 co-simulation unit: the model filter and the network's cell at one fixed step, in plain Python (pythonfmu).
+"""FMI 2.0 co-simulation unit: the model filter and the cell at a fixed step (pythonfmu).
 
 A co-simulation sets the input at the beginning of a step and reads the output at its end, so both
 outputs are one step late, plus the filter's latency; the unit states both in seconds.
@@ -65,17 +65,17 @@ def _imports_as_before(module: str) -> Iterator[None]:
 
 
 def _class_name(name: str) -> str:
-    """The name with a capital; one more letter if the name is taken in Python or in the unit."""
-    made = name[0].upper() + name[1:]
+    """Return the name with a capital; one more letter if it is taken in Python or the unit."""
+    capitalised = name[0].upper() + name[1:]
     return (
-        f"{made}_"
-        if keyword.iskeyword(made) or re.search(rf"\b{made}\b", template(SLAVE))
-        else made
+        f"{capitalised}_"
+        if keyword.iskeyword(capitalised) or re.search(rf"\b{capitalised}\b", template(SLAVE))
+        else capitalised
     )
 
 
 def slave(sensor: ExportedSensor, options: Options) -> str:
-    """Python text of the unit."""
+    """Return the Python text of the unit."""
     rate = checked_rate(sensor, options.rate_hz)
     model, cell = model_filter(sensor, rate)
     f = sensor.band

@@ -1,4 +1,4 @@
-"""SAC poles and zeros: from ground displacement in metres to the response, in rad/s, CONSTANT with its sign.
+"""SAC poles and zeros: from ground displacement in metres to the response, in rad/s.
 
 SAC's input is displacement, so the two zeros of acceleration = s² · displacement are added. ObsPy's
 writer keeps seven digits; this one keeps all.
@@ -20,7 +20,7 @@ from vibrident.export.sensor import ExportedSensor, identity
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.sacpz``."""
     system, words = described(sensor)
-    whole = _cancelled(
+    cancelled = _cancelled(
         PolesZeros(np.concatenate([np.zeros(2, complex), system.zeros]), system.poles, system.gain)
     )
     network, station, location, channel = codes(sensor, options)
@@ -34,9 +34,9 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         *(f"* {sac_comment(line)}" for line in identity(sensor)),
         "* this format holds no uncertainties; those above are comments",
         *(f"* {sac_comment(line)}" for line in (*words, *caveats(sensor))),
-        *_numbers("ZEROS", whole.zeros),
-        *_numbers("POLES", whole.poles),
-        f"CONSTANT {whole.gain!r}",
+        *_numbers("ZEROS", cancelled.zeros),
+        *_numbers("POLES", cancelled.poles),
+        f"CONSTANT {cancelled.gain!r}",
     ]
     path = folder / f"{options.name}.sacpz"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -44,7 +44,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _cancelled(system: PolesZeros) -> PolesZeros:
-    """Poles at zero cancel zeros there."""
+    """Cancel poles at zero with zeros there."""
     places = [np.flatnonzero(roots == 0) for roots in (system.zeros, system.poles)]
     both = min(map(len, places))
     zeros = np.delete(system.zeros, places[0][:both])
