@@ -26,13 +26,16 @@ from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.views import K
 
 _NAMES = {
-    "V": "volt", "A": "ampere", "C": "coulomb", "Hz": "hertz", "s": "second", "m": "metre", "rad": "radian",
-    "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad", "Ω": "ohm", "K": "kelvin",
+    "V": "volt", "A": "ampere", "C": "coulomb", "Hz": "hertz", "s": "second", "m": "metre",
+    "rad": "radian",
+    "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad",
+    "Ω": "ohm", "K": "kelvin",
     "%": "percent", "min": "minute",
 }  # fmt: skip
 _ONE = {"1", "count", "counts", "LSB", "digit", "digits"}  # spellings of dimensionless counts
 _PREFIXES = {
-    "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro", "m": "milli", "c": "centi",
+    "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro",
+    "m": "milli", "c": "centi",
     "k": "kilo", "M": "mega", "G": "giga",
 }  # fmt: skip
 _TOKEN = re.compile(

@@ -98,7 +98,9 @@ class SecondOrderSections:
 def sections_of(
     system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float
 ) -> SecondOrderSections:
-    """Sections with a system's poles and zeros mapped by e^{sT}, and its magnitude at one frequency.
+    """Return sections with a system's poles and zeros mapped by e^{sT}.
+
+    Their magnitude is the system's at one frequency.
 
     ``system``: at most as many zeros as poles; ``filling``: zeros in z for each zero at infinity;
     ``at_hz``: where the magnitude is exact; the sign is the system's.

@@ -117,7 +117,8 @@ CORRECTION_TOLERANCE = 1e-4  # the same of the correction
 #: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby
 #: 1984).
 _SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
-BELOW = 0.01  # corner of the correction's high-pass, in place of an integrator, over the band's lower edge
+#: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
+BELOW = 0.01
 OUTSIDE = 1e-3  # weight of the correction's gain above the band, relative to its error in the band
 LOW_PASS_ORDER = 8
 LONGEST = 16384  # longest delay line, samples

@@ -26,7 +26,7 @@ def system(known: IdentifiedSensor) -> PolesZeros:
 def write_module(
     sensor: ExportedSensor, folder: Path, options: Options, *, imports: str, kind: str, make: str
 ) -> list[Path]:
-    """Write ``NAME_control.py`` or ``NAME_scipy.py``, whose ``sensor()`` is an object of that package.
+    """Write ``NAME_control.py`` or ``NAME_scipy.py``; its ``sensor()`` is of that package.
 
     ``imports``: line that imports the package; ``kind``: class of the object, its package first;
     ``make``: expression for it, of ZEROS, POLES and GAIN.

@@ -18,7 +18,9 @@ _CODES = re.compile(r"([A-Z0-9]{1,8})\.([A-Z0-9-]{1,8})\.([A-Z0-9-]{0,8})\.([A-Z
 
 
 def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]:
-    """Codes of network, station, location and channel; by default the test network XX and no direction.
+    """Return the codes of network, station, location and channel.
+
+    By default they are of the test network XX and no direction.
 
     Raises:
         InputError: the codes cannot be read.
@@ -29,7 +31,9 @@ def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]
     if not match:
         raise InputError(
             "The channel's codes cannot be read.",
-            expected="NET.STA.LOC.CHA in capitals and digits, LOC may be empty, such as XX.SENS..HHZ",
+            expected=(
+                "NET.STA.LOC.CHA in capitals and digits, LOC may be empty, such as XX.SENS..HHZ"
+            ),
             found=repr(text),
             where="⟦export.channel⟧",
             remedy="correct it",

@@ -36,7 +36,8 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     from pythonfmu import FmuBuilder
 
     text = slave(sensor, options)
-    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a process imports a name only once
+    # a process imports a name only once
+    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
     path = folder / f"{options.name}.fmu"
     with tempfile.TemporaryDirectory() as work, _imports_as_before(module):
         script = Path(work) / f"{module}.py"

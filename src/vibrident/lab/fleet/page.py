@@ -326,11 +326,11 @@ def _refused(listed: _ListedRows) -> Iterator[Block]:
     if not listed.kinds:
         yield Sentence("None.")
     heads = (Column("calibrations", "number"), *columns("why", "which"))
-    listed = listed.kinds.most_common(MAX_MESSAGES)
+    most_common = listed.kinds.most_common(MAX_MESSAGES)
     for status in (REFUSED, FAILED):
         rows = []
         messages = []
-        for kind, count in (entry for entry in listed if entry[0][0] == status):
+        for kind, count in (entry for entry in most_common if entry[0][0] == status):
             message, names = listed.examples[kind]
             more = f" and {count - len(names)} more" if count > len(names) else ""
             rows.append((str(count), kind[1], ", ".join(names) + more))
