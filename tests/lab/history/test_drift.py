@@ -97,7 +97,7 @@ def test_more_nodes_give_the_same_prediction(monkeypatch):
 
     values = [1.0, 1.002, 1.001, 1.006, 1.004]
     before = series(range(5), values).sensitivity(6.0).interval_95
-    monkeypatch.setattr(module, "NODES", 31)
+    monkeypatch.setattr(module, "GRID_NODES", 31)
     after = series(range(5), values).sensitivity(6.0).interval_95
     assert before == pytest.approx(after, abs=0.1 * (after[1] - after[0]) / 4)
 
