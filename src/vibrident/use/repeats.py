@@ -123,18 +123,7 @@ def identify_runs(
         "coverage_factor": coverage_factor(freedom),
         "effective_degrees_of_freedom": freedom,
         "uncertainty_budget": as_settings(rows, names, coordinates.slopes(mean)),
-        "repeats": {
-            "runs": len(fits),
-            "mountings": len(set(mountings)),
-            "values": [
-                {
-                    "mounting": key[0],
-                    "run": key[1],
-                    **{n: p.value for n, p in each.parameters.items() if not p.derived},
-                }
-                for key, each in zip(runs, results, strict=True)
-            ],
-        },
+        "repeats": _repeats_settings(list(runs), results),
     }
     response = base.response
     if base.has_gain:
@@ -170,6 +159,22 @@ def identify_runs(
         combined, measured=measured, settings=_with_scatter(settings, measured, covers[-1])
     )
     return with_floor(combined, calibration.capabilities)
+
+
+def _repeats_settings(runs: Sequence[tuple[str, str]], results: Sequence[Result]) -> dict[str, Any]:
+    """Return the numbers of runs and mountings, and the values of each run."""
+    return {
+        "runs": len(runs),
+        "mountings": len({mounting for mounting, _ in runs}),
+        "values": [
+            {
+                "mounting": mounting,
+                "run": run,
+                **{n: p.value for n, p in result.parameters.items() if not p.derived},
+            }
+            for (mounting, run), result in zip(runs, results, strict=True)
+        ],
+    }
 
 
 def _finding(
