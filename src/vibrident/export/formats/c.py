@@ -66,6 +66,18 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     return paths
 
 
+#: Last lines of the description.
+_NOTES = (
+    "",
+    (
+        "the code holds no uncertainties: those of the parameters are above, those of a "
+        "corrected signal do not"
+    ),
+    "follow from them alone; see `vibrident correct`.",
+    "Do not compile with -ffast-math or -funsafe-math-optimizations.",
+)
+
+
 def description(code: Firmware) -> list[str]:
     """Return identity, and each part with its errors, one line each."""
     sensor = code.sensor
@@ -142,13 +154,7 @@ def description(code: Firmware) -> list[str]:
             f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 "
             f"{sensor.output_unit} becomes {correction.noise_gain:.3g} {sensor.input_unit}"
         ),
-        "",
-        (
-            "the code holds no uncertainties: those of the parameters are above, those of a "
-            "corrected signal do not"
-        ),
-        "follow from them alone; see `vibrident correct`.",
-        "Do not compile with -ffast-math or -funsafe-math-optimizations.",
+        *_NOTES,
     ]
     return lines
 
