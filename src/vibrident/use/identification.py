@@ -79,13 +79,7 @@ def identify(
     temperatures = group_by_temperature(calibration)
     runs = group_by_run(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):
-        raise InputError(
-            "The posterior is sampled for one run at one temperature.",
-            expected="records without run, mounting and temperature_c, or of one each",
-            found=f"{len(runs)} runs, {max(len(temperatures), 1)} temperatures",
-            where=calibration.source or "calibration in memory",
-            remedy="leave the posterior out, or identify one of them",
-        )
+        raise _several_parts(calibration, len(runs), max(len(temperatures), 1))
     if temperatures:
         return identify_temperatures(
             temperatures,
@@ -110,3 +104,14 @@ def identify(
     if posterior is not None:
         return result
     return with_regimes(calibration, name, result, fit_part, uncertainty)
+
+
+def _several_parts(calibration: Calibration, runs: int, temperatures: int) -> InputError:
+    """Return the error of a posterior of several runs or temperatures."""
+    return InputError(
+        "The posterior is sampled for one run at one temperature.",
+        expected="records without run, mounting and temperature_c, or of one each",
+        found=f"{runs} runs, {temperatures} temperatures",
+        where=calibration.source or "calibration in memory",
+        remedy="leave the posterior out, or identify one of them",
+    )

@@ -209,10 +209,7 @@ def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str 
 def _statements(
     tree: Tree, result: Result, unstated_sources: Iterable[Sentence]
 ) -> Iterable[tuple[str, *tuple[Any, ...]]]:
-    """Yield conventions of the numbers and the laboratory's statements: title, declaration.
-
-    Conformity is among them where it is judged.
-    """
+    """Yield conventions of the numbers, and the laboratory's statements: title, declaration."""
     ours = functools.partial(tree.text, "declaration")
     yield (
         "sign convention",
