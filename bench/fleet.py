@@ -33,7 +33,7 @@ from bench.fleet_page import keep
 from vibrident.base import parcel
 from vibrident.base.process import Process
 from vibrident.data.io import write_calibration
-from vibrident.lab.fleet import Asked, Local, Orders, run, worker
+from vibrident.lab.fleet import Local, Orders, RunRequest, run, worker
 from vibrident.lab.fleet.batch import Done, fingerprints
 from vibrident.lab.fleet.key import Fingerprint, fingerprint
 from vibrident.lab.fleet.parts import load_arrow, write_part
@@ -149,7 +149,10 @@ def _as_a_worker(path: str, orders: Orders) -> None:
 def _wall(folder: Path, workers: int) -> tuple[float, float]:
     """Share of the time in which the workers were at work, and that time."""
     out = folder / f"{workers}"
-    run(Asked([str(folder / "data")], Orders(str(out), results=False), fresh=True), Local(workers))
+    run(
+        RunRequest([str(folder / "data")], Orders(str(out), results=False), fresh=True),
+        Local(workers),
+    )
     tables = [
         pq.read_table(part, columns=["finished", "seconds"])
         for part in (out / "parts").glob("*.parquet")
@@ -216,7 +219,8 @@ def coordinator(count: int) -> dict[str, Any]:
         begin = time.perf_counter()
         begin_cpu = time.process_time()
         outcome = run(
-            Asked([str(folder / "data")], Orders(str(folder / "out"), results=False)), _Simulated()
+            RunRequest([str(folder / "data")], Orders(str(folder / "out"), results=False)),
+            _Simulated(),
         )
         cpu = time.process_time() - begin_cpu
         elapsed = time.perf_counter() - begin

@@ -27,7 +27,7 @@ FRAGMENT_OPENINGS = frozenset(
 VAGUE_BOUNDS = ("MOST_", "LEAST_")
 MAX_LINE_LENGTH = 100
 #: Rooms whose words are mended.
-ROOMS = ("app", "data", "fit", "paper", "physics", "result", "show")
+ROOMS = ("app", "data", "fit", "lab", "paper", "physics", "result", "show", "use")
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 

@@ -35,7 +35,7 @@ from vibrident.export import export
 from vibrident.export.form import OPTIONS
 from vibrident.export.registry import EXPORTS
 from vibrident.fit.estimators import Ipnn
-from vibrident.lab.fleet import Asked, Orders
+from vibrident.lab.fleet import Orders, RunRequest
 from vibrident.lab.history import document, entry, query
 from vibrident.lab.issue import verification
 from vibrident.paper.optimiser import Adam
@@ -107,7 +107,7 @@ def keywords() -> dict[str, set[str]]:
         "identify": [vibrident.identify, vibrident.identify_together, Ipnn, Adam, IdentifyRequest],
         "correct": [vibrident.correct, read_signal],
         "report": [report.write],
-        "fleet": [Asked, Orders, commands.fleet.fleet],
+        "fleet": [RunRequest, Orders, commands.fleet.fleet],
         "issue": [commands.issue.sign],
         "verify": [verification.verify],
         "history": [query.find, entry.rows_of, entry.add_event, document.Question, commands.history.show_sensor],

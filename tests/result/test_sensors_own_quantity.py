@@ -28,7 +28,7 @@ from vibrident.show import certificate_tables, figures, tables
 from vibrident.show.comparison import quantities
 from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.points import reference_point
-from vibrident.use.conformity import judged
+from vibrident.use.conformity import judge_requirements
 
 REFERENCES = ("acceleration", "velocity", "displacement")
 UNITS = {"paper": "V/(m/s^2)", "geophone": "V/(m/s)"}
@@ -119,7 +119,7 @@ def test_conformity_is_that_of_the_sensor(sensor):
         result = calibrated(sensor, reference)
         point, _ = reference_point(result)
         place = point.magnitude, point.magnitude_uncertainty
-        (row,) = judged(result, point.frequency_hz, place)
+        (row,) = judge_requirements(result, point.frequency_hz, place)
         assert row.met
         rows.append(row)
     for row in rows[1:]:

@@ -17,7 +17,7 @@ import sqlalchemy as sa
 from tests.support.lives import calibrated
 
 from vibrident.lab.history import schema
-from vibrident.lab.history.entry import rows_of
+from vibrident.lab.history.result_rows import rows_of
 from vibrident.lab.history.store import Store
 
 

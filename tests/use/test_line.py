@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from vibrident.fit.uncertainty.parameters import coverage_factor
 from vibrident.use.line import Points, explanations, fit_line
-from vibrident.use.outliers import furthest
+from vibrident.use.outliers import find_outlier
 
 DRAWS = 2000
 REJECTION = 1e-3
@@ -100,7 +100,7 @@ def test_clean_runs_alarm_at_the_stated_rate(rng, mountings):
     names = sorted(set(mountings))
     remounting = 2.0 * rng.standard_normal((DRAWS, len(names), 3)) * (len(names) > 1)
     values = rng.standard_normal((DRAWS, len(mountings), 3)) + remounting[:, [names.index(m) for m in mountings]]
-    chances = np.array([furthest(each, mountings, np.zeros(3)).probability for each in values])
+    chances = np.array([find_outlier(each, mountings, np.zeros(3)).probability for each in values])
     for rate in (0.05, REJECTION):
         assert np.mean(chances < rate) <= most(rate)
     assert np.mean(chances < 0.05) > 0.02
@@ -112,16 +112,16 @@ def test_the_run_or_mounting_outside_the_others_is_the_one_named(rng):
     run, mounting = values.copy(), values.copy()
     run[7, 1] += 60.0
     mounting[3:6, 2] += 9000.0
-    found = furthest(run, mountings, np.zeros(3))
+    found = find_outlier(run, mountings, np.zeros(3))
     assert (np.flatnonzero(found.runs).tolist(), found.parameter) == ([7], 1)
     assert found.probability < REJECTION
-    found = furthest(mounting, mountings, np.zeros(3))
+    found = find_outlier(mounting, mountings, np.zeros(3))
     assert (np.flatnonzero(found.runs).tolist(), found.parameter) == ([3, 4, 5], 2)
     assert found.probability < REJECTION
 
 
 def test_too_few_runs_or_runs_alike_tell_nothing(rng):
-    assert furthest(rng.standard_normal((2, 3)), ["a", "a"], np.zeros(3)) is None
-    assert furthest(np.ones((5, 3)), ["a"] * 5, np.zeros(3)).probability == 1.0
+    assert find_outlier(rng.standard_normal((2, 3)), ["a", "a"], np.zeros(3)) is None
+    assert find_outlier(np.ones((5, 3)), ["a"] * 5, np.zeros(3)).probability == 1.0
     alike = np.ones((5, 1)) + 1e-6 * np.eye(5)[:, :1]
-    assert furthest(alike, ["a"] * 5, np.full(1, 1e-10)).probability == 1.0  # within its own noise
+    assert find_outlier(alike, ["a"] * 5, np.full(1, 1e-10)).probability == 1.0  # within its own noise

@@ -20,7 +20,7 @@ from vibrident.result.sensor import IdentifiedSensor
 from vibrident.show.views import K
 
 TOLERANCE = 1e-10  # largest relative error of an approximation over the band
-MOST_ORDER = 12
+MAX_ORDER = 12
 
 
 def system(known: IdentifiedSensor) -> PolesZeros:
@@ -33,7 +33,7 @@ def system(known: IdentifiedSensor) -> PolesZeros:
 
 
 def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
-    """The whole sensor as poles and zeros, and a description of approximations and their errors.
+    """Return the sensor as poles and zeros, with the approximations and their errors in words.
 
     Raises:
         InputError: the delay is negative, delay or window is too long for the band, or the model is
@@ -43,9 +43,9 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     system = poles_zeros(sensor)
     words = []
     if sensor.model.has_delay and sensor.delay_s != 0.0:
-        late, said = _late(sensor)
+        late, remark = _late(sensor)
         system = system.times(late)
-        words.append(said)
+        words.append(remark)
     for addon in sensor.model.add_ons:
         if addon.factor is None:
             continue
@@ -80,7 +80,7 @@ def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
 
 
 def _late(sensor: Exported) -> tuple[PolesZeros, str]:
-    """The sensor's delay, in poles and zeros and in words."""
+    """Return the sensor's delay, in poles and zeros and in words."""
     delay = sensor.delay_s
     name = next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
     if delay < 0 and -delay <= K * sensor.delay_u_s:
@@ -120,13 +120,13 @@ def _order(
 ) -> int:
     s = 2j * np.pi * sensor.band
     for order in range(
-        2, MOST_ORDER + 1, 2
+        2, MAX_ORDER + 1, 2
     ):  # even, so that the delay's approximant is +1 far above the band
         if np.max(np.abs(make(order).response(sensor.band) / exact(s) - 1.0)) < 0.3 * TOLERANCE:
             return order
     raise InputError(
         f"The {what} is too long for poles and zeros over the band.",
-        expected=f"an approximation of order {MOST_ORDER} at most, {TOLERANCE:g} off at most",
+        expected=f"an approximation of order {MAX_ORDER} at most, {TOLERANCE:g} off at most",
         found=f"{what} of {seconds!r} s, band up to {sensor.band_hz[1]:g} Hz",
         where="⟦export.form⟧",
         remedy=(

@@ -1,4 +1,4 @@
-"""The measurement part of a certificate: methods, equipment, conditions, and the numbers of the result in D-SI.
+"""Measurement part of a certificate: methods, equipment, conditions, and numbers in D-SI.
 
 Units are in the spelling of the Digital System of Units, each one checked by dsiUnits.
 """
@@ -26,13 +26,16 @@ from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.views import K
 
 _NAMES = {
-    "V": "volt", "A": "ampere", "C": "coulomb", "Hz": "hertz", "s": "second", "m": "metre", "rad": "radian",
-    "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad", "Ω": "ohm", "K": "kelvin",
+    "V": "volt", "A": "ampere", "C": "coulomb", "Hz": "hertz", "s": "second", "m": "metre",
+    "rad": "radian",
+    "deg": "degree", "°": "degree", "N": "newton", "Pa": "pascal", "W": "watt", "F": "farad",
+    "Ω": "ohm", "K": "kelvin",
     "%": "percent", "min": "minute",
 }  # fmt: skip
 _ONE = {"1", "count", "counts", "LSB", "digit", "digits"}  # spellings of dimensionless counts
 _PREFIXES = {
-    "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro", "m": "milli", "c": "centi",
+    "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro",
+    "m": "milli", "c": "centi",
     "k": "kilo", "M": "mega", "G": "giga",
 }  # fmt: skip
 _TOKEN = re.compile(
@@ -42,7 +45,7 @@ _PLAIN = str.maketrans({"²": "^2", "³": "^3"})
 
 
 def d_si(unit: str) -> str:
-    r"""A unit such as ``V/(m/s^2)`` in D-SI: ``\volt\metre\tothe{-1}\second\tothe{2}``.
+    r"""Return a unit such as ``V/(m/s^2)`` in D-SI: ``\volt\metre\tothe{-1}\second\tothe{2}``.
 
     Raises:
         InputError: the unit is unknown, or dsiUnits is not installed.
@@ -63,17 +66,22 @@ def d_si(unit: str) -> str:
 
 
 def _parsed(unit: str) -> dict[str, int]:
-    """Product of named units, name → power, by one pass over the text; a quotient applies to the next factor only."""
+    """Return the product of named units, name → power, by one pass over the text.
+
+    A quotient applies to the next factor only.
+    """
     text = unit.strip().translate(_PLAIN) or "1"
     powers: dict[str, int] = {}
-    signs, sign, at = [1], 1, 0  # signs: of the parentheses around; sign: of the next factor
+    signs = [1]  # of the parentheses around
+    sign = 1  # of the next factor
+    at = 0
     last: list[tuple[str, int]] = []
     while at < len(text):
-        found = _TOKEN.match(text, at)
-        if not found:
+        token = _TOKEN.match(text, at)
+        if not token:
             raise _unknown(unit, text[at:])
-        at = found.end()
-        opened, closed, operator, power, name = found.groups()
+        at = token.end()
+        opened, closed, operator, power, name = token.groups()
         if opened:
             signs.append(signs[-1] * sign)
             sign = 1
@@ -106,7 +114,7 @@ def _parsed(unit: str) -> dict[str, int]:
 
 
 def _named(name: str, unit: str) -> str | None:
-    """D-SI name of a symbol with or without prefix; None for a pure number."""
+    """Return the D-SI name of a symbol with or without prefix; None for a pure number."""
     if name in _ONE:
         return None
     if name in _NAMES:
@@ -116,18 +124,18 @@ def _named(name: str, unit: str) -> str | None:
     raise _unknown(unit, name)
 
 
-def _unknown(unit: str, found: str) -> InputError:
+def _unknown(unit: str, symbol: str) -> InputError:
     return InputError(
         f"The unit {unit!r} has no form in D-SI.",
         expected="units of the SI by their symbols, such as V/(m/s^2), mV, pC or count",
-        found=repr(found),
+        found=repr(symbol),
         where="result.json, units",
         remedy="state [response] unit (and that of a drive) by its SI symbol and identify again",
     )
 
 
 def measurement(tree: Tree, result: Result) -> Any:
-    """The one measurement result of a calibration.
+    """Return the measurement result of a calibration.
 
     Raises:
         InputError: a unit has no form in D-SI.
@@ -139,8 +147,8 @@ def measurement(tree: Tree, result: Result) -> Any:
     release = cleaned(f"v{version}" if version else "not stated")
     methods = []
     if stated.get("procedure"):
-        said = tree.stated("description", stated["procedure"])
-        methods.append(make("usedMethod", text("name", "calibration procedure"), said))
+        procedure = tree.stated("description", stated["procedure"])
+        methods.append(make("usedMethod", text("name", "calibration procedure"), procedure))
     about = text(
         "description",
         "identification of a parametric model of the sensor from its calibration data",
@@ -162,10 +170,10 @@ def measurement(tree: Tree, result: Result) -> Any:
         ("measured", "measured", result.measured),
     ):
         # Points with frequency and magnitude: D-SI's lists allow no blanks.
-        whole = np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude))
-        if whole.size:
+        usable = np.flatnonzero(np.isfinite(curve.frequency_hz) & np.isfinite(curve.magnitude))
+        if usable.size:
             results.append(
-                _result(tree, key, tree.titled(title), [_curve(tree, result, curve, whole)])
+                _result(tree, key, tree.titled(title), [_curve(tree, result, curve, usable)])
             )
     if lists := _budget(tree, result):
         results.append(_result(tree, "budget", tree.titled("budget"), lists))
@@ -225,7 +233,7 @@ def _result(tree: Tree, key: str, name: Any, data: Sequence[Any]) -> Any:
 
 
 def _budget(tree: Tree, result: Result) -> list[Any]:
-    """For each parameter the standard uncertainty that each source contributes, in the order of the sources."""
+    """Return the standard uncertainty of each parameter by source, in the sources' order."""
     rows = result.settings.get("uncertainty_budget") or ()
     rows = [
         row
@@ -240,7 +248,7 @@ def _budget(tree: Tree, result: Result) -> list[Any]:
         for n in dict.fromkeys(n for row in rows for n in row["contributions"])
         if n in result.parameters
     ]
-    found = []
+    lists = []
     for name in names:
         sizes = [row["contributions"].get(name) for row in rows]
         if None not in sizes:
@@ -251,8 +259,8 @@ def _budget(tree: Tree, result: Result) -> list[Any]:
                 sizes,
                 d_si(result.parameters[name].unit),
             )
-            found.append(tree.make("list", tree.text("name", name), about, values))
-    return found
+            lists.append(tree.make("list", tree.text("name", name), about, values))
+    return lists
 
 
 def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
@@ -276,11 +284,11 @@ def _parameter(tree: Tree, result: Result, name: str, p: Parameter) -> Any:
     if low is None and high is not None:
         notes.append(f"95 % coverage interval up to {numeral(high)}, without a lower limit")
     if p.value is not None and math.isfinite(p.value):
-        said = _real(tree, p.value, d_si(p.unit), spread, name)
+        quantity = _real(tree, p.value, d_si(p.unit), spread, name)
     else:  # a derived one: JSON has no infinity, nor has D-SI
-        said = tree.text("noQuantity", "no finite value")
+        quantity = tree.text("noQuantity", "no finite value")
     return tree.make(
-        "quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), said
+        "quantity", tree.text("name", name), tree.text("description", "; ".join(notes)), quantity
     )
 
 
@@ -295,7 +303,7 @@ def _real(tree: Tree, value: float, unit: str, spread: Any, label: str | None = 
 
 
 def _expanded(tree: Tree, expanded: float | None, probability: float) -> Any:
-    """U with k = 2; empty if not stated."""
+    """Return U with k = 2; empty if not stated."""
     if expanded is None:
         return None
     return tree.make(
@@ -318,16 +326,19 @@ def _correlation(tree: Tree, result: Result) -> Any:
     )
 
 
-def _curve(tree: Tree, result: Result, curve: Curve, whole: np.ndarray) -> Any:
-    """Frequency, magnitude and phase as lists; the phase is left out if a point lacks it."""
+def _curve(tree: Tree, result: Result, curve: Curve, usable: np.ndarray) -> Any:
+    """Return frequency, magnitude and phase as lists.
+
+    The phase is left out if a point lacks it.
+    """
     unit = d_si(unit_of_sensitivity(result))
     probability = coverage(result).probability
-    sizes, phases = (column(curve, name)[whole] for name in ("magnitude", "phase_deg"))
+    sizes, phases = (column(curve, name)[usable] for name in ("magnitude", "phase_deg"))
     u_sizes, u_phases = (
-        column(curve, f"{name}_uncertainty")[whole] for name in ("magnitude", "phase_deg")
+        column(curve, f"{name}_uncertainty")[usable] for name in ("magnitude", "phase_deg")
     )
     parts = [
-        _list(tree, "Frequency", curve.frequency_hz[whole], d_si("Hz")),
+        _list(tree, "Frequency", curve.frequency_hz[usable], d_si("Hz")),
         _list(tree, "Magnitude", sizes, unit, u_sizes, probability),
     ]
     if not np.isnan(phases).any():
@@ -344,7 +355,7 @@ def _list(
     u: Sequence[float] | FloatArray = (),
     probability: float = 0.95,
 ) -> Any:
-    """A list with one unit; expanded uncertainties (k = 2) if every point has one."""
+    """Return a list with one unit; expanded uncertainties (k = 2) if every point has one."""
     spread = None
     if len(u) and not np.isnan(u).any():
         spread = tree.make(
@@ -366,5 +377,5 @@ def _list(
 
 
 def _probability(value: float) -> str:
-    """Without an exponent, as D-SI requires."""
+    """Return a probability without an exponent, as D-SI requires."""
     return f"{value:.6f}".rstrip("0")

@@ -20,7 +20,7 @@ class Tree:
         self.etree: Any = library("lxml.etree", "dcc")
 
     def make(self, tag: str, *children: Any, text: str | None = None, **attributes: str) -> Any:
-        """An element; a tag with ``si:`` is in that namespace, others are DCC's."""
+        """Return an element; a tag with ``si:`` is in that namespace, all others are DCC's."""
         space, _, name = tag.rpartition(":")
         element = self.etree.Element(f"{{{SI if space == 'si' else DCC}}}{name}", **attributes)
         element.text = text
@@ -28,19 +28,22 @@ class Tree:
         return element
 
     def text(self, tag: str, *lines: str) -> Any:
-        """Own text, in English; one ``content``, as each language may have one (PTB's rules in dcclib)."""
+        """Return text by vibrident in English, as one ``content``.
+
+        Each language may have one (PTB's rules in dcclib).
+        """
         return self.make(tag, self.make("content", text=cleaned(" ".join(lines)), lang=LANGUAGE))
 
     def titled(self, key: str) -> Any:
-        """A certificate's heading as a ``name``."""
+        """Return a certificate's heading as a ``name``."""
         return self.text("name", Say(LANGUAGE)("section", key))
 
     def optional(self, tag: str, text: object) -> Any:
-        """An element with a given text; None if there is none."""
+        """Return an element with a text; None if there is none."""
         return self.make(tag, text=cleaned(text)) if text else None
 
     def identification(self, issuer: str, value: object, name: str = "") -> Any:
-        """A number by which its issuer knows a thing."""
+        """Return a number by which its issuer identifies something."""
         known = self.make("value", text=cleaned(value))
         return self.make(
             "identification",
@@ -50,20 +53,20 @@ class Tree:
         )
 
     def named(self, text: object) -> Any:
-        """A given ``name``: one ``content`` without language."""
+        """Return a ``name`` that is stated: one ``content`` without language."""
         return self.make("name", self.make("content", text=cleaned(text)))
 
     def stated(self, tag: str, text: object) -> Any:
-        """Text by the laboratory, line by line, in an unknown language."""
+        """Return text by the laboratory, line by line, in an unknown language."""
         lines = [line for line in str(text).splitlines() if line.strip()] or [""]
         return self.make(tag, *(self.make("content", text=cleaned(line)) for line in lines))
 
 
 def numeral(value: float) -> str:
-    """The shortest text that reads back to the same number."""
+    """Return the shortest text that reads back to the same number."""
     return repr(float(value))
 
 
 def cleaned(text: object) -> str:
-    """One line of characters allowed in XML, never empty."""
+    """Return a line of characters allowed in XML, never empty."""
     return xml_text(text) or "not stated"

@@ -1,4 +1,4 @@
-"""The sensor in discrete time: its cell by first-order hold, and second-order sections with its own poles and zeros.
+"""Sensor in discrete time: its cell by first-order hold, and its second-order sections.
 
 First-order hold is the best single step of the network that needs no future sample: with straight
 lines between the samples (Franklin, Powell & Workman 1998, sec. 6.3),
@@ -26,7 +26,7 @@ from vibrident.physics.models.state_space import realise
 
 @dataclass(frozen=True, eq=False)
 class HoldCell:
-    """One step of the network by first-order hold."""
+    """Step of the network by first-order hold."""
 
     growth: np.ndarray  # Φ − 1, shape (n, n)
     before: np.ndarray  # Γ0, shape (n,), for the previous sample
@@ -36,7 +36,7 @@ class HoldCell:
     interval_s: float  # sampling interval
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
-        """Response to e^{jωt} sampled, at its samples."""
+        """Return the response to e^{jωt} sampled, at its samples."""
         z = np.exp(2j * np.pi * np.asarray(frequency_hz) * self.interval_s)[:, None]
         shift = (z - 1.0)[:, :, None] * np.eye(len(self.now)) - self.growth
         state = np.linalg.solve(shift, (self.before + z * self.now)[..., None])[..., 0]
@@ -44,7 +44,7 @@ class HoldCell:
 
 
 def cell_of(sensor: ExportedSensor, interval_s: float) -> HoldCell:
-    """The rational part of the sensor by first-order hold, in scaled companion states."""
+    """Return the rational part of the sensor by first-order hold, in scaled companion states."""
     from scipy.linalg import expm
 
     system = realise(sensor.model.rational(sensor.values, sensor.quantity))
@@ -54,24 +54,27 @@ def cell_of(sensor: ExportedSensor, interval_s: float) -> HoldCell:
     step[:n, :n] = a * interval_s
     step[:n, n] = system.b * interval_s
     step[n, n + 1] = 1.0
-    whole = np.asarray(expm(step))
-    ramp = whole[:n, n + 1]
+    exponential = np.asarray(expm(step))
+    ramp = exponential[:n, n + 1]
     twice = np.zeros((2 * n, 2 * n))
     twice[:n, :n] = twice[:n, n:] = a * interval_s
     growth = np.asarray(expm(twice))[:n, n:]  # φ1(AT) AT = e^{AT} − 1
     direct = float(system.d[0]) if system.d else 0.0  # a sensor differentiates no acceleration
-    return HoldCell(growth, whole[:n, n] - ramp, ramp, system.c, direct, interval_s)
+    return HoldCell(growth, exponential[:n, n] - ramp, ramp, system.c, direct, interval_s)
 
 
 @dataclass(frozen=True, eq=False)
 class SecondOrderSections:
-    """Second-order sections (β0 δ² + β1 δ + β2)/(δ² + α1 δ + α2), δ = z − 1; rows β0 β1 β2 α1 α2."""
+    """Second-order sections (β0 δ² + β1 δ + β2)/(δ² + α1 δ + α2), with δ = z − 1.
+
+    A row holds β0 β1 β2 α1 α2.
+    """
 
     rows: np.ndarray
     interval_s: float
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
-        """Response to e^{jωt} sampled, at its samples."""
+        """Return the response to e^{jωt} sampled, at its samples."""
         delta = np.expm1(2j * np.pi * np.asarray(frequency_hz) * self.interval_s)
         value = np.ones(delta.shape, complex)
         for b0, b1, b2, a1, a2 in self.rows:
@@ -79,20 +82,25 @@ class SecondOrderSections:
         return value
 
     def cmsis(self) -> np.ndarray:
-        """The same in z, as CMSIS-DSP orders it: b0 b1 b2 −a1 −a2 a section, shape (sections, 5)."""
+        """Return the sections in z, as CMSIS-DSP orders them, shape (sections, 5).
+
+        A row holds b0 b1 b2 −a1 −a2.
+        """
         b0, b1, b2, a1, a2 = self.rows.T
         return np.stack([b0, b1 - 2 * b0, b0 - b1 + b2, 2.0 - a1, a1 - a2 - 1.0], axis=1)
 
     @property
     def largest_pole(self) -> float:
-        """Largest |z| of a pole."""
+        """Return the largest |z| of a pole."""
         return max(float(np.max(np.abs(1.0 + np.roots([1.0, a1, a2])))) for *_, a1, a2 in self.rows)
 
 
 def sections_of(
     system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float
 ) -> SecondOrderSections:
-    """Sections with a system's poles and zeros mapped by e^{sT}, and its magnitude at one frequency.
+    """Return sections with a system's poles and zeros mapped by e^{sT}.
+
+    Their magnitude is the system's at one frequency.
 
     ``system``: at most as many zeros as poles; ``filling``: zeros in z for each zero at infinity;
     ``at_hz``: where the magnitude is exact; the sign is the system's.
@@ -102,7 +110,8 @@ def sections_of(
     )
     poles = np.expm1(system.poles * interval_s)
     if len(poles) % 2:
-        zeros, poles = np.append(zeros, -1.0), np.append(poles, -1.0)  # z/z
+        zeros = np.append(zeros, -1.0)  # z/z
+        poles = np.append(poles, -1.0)
     pairs = _pairs(zeros)
     rows = []
     for pole in sorted(
@@ -119,7 +128,7 @@ def sections_of(
 
 
 def _pairs(roots: np.ndarray) -> list[np.ndarray]:
-    """Conjugates together, real ones by size two and two."""
+    """Group the roots in pairs: conjugates together, real ones by size."""
     upper = sorted((r for r in roots if r.imag > 1e-14 * abs(r)), key=abs)
     real = sorted((r.real for r in roots if abs(r.imag) <= 1e-14 * abs(r)), key=abs)
     pairs = [np.array([r, np.conj(r)]) for r in upper]

@@ -1,4 +1,4 @@
-"""Causal filters for firmware: the sensor's model, and the correction that turns its response back into acceleration.
+"""Causal filters for firmware: the sensor's model, and the correction back to acceleration.
 
 Each is a delay line with taps, then second-order sections. The model's sections have the sensor's
 own poles and zeros, the correction's those of its inverse with a low-pass, and, for each zero of
@@ -28,7 +28,7 @@ TAPS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 48, 64, 96)
 
 @dataclass(frozen=True, eq=False)
 class Taps:
-    """y_k = Σ_m h_m x_{k − lead − m}."""
+    """Delay line y_k = Σ_m h_m x_{k − lead − m}."""
 
     taps: np.ndarray  # h
     lead: int  # whole samples of delay before the first tap
@@ -36,7 +36,7 @@ class Taps:
     error: float  # largest relative error over the band
 
     def response(self, frequency_hz: FloatArray, interval_s: float) -> np.ndarray:
-        """Response to e^{jωt} sampled."""
+        """Return the response to e^{jωt} sampled."""
         turn = -2j * np.pi * np.asarray(frequency_hz) * interval_s
         return np.exp(np.multiply.outer(turn, self.lead + np.arange(len(self.taps)))) @ self.taps
 
@@ -53,7 +53,9 @@ def fitted(
     size: float,
     fewest: int = 1,
 ) -> Taps:
-    """The fewest taps with base · taps = wanted · z^{−latency} over the band within ``tolerance``, or the best found.
+    """Return the fewest taps with base · taps = wanted · z^{−latency} over the band.
+
+    They are within ``tolerance``, or the best that exist.
 
     Args:
         wanted: target response without latency.
@@ -71,7 +73,7 @@ def fitted(
     ts = 1.0 / rate_hz
 
     def fit(order: np.ndarray, latency: int) -> tuple[np.ndarray, float]:
-        """Taps at these delays, and their largest relative error over the band."""
+        """Return taps at these delays, and their largest relative error over the band."""
         taps = len(order)
         points = 3 * len(order) + 40
         # Dense towards both ends, as a polynomial needs it.
@@ -86,13 +88,13 @@ def fitted(
 
         target = wanted(inside) * np.exp(-2j * np.pi * inside * latency * ts)
         largest = float(np.max(np.abs(target)))
-        own = columns(inside) / target[:, None]
-        plain = size * float(np.max(np.abs(own))) * np.eye(taps)
-        rows = np.concatenate([own, outside / largest * columns(above), plain])
+        relative = columns(inside) / target[:, None]
+        plain = size * float(np.max(np.abs(relative))) * np.eye(taps)
+        rows = np.concatenate([relative, outside / largest * columns(above), plain])
         right = np.concatenate([np.ones(len(inside)), np.zeros(len(above) + taps)])
         matrix = np.concatenate([rows.real, rows.imag])
         h = np.linalg.lstsq(matrix, np.concatenate([right, np.zeros(len(right))]), rcond=1e-15)[0]
-        return h, float(np.max(np.abs(own @ h - 1.0)))
+        return h, float(np.max(np.abs(relative @ h - 1.0)))
 
     best: Taps | None = None
     for count in (count for count in TAPS if count >= fewest):
@@ -115,7 +117,8 @@ CORRECTION_TOLERANCE = 1e-4  # the same of the correction
 #: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby
 #: 1984).
 _SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
-BELOW = 0.01  # corner of the correction's high-pass, in place of an integrator, over the band's lower edge
+#: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
+BELOW = 0.01
 OUTSIDE = 1e-3  # weight of the correction's gain above the band, relative to its error in the band
 LOW_PASS_ORDER = 8
 LONGEST = 16384  # longest delay line, samples
@@ -123,7 +126,7 @@ LONGEST = 16384  # longest delay line, samples
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """y = sections(taps(x)) at a sampling rate: a delay line, then sections."""
+    """Filter y = sections(taps(x)) at a sampling rate: a delay line, then sections."""
 
     taps: Taps
     sections: SecondOrderSections
@@ -131,17 +134,17 @@ class Filter:
 
     @property
     def latency(self) -> int:
-        """Delay of the output in samples."""
+        """Return the delay of the output in samples."""
         return self.taps.latency
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
-        """Response to e^{jωt} sampled, latency included."""
+        """Return the response to e^{jωt} sampled, latency included."""
         return self.taps.response(frequency_hz, 1.0 / self.rate_hz) * self.sections.response(
             frequency_hz
         )
 
     def in_single_precision(self) -> Filter:
-        """The same with coefficients rounded to float."""
+        """Return the filter with coefficients rounded to float."""
         taps, rows = (
             values.astype(np.float32).astype(float)
             for values in (self.taps.taps, self.sections.rows)
@@ -151,12 +154,15 @@ class Filter:
         )
 
     def late(self, frequency_hz: FloatArray) -> np.ndarray:
-        """The factor e^{−jωT·latency}."""
+        """Return the factor e^{−jωT·latency}."""
         return np.exp(-2j * np.pi * np.asarray(frequency_hz) * self.latency / self.rate_hz)
 
     @property
     def noise_gain(self) -> float:
-        """Root of the mean of |response|² from 0 to half the rate: output over input, for white noise."""
+        """Return the gain for white noise: the root of the mean of |response|².
+
+        The mean is from 0 to half the rate.
+        """
         f = (
             np.concatenate([np.geomspace(1e-7, 0.01, 2000), np.linspace(0.01, 0.5, 4000)[1:]])
             * self.rate_hz
@@ -168,7 +174,7 @@ class Filter:
 
 
 def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
-    """The requested sampling rate, or the network's.
+    """Return the requested sampling rate, or the network's.
 
     Raises:
         InputError: neither is given, or the band is not below half of it.
@@ -198,7 +204,7 @@ def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
 
 
 def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCell]:
-    """The sensor as a causal filter, accurate over the band and below, and its cell.
+    """Return the sensor as a causal filter, accurate over the band and below, and its cell.
 
     Raises:
         InputError: the model is not linear, or its delay is too long.
@@ -243,7 +249,9 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
 
 
 def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
-    """From the response back to the reference quantity: accurate over the band, falling above it, stable.
+    """Return the stable filter from the response back to the reference quantity.
+
+    It is accurate over the band and falls above it.
 
     Raises:
         InputError: the model is not linear.
@@ -277,7 +285,7 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
 
 
 def _inverse(sensor: ExportedSensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
-    """Poles and zeros of the inverse: the sensor's exchanged and made stable, with a low-pass.
+    """Return the inverse: the sensor's poles and zeros exchanged and made stable, with a low-pass.
 
     Also the high-pass's corner, rad/s, and the number of integrators it replaces.
     """

@@ -1,4 +1,4 @@
-"""An export format (name, writer, what it cannot hold), and the options of an export; each format uses its own."""
+"""Export format (name, writer, limits) and the options of an export."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NAME = re.compile(
 
 @dataclass(frozen=True)
 class Option:
-    """An option of some formats, with its label on the page."""
+    """Option of some formats, with its label on the page."""
 
     label: str = ""  # empty: the page does not offer it
     number: bool = False  # True for a number, False for text
@@ -40,7 +40,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Options:
-    """Choices."""
+    """Options of an export; each format uses its own."""
 
     rate_hz: float | None = (
         None  # sampling rate of discrete formats; None takes the network's, if there is one
@@ -82,13 +82,13 @@ def library(name: str, extra: str) -> Any:
 
 
 def template(name: str) -> str:
-    """The text around the numbers of a written file, from the folder of templates."""
+    """Return the text around the numbers of a written file, from the folder of templates."""
     return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format in which a sensor is written."""
+    """Format in which a sensor is written."""
 
     name: str  # as a user names it
     title: str  # in a few words

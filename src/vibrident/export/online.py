@@ -1,4 +1,4 @@
-"""The tracker as C99: learner, detector and corrector as one header and one source, with the certificate's constants.
+"""Tracker as C99: learner, detector and corrector in one header and one source.
 
 The corrector is the model's inverse, a(t) = (V + 2 δ/ωn V̇ + V̈/ωn²)/S0: three fixed filters, a
 low-pass and its derivatives, each times a coefficient that follows the parameters.
@@ -35,7 +35,7 @@ BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010,
 
 
 def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tracker:
-    """The Python tracker that the C code equals.
+    """Return the Python tracker that the C code equals.
 
     Raises:
         InputError: the model is not one that the C code has, or an uncertainty is not stated.
@@ -56,8 +56,9 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tr
 
 
 def corrector(high_hz: float, rate_hz: float, ahead_s: float) -> FloatArray:
-    """Low-pass and its first two derivatives, shape (3, 2 REACH + 1); oldest sample first, late by REACH samples.
+    """Return a low-pass and its first two derivatives, shape (3, 2 REACH + 1).
 
+    The oldest sample comes first; the filters are late by REACH samples.
     A windowed kernel is differentiated as a whole, so that the three belong together. ``ahead_s``:
     by which the filters are earlier, less than a sampling interval.
     """
@@ -67,11 +68,14 @@ def corrector(high_hz: float, rate_hz: float, ahead_s: float) -> FloatArray:
     spectrum = 1.0 + np.cos(np.pi * share)  # one half of it, and both signs of frequency
     t = ahead_s - np.arange(-REACH, REACH + 1) / rate_hz
     turn = 2j * np.pi * f
-    whole = 1j * np.pi * rate_hz / (REACH + 1)
+    turn_of_window = 1j * np.pi * rate_hz / (REACH + 1)
     waves = np.exp(turn * t[:, None]) * spectrum
     k = [np.trapezoid((waves * turn**order).real, f, axis=1) / rate_hz for order in range(3)]
     parts = [
-        [c * ((whole * n) ** order * np.exp(whole * n * t)).real for n, c in enumerate(BLACKMAN)]
+        [
+            c * ((turn_of_window * n) ** order * np.exp(turn_of_window * n * t)).real
+            for n, c in enumerate(BLACKMAN)
+        ]
         for order in range(3)
     ]
     w = [np.sum(part, axis=0) for part in parts]
@@ -94,8 +98,8 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             remedy="give a higher ⟦export.rate_hz⟧, or a lower ⟦export.band_hz⟧",
         )
     settings = Settings()
-    made = tracker_of(sensor, rate, settings)
-    values = _numbers(sensor, made, rate, options.name)
+    tracked = tracker_of(sensor, rate, settings)
+    values = _numbers(sensor, tracked, rate, options.name)
     paths = []
     for ending in ("h", "c"):
         text = template(f"online.{ending}")
@@ -107,10 +111,10 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     return paths
 
 
-def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> dict[str, str]:
-    net = made.network
-    settings = made.settings
-    thresholds = made.knowledge.thresholds
+def _numbers(sensor: ExportedSensor, tracked: Tracker, rate: float, name: str) -> dict[str, str]:
+    net = tracked.network
+    settings = tracked.settings
+    thresholds = tracked.knowledge.thresholds
     lag = net.first + network.INPUT_TAPS - 1
     delay = float(sensor.model.delay_s(sensor.values)) if net.model.has_delay else 0.0
     late = round(delay * rate)
@@ -144,7 +148,7 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "RESPONSES": str(1 + max(0, lag)),
         "CORRECTOR_TAPS": str(2 * REACH + 1),
         "CORRECTOR_LATENCY": str(REACH + late),
-        "NUMBERS": str(sum(part.size for part in made.state.parts)),
+        "NUMBERS": str(sum(part.size for part in tracked.state.parts)),
         "NAMES": ", ".join(net.model.parameter_names),
         "INPUT": c_comment(sensor.input_unit),
         "OUTPUT": c_comment(sensor.output_unit),
@@ -154,7 +158,7 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
         "FIRST_PART": str(tracker.PARTS_OF_FIRST_BLOCK),
         "SCALE": _text(net.scale),
         "START": _text(start),
-        "PRIOR": _text(made.state.known[k:, k:-1]),
+        "PRIOR": _text(tracked.state.known[k:, k:-1]),
         "POSITIVE": ", ".join(str(int(each)) for each in net.positive),
         "WALKS": ", ".join(str(int(spec.kind != "time")) for spec in net.model.parameters),
         "DRIFT_RATE": repr(rate_of_walk),
@@ -175,7 +179,7 @@ def _numbers(sensor: ExportedSensor, made: Tracker, rate: float, name: str) -> d
 
 
 def _text(values: object) -> str:
-    """Numbers of one or two dimensions, as an initialiser; exact."""
+    """Return numbers of one or two dimensions as an initialiser; exact."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 1:
         return ", ".join(repr(float(each)) for each in array)

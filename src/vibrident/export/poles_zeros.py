@@ -1,4 +1,4 @@
-"""A sensor as poles, zeros and gain: H(s) = k ∏(s − z)/∏(s − p), in rad/s.
+"""Sensor as poles, zeros and gain: H(s) = k ∏(s − z)/∏(s − p), in rad/s.
 
 Each add-on has its own factor of the denominator, of second order at most, so the poles come from
 quadratics and are exact to rounding at any distance.
@@ -18,14 +18,17 @@ from vibrident.physics.models import Rational
 
 @dataclass(frozen=True, eq=False)
 class PolesZeros:
-    """k ∏(s − z)/∏(s − p)."""
+    """Transfer function k ∏(s − z)/∏(s − p)."""
 
     zeros: np.ndarray  # rad/s, complex, conjugates side by side
     poles: np.ndarray  # rad/s, complex, conjugates side by side
     gain: float  # k
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
-        """Value at s = j 2π f; zeros and poles alternate, so that no product overflows."""
+        """Return the value at s = j 2π f.
+
+        Zeros and poles alternate, so that no product overflows.
+        """
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         value = np.full(s.shape, complex(self.gain))
         for index in range(max(len(self.zeros), len(self.poles))):
@@ -35,21 +38,21 @@ class PolesZeros:
                 value = value / (s - self.poles[index])
         return value
 
-    def times(self, other: PolesZeros) -> PolesZeros:
-        """The two in series."""
-        zeros = np.concatenate([self.zeros, other.zeros])
-        poles = np.concatenate([self.poles, other.poles])
-        return PolesZeros(zeros, poles, self.gain * other.gain)
+    def times(self, factor: PolesZeros) -> PolesZeros:
+        """Return this transfer function in series with another."""
+        zeros = np.concatenate([self.zeros, factor.zeros])
+        poles = np.concatenate([self.poles, factor.poles])
+        return PolesZeros(zeros, poles, self.gain * factor.gain)
 
     def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator and denominator, real, descending powers of s."""
+        """Return numerator and denominator, real, descending powers of s."""
         return self.gain * np.atleast_1d(np.poly(self.zeros).real), np.atleast_1d(
             np.poly(self.poles).real
         )
 
 
 def poles_zeros(sensor: Exported) -> PolesZeros:
-    """The rational part of the sensor: without delay and boxcar.
+    """Return the rational part of the sensor: without delay and boxcar.
 
     Raises:
         InputError: the core is no ratio of polynomials.
@@ -78,22 +81,25 @@ def poles_zeros(sensor: Exported) -> PolesZeros:
 
 
 def roots(ascending: np.ndarray) -> np.ndarray:
-    """Roots of a real polynomial, coefficients ascending: zeros exact, quadratics without cancellation."""
+    """Return the roots of a real polynomial, coefficients ascending.
+
+    Zeros are exact, and quadratics have no cancellation.
+    """
     at_zero = int(np.flatnonzero(ascending)[0])
     c = ascending[at_zero:] / ascending[-1]
     if len(c) == 1:
-        rest = np.empty(0, complex)
+        nonzero = np.empty(0, complex)
     elif len(c) == 2:
-        rest = np.array([-c[0]], complex)
+        nonzero = np.array([-c[0]], complex)
     elif len(c) == 3:
-        rest = _quadratic(c[1], c[0])
+        nonzero = _quadratic(c[1], c[0])
     else:
-        rest = _polished(c)
-    return np.concatenate([np.zeros(at_zero, complex), rest])
+        nonzero = _polished(c)
+    return np.concatenate([np.zeros(at_zero, complex), nonzero])
 
 
 def _quadratic(b: float, c: float) -> np.ndarray:
-    """Roots of x² + b x + c."""
+    """Return the roots of x² + b x + c."""
     discriminant = 0.25 * b * b - c
     if discriminant < 0:
         root = complex(-0.5 * b, np.sqrt(-discriminant))
@@ -103,41 +109,44 @@ def _quadratic(b: float, c: float) -> np.ndarray:
 
 
 def _polished(c: np.ndarray) -> np.ndarray:
-    """Companion roots in a variable of the roots' own size, then Newton's steps."""
+    """Return companion roots in a variable of the roots' size, refined by Newton's steps."""
     scale = float(np.abs(c[0])) ** (1.0 / (len(c) - 1))
     descending = (c * scale ** (np.arange(len(c)) - (len(c) - 1.0)))[::-1]
-    found = np.roots(descending)
+    estimates = np.roots(descending)
     slope = np.polyder(descending)
     for _ in range(3):
-        step = np.polyval(descending, found) / np.polyval(slope, found)
-        found = found - np.where(
-            np.isfinite(step) & (np.abs(step) < 1e-3 * np.abs(found)), step, 0.0
+        step = np.polyval(descending, estimates) / np.polyval(slope, estimates)
+        estimates = estimates - np.where(
+            np.isfinite(step) & (np.abs(step) < 1e-3 * np.abs(estimates)), step, 0.0
         )
-    return scale * paired(found)
+    return scale * paired(estimates)
 
 
-def paired(found: np.ndarray) -> np.ndarray:
-    """Real roots, then conjugates side by side, their imaginary parts exactly opposite."""
-    upper = found[np.imag(found) > 1e-12 * np.abs(found)]
-    real = np.real(found[np.abs(np.imag(found)) <= 1e-12 * np.abs(found)]).astype(complex)
+def paired(all_roots: np.ndarray) -> np.ndarray:
+    """Return real roots, then conjugates side by side, their imaginary parts exactly opposite."""
+    upper = all_roots[np.imag(all_roots) > 1e-12 * np.abs(all_roots)]
+    real = np.real(all_roots[np.abs(np.imag(all_roots)) <= 1e-12 * np.abs(all_roots)]).astype(
+        complex
+    )
     return np.concatenate([real, np.ravel(np.stack([upper, upper.conj()], axis=1))])
 
 
-def uncertainties(sensor: Exported, which: str) -> np.ndarray | None:
-    """Standard uncertainties of the real and imaginary parts of ``poles`` or ``zeros``, as a complex array.
+def uncertainties(sensor: Exported, kind: str) -> np.ndarray | None:
+    """Return the standard uncertainties of the parts of ``poles`` or ``zeros``, as a complex array.
 
-    From the parameters' uncertainties and correlation, to first order; None if one is not stated.
+    They follow from the parameters' uncertainties and correlation, to first order; None if one is
+    not stated.
     """
     known = sensor.known
     if not np.isfinite(known.covariance).all():
         return None
-    base = getattr(poles_zeros(sensor), which)
+    base = getattr(poles_zeros(sensor), kind)
     slopes = []
     for name in known.model.parameter_names:
         step = 1e-6 * abs(known.values[name]) or 1e-9
         moved = [{**known.values, name: known.values[name] + sign * step} for sign in (-1.0, 1.0)]
         near = [replace(sensor, known=replace(known, values=values)) for values in moved]
-        low, high = (getattr(poles_zeros(one), which) for one in near)
+        low, high = (getattr(poles_zeros(sensor_near), kind) for sensor_near in near)
         slopes.append(
             (high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base))
         )

@@ -1,4 +1,4 @@
-"""Which formats of other programs can be written."""
+"""Registry of the formats of other programs that can be written."""
 
 from __future__ import annotations
 

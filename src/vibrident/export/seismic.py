@@ -1,4 +1,4 @@
-"""Shared by both seismological formats: input motion, channel codes, refusals."""
+"""Input motion, channel codes and refusals of both seismological formats."""
 
 from __future__ import annotations
 
@@ -18,23 +18,27 @@ _CODES = re.compile(r"([A-Z0-9]{1,8})\.([A-Z0-9-]{1,8})\.([A-Z0-9-]{0,8})\.([A-Z
 
 
 def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]:
-    """Codes of network, station, location and channel; by default the test network XX and no direction.
+    """Return the codes of network, station, location and channel.
+
+    By default they are of the test network XX and no direction.
 
     Raises:
         InputError: the codes cannot be read.
     """
     kind = "HH1" if sensor.model.core.output == "velocity" else "HN1"
     text = options.channel or f"XX.SENS..{kind}"
-    found = _CODES.fullmatch(text)
-    if not found:
+    match = _CODES.fullmatch(text)
+    if not match:
         raise InputError(
             "The channel's codes cannot be read.",
-            expected="NET.STA.LOC.CHA in capitals and digits, LOC may be empty, such as XX.SENS..HHZ",
+            expected=(
+                "NET.STA.LOC.CHA in capitals and digits, LOC may be empty, such as XX.SENS..HHZ"
+            ),
             found=repr(text),
             where="⟦export.channel⟧",
             remedy="correct it",
         )
-    network, station, location, channel = found.groups()
+    network, station, location, channel = match.groups()
     return network, station, location, channel
 
 
@@ -56,12 +60,12 @@ def described(sensor: ExportedSensor) -> tuple[PolesZeros, list[str]]:
 
 
 def unit(name: str) -> str:
-    """A unit as SEED spells it."""
+    """Return a unit as SEED spells it."""
     return _SPELLING.get(name, name)
 
 
 def caveats(sensor: ExportedSensor) -> list[str]:
-    """Limits of the description by poles and zeros."""
+    """Return the limits of the description by poles and zeros."""
     lines = [
         "poles and zeros hold neither the correlation of the parameters nor the uncertainty of the "
         "response over frequency: see result.json"

@@ -1,4 +1,4 @@
-"""A result's sensor, ready for export: model, values, band, and their description in every file."""
+"""Sensor of a result, ready for export: model, values, band, and their description."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ POINTS = 400  # points at which errors over the band are computed
 
 @dataclass(frozen=True, eq=False)
 class Exported:
-    """An identified sensor over a band, whole or without add-ons."""
+    """Identified sensor over a band, complete or without add-ons."""
 
     known: IdentifiedSensor  # the identified sensor
     model: SensorModel  # the exported model: the result's without what is left out
@@ -33,22 +33,22 @@ class Exported:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Parameter name → value as in the result, SI units, frequencies in Hz."""
+        """Return parameter name → value as in the result, SI units, frequencies in Hz."""
         return self.known.values
 
     @property
     def quantity(self) -> Quantity:
-        """Input quantity of the exported sensitivity: acceleration (m/s²), or the drive."""
+        """Return the input quantity of the exported sensitivity: acceleration or the drive."""
         return self.known.quantity
 
     @property
     def band(self) -> FloatArray:
-        """Frequencies over the band, Hz, shape (points,)."""
+        """Return frequencies over the band, Hz, shape (points,)."""
         low, high = self.band_hz
         return np.geomspace(low, high, POINTS) if high > low else np.array([low])
 
     def response(self, frequency_hz: FloatArray) -> np.ndarray:
-        """Complex sensitivity to ``quantity`` at ``frequency_hz``, shape (points,), for e^{+jωt}."""
+        """Return the complex sensitivity to ``quantity``, shape (points,), for e^{+jωt}."""
         return np.asarray(
             self.model.frequency_response(
                 self.values, np.asarray(frequency_hz, float), self.quantity
@@ -57,35 +57,38 @@ class Exported:
 
     @property
     def delay_s(self) -> float:
-        """Delay of the exported model, s."""
+        """Return the delay of the exported model, s."""
         return float(self.model.delay_s(self.values))
 
     @property
     def delay_u_s(self) -> float:
-        """Its standard uncertainty, s."""
+        """Return the standard uncertainty of the delay, s."""
         times = [i for i, spec in enumerate(self.known.model.parameters) if spec.kind == "time"]
         return float(np.sqrt(np.sum(np.diag(self.known.covariance)[times])))
 
     @property
     def input_unit(self) -> str:
-        """Unit of the exported input."""
+        """Return the unit of the exported input."""
         return self.known.input_unit
 
     @property
     def output_unit(self) -> str:
-        """Unit of the exported output."""
+        """Return the unit of the exported output."""
         return self.known.response_unit
 
     @property
     def error_of_leaving_out(self) -> float:
-        """Largest relative deviation of the exported from the result's model over the band; 0 if complete."""
+        """Return the largest relative deviation from the result's model over the band.
+
+        It is 0 if the exported model is complete.
+        """
         if not self.left_out:
             return 0.0
-        whole = self.known.frequency_response(self.band)
-        return float(np.max(np.abs(self.response(self.band) / whole - 1.0)))
+        complete = self.known.frequency_response(self.band)
+        return float(np.max(np.abs(self.response(self.band) / complete - 1.0)))
 
     def without(self, names: Sequence[str]) -> Self:
-        """The same sensor without these add-ons.
+        """Return the sensor without these add-ons.
 
         Raises:
             InputError: an add-on cannot be left out.
@@ -97,14 +100,14 @@ class Exported:
                 raise unknown(
                     f"{name!r} cannot be left out.", name, possible, "⟦export.without⟧", remedy
                 )
-        kept = [addon for addon in self.model.add_ons if addon.name not in names]
+        add_ons = [addon for addon in self.model.add_ons if addon.name not in names]
         gone = tuple(addon.name for addon in self.model.add_ons if addon.name in names)
-        model = parse("+".join([self.model.core.name, *(addon.name for addon in kept)]))
+        model = parse("+".join([self.model.core.name, *(addon.name for addon in add_ons)]))
         return replace(self, model=model, left_out=(*self.left_out, *gone))
 
     @property
     def apart(self) -> list[str]:
-        """Add-ons of the exported model that its poles and zeros do not hold, a delay first."""
+        """Return the add-ons that the poles and zeros do not contain, a delay first."""
         return [
             addon.name
             for addon in reversed(self.model.add_ons)
@@ -113,19 +116,19 @@ class Exported:
 
     @property
     def window_s(self) -> float:
-        """Length of the windows over which the exported model averages, s."""
+        """Return the length of the windows over which the exported model averages, s."""
         return float(sum(self.values[name] for name in self.model.windows))
 
 
 @dataclass(frozen=True, eq=False)
 class ExportedSensor(Exported):
-    """The same with the result that it comes from."""
+    """Exported sensor with the result that it comes from."""
 
     result: Result
 
 
 def not_rational() -> tuple[str, ...]:
-    """Add-ons that are not rational, which some formats cannot hold exactly."""
+    """Return the add-ons that are not rational, which some formats cannot hold exactly."""
     return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 
 
@@ -165,7 +168,7 @@ def require_linear(sensor: Exported) -> None:
 
 
 def check_band(low: float, high: float) -> tuple[float, float]:
-    """The two frequencies, refused if they are not a band."""
+    """Return the two frequencies, refused if they are not a band."""
     if not (math.isfinite(high) and 0.0 < low < high):
         raise InputError(
             "The band cannot be used.",
@@ -178,7 +181,7 @@ def check_band(low: float, high: float) -> tuple[float, float]:
 
 
 def identity(sensor: ExportedSensor) -> list[str]:
-    """The header of every file: sensor, model, origin, uncertainties; one line each."""
+    """Return the header of every file: sensor, model, origin, uncertainties; one line each."""
     result = sensor.result
     named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]
     lines = ["sensor: " + (" ".join(part for part in named if part) or "not named")]

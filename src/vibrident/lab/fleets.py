@@ -100,12 +100,12 @@ class Fleet:
             InputError: a pattern names nothing, the folder cannot be written, the connection to the
                 scheduler is lost, workers and scheduler are both given, or pyarrow is missing.
         """
-        from vibrident.lab.fleet import Asked, run
+        from vibrident.lab.fleet import RunRequest, run
         from vibrident.lab.fleet.parts import arrow
 
         arrow()
-        asked = Asked(self._patterns, self._orders, self._limits, fresh=not resume)
-        return run(asked, _scheduler(workers, scheduler), progress)
+        request = RunRequest(self._patterns, self._orders, self._limits, fresh=not resume)
+        return run(request, _scheduler(workers, scheduler), progress)
 
     def to_dataframe(self) -> DataFrame:
         """Return the table: a row a calibration, each parameter as ``NAME`` and ``NAME_u``.

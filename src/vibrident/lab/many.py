@@ -1,4 +1,4 @@
-"""Many sensors, in one process or several; memory does not grow with their number."""
+"""Identification of many sensors, in one process or several, in constant memory."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
     from vibrident.physics.models import GivenModel
 
-Given = Calibration | str | os.PathLike[str]  # a calibration, or the path of its file
-_Waiting = tuple[Given, "Future[Result | VibridentError]"]
+CalibrationOrFile = Calibration | str | os.PathLike[str]  # a calibration, or the path of its file
+_Waiting = tuple[CalibrationOrFile, "Future[Result | VibridentError]"]
 WINDOW = 2  # calibrations in work or waiting, for each worker
-_START_S = 1.0  # seconds that a process takes to start
+PROCESS_START_S = 1.0  # seconds that a process takes to start
 
 
 @overload
 def identify_many(
-    calibrations: Iterable[Given],
+    calibrations: Iterable[CalibrationOrFile],
     model: GivenModel | None = ...,
     estimator: Any = ...,
     *,
@@ -39,7 +39,7 @@ def identify_many(
 
 @overload
 def identify_many(
-    calibrations: Iterable[Given],
+    calibrations: Iterable[CalibrationOrFile],
     model: GivenModel | None = ...,
     estimator: Any = ...,
     *,
@@ -50,7 +50,7 @@ def identify_many(
 
 
 def identify_many(
-    calibrations: Iterable[Given],
+    calibrations: Iterable[CalibrationOrFile],
     model: GivenModel | None = None,
     estimator: Any = "auto",
     *,
@@ -58,7 +58,7 @@ def identify_many(
     workers: int = 1,
     refused: Literal["raise", "return"] = "raise",
 ) -> Iterator[Result | VibridentError]:
-    """Identify sensors in turn: the results of :func:`vibrident.identify`, in the order of the calibrations.
+    """Identify sensors in turn, and yield their results in the order of the calibrations.
 
     Args:
         calibrations: calibrations, or paths of calibration files, taken one by one as results are
@@ -66,10 +66,13 @@ def identify_many(
         model: as for :func:`vibrident.identify`, the same for all.
         estimator: as for :func:`vibrident.identify`, the same for all.
         uncertainty: as for :func:`vibrident.identify`, the same for all.
-        workers: processes, this one among them; the others have one thread of arithmetic each. A
+        workers: processes, this one among them; all others have one thread of arithmetic each. A
             script that asks for more than 1 needs the usual ``if __name__ == "__main__":``.
         refused: on an error of input or model: ``raise`` it, which ends the iteration, or
             ``return`` it in place of the result.
+
+    Yields:
+        Results of :func:`vibrident.identify`.
 
     Raises:
         InputError: ``workers`` is below one, or ``refused`` is something else.
@@ -101,67 +104,69 @@ def identify_many(
             where="model",
             remedy="leave workers out, or register the model as a plug-in",
         )
-    given = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
-    found = (
-        (_identified(one, given) for one in calibrations)
+    settings = {"model": model, "estimator": estimator, "uncertainty": uncertainty}
+    outcomes = (
+        (_identified(calibration, settings) for calibration in calibrations)
         if workers == 1
-        else _beside(calibrations, given, workers)
+        else _identified_in_processes(calibrations, settings, workers)
     )
-    return _told(found, refused)
+    return _raised_or_returned(outcomes, refused)
 
 
-def _told(
-    found: Iterable[Result | VibridentError], refused: str
+def _raised_or_returned(
+    outcomes: Iterable[Result | VibridentError], refused: str
 ) -> Iterator[Result | VibridentError]:
-    for one in found:
-        if isinstance(one, VibridentError) and refused == "raise":
-            raise one
-        yield one
+    for outcome in outcomes:
+        if isinstance(outcome, VibridentError) and refused == "raise":
+            raise outcome
+        yield outcome
 
 
-def _identified(calibration: Given, given: dict[str, Any]) -> Result | VibridentError:
+def _identified(
+    calibration: CalibrationOrFile, settings: dict[str, Any]
+) -> Result | VibridentError:
     from vibrident.use.identification import identify
 
     try:
-        return identify(calibration, **given)
+        return identify(calibration, **settings)
     except VibridentError as error:
         return error
 
 
-def _beside(
-    calibrations: Iterable[Given], given: dict[str, Any], workers: int
+def _identified_in_processes(
+    calibrations: Iterable[CalibrationOrFile], settings: dict[str, Any], workers: int
 ) -> Iterator[Result | VibridentError]:
-    """Here and in further processes, a few calibrations ahead of the caller.
+    """Identify here and in further processes, a few calibrations ahead of the caller.
 
-    The others are started once this one has worked as long as that takes, which a few small sensors
-    do not need; and this one works on meanwhile, and where it would wait for one of them.
+    The processes are started once this one has worked as long as that takes, which a few small
+    sensors do not need. This one works on meanwhile, and where it would wait for another.
     """
-    rest = iter(calibrations)
+    remaining = iter(calibrations)
     spent_s = 0.0
-    for calibration in rest:
+    for calibration in remaining:
         begin = time.perf_counter()
-        found = _identified(calibration, given)
+        outcome = _identified(calibration, settings)
         spent_s += time.perf_counter() - begin
-        yield found
-        if spent_s >= _START_S:
+        yield outcome
+        if spent_s >= PROCESS_START_S:
             break
     else:
         return
     waiting: deque[_Waiting] = deque()
     pool = _started(workers - 1)
     try:
-        for calibration in rest:
-            waiting.append((calibration, pool.submit(_identified, calibration, given)))
+        for calibration in remaining:
+            waiting.append((calibration, pool.submit(_identified, calibration, settings)))
             if len(waiting) >= WINDOW * workers:
-                yield _next(waiting, given)
+                yield _next(waiting, settings)
         while waiting:
-            yield _next(waiting, given)
+            yield _next(waiting, settings)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _started(processes: int) -> ProcessPoolExecutor:
-    """Processes with one thread of arithmetic each, which is read when they start."""
+    """Start processes with one thread of arithmetic each, which is read when they start."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
@@ -169,9 +174,8 @@ def _started(processes: int) -> ProcessPoolExecutor:
     os.environ.update(ONE_THREAD)
     try:
         pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
-        for _ in range(
-            processes + 1
-        ):  # a pool takes one call more than it can work on, and does not give it back
+        # a pool takes one call more than it can work on, and does not give it back
+        for _ in range(processes + 1):
             pool.submit(_load)
     finally:
         for name, value in before.items():
@@ -186,13 +190,16 @@ def _load() -> None:
     import vibrident.use.identification  # noqa: F401
 
 
-def _next(waiting: deque[_Waiting], given: dict[str, Any]) -> Result | VibridentError:
-    """The outcome of the first; until it is there, those that no process has begun are identified here."""
+def _next(waiting: deque[_Waiting], settings: dict[str, Any]) -> Result | VibridentError:
+    """Return the outcome of the first calibration that waits.
+
+    Until it is there, calibrations that no process has begun are identified here.
+    """
     for place, (calibration, future) in enumerate(tuple(waiting)):
         if waiting[0][1].done():
             break
         if future.cancel():
             here: Future[Result | VibridentError] = Future()
-            here.set_result(_identified(calibration, given))
+            here.set_result(_identified(calibration, settings))
             waiting[place] = calibration, here
     return waiting.popleft()[1].result()

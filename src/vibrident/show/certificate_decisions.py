@@ -33,7 +33,7 @@ from vibrident.show.views import (
     Sentence,
     Table,
 )
-from vibrident.use.conformity import DEVIATION, Judged, judged, ratio_uncertainty
+from vibrident.use.conformity import DEVIATION, Judgement, judge_requirements, ratio_uncertainty
 
 
 def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ...]:
@@ -52,7 +52,9 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     result = stated_parameters(result)
     rows = [
         _judged(result, judgement, say)
-        for judgement in judged(result, None if point is None else point.frequency_hz, place)
+        for judgement in judge_requirements(
+            result, None if point is None else point.frequency_hz, place
+        )
     ]
     heads = [Column(say("head", key)) for key in ("requirement", "source")]
     heads += [Column(say("head", key), "number") for key in ("limits", "value")]
@@ -66,7 +68,7 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     return (Sentence(rule), replace(table, notes=(say("text", "probability"),)))
 
 
-def _judged(result: Result, row: Judged, say: Say) -> tuple[str, ...]:
+def _judged(result: Result, row: Judgement, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
         point = reference_value(result)
         place = "" if point is None else point.nominal

@@ -24,7 +24,7 @@ from vibrident.show.numbers import (
 from vibrident.show.points import sensitivity_at
 from vibrident.show.views import Column, Sentence, Table, columns
 from vibrident.show.weight_tables import weight_rows
-from vibrident.use.comparison import criteria, recommendation
+from vibrident.use.model_choice import criteria, recommendation
 
 if TYPE_CHECKING:
     from vibrident.use.planning import Plan

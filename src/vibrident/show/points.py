@@ -53,7 +53,8 @@ def nominal_points(result: Result) -> tuple[Point, ...]:
     if band is None:
         return ()
     sensitivities = (
-        sensitivity_at(result, item) for item in nominal_frequencies(*band, result.measured.frequency_hz)
+        sensitivity_at(result, item)
+        for item in nominal_frequencies(*band, result.measured.frequency_hz)
     )
     return tuple(point for point in sensitivities if point is not None)
 

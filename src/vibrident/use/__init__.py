@@ -1,1 +1,1 @@
-"""What a result is used for: predict, correct, plan, compare, cross-validate."""
+"""Uses of a result: predict, correct, plan, compare, cross-validate."""

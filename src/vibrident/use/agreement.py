@@ -1,5 +1,6 @@
-"""Laboratories' values of one sensor: weighted mean, consistency and degrees of equivalence (Cox 2002, procedure A).
+"""Values of several laboratories: weighted mean, consistency and degrees of equivalence.
 
+The evaluation is procedure A of
 M. G. Cox, The evaluation of key comparison data, Metrologia 39 (2002) 589-595.
 """
 
@@ -18,31 +19,29 @@ from vibrident.use.comparison import COVERAGE_FACTOR
 
 @dataclass(frozen=True)
 class Equivalence:
-    """A laboratory's value beside the weighted mean of all."""
+    """Deviation of a laboratory's value from the weighted mean of all."""
 
     difference: float  # the value less the mean
-    expanded: (
-        float  # U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean
-    )
+    # U of the difference, k = 2: U² = 4 (u² − u_mean²), as the value is part of the mean
+    expanded: float
     e_n: float | None  # difference over ``expanded``; None where the value is all of the mean
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """What values of one quantity say together."""
+    """Consistency of several values of one quantity."""
 
     mean: float  # weighted by 1/u²
     u: float  # its standard uncertainty
     chi2: float  # observed χ² of the differences; of ``degrees_of_freedom``
     degrees_of_freedom: int
-    probability: (
-        float  # of a larger χ² for consistent values; they are taken for consistent from 0.05 on
-    )
+    # of a larger χ² for consistent values; they are taken for consistent from 0.05 on
+    probability: float
     laboratories: tuple[Equivalence, ...]  # in the order given
 
 
 def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreement:
-    """Weighted mean of independent values, and how far each is from it.
+    """Return the weighted mean of independent values, and the deviation of each from it.
 
     Args:
         values: one a laboratory, in one unit, at least two.
@@ -70,10 +69,12 @@ def agreement(values: Sequence[float], uncertainties: Sequence[float]) -> Agreem
     mean = float(np.sum(weight * x) / np.sum(weight))
     u_mean = float(1.0 / math.sqrt(np.sum(weight)))
     chi2 = float(np.sum(((x - mean) / u) ** 2))
-    found = []
-    for value, own in zip(x.tolist(), u.tolist(), strict=True):
-        expanded = COVERAGE_FACTOR * math.sqrt(max(own**2 - u_mean**2, 0.0))
-        found.append(
+    laboratories = []
+    for value, value_u in zip(x.tolist(), u.tolist(), strict=True):
+        expanded = COVERAGE_FACTOR * math.sqrt(max(value_u**2 - u_mean**2, 0.0))
+        laboratories.append(
             Equivalence(value - mean, expanded, (value - mean) / expanded if expanded else None)
         )
-    return Agreement(mean, u_mean, chi2, x.size - 1, chi2_tail(x.size - 1, chi2), tuple(found))
+    return Agreement(
+        mean, u_mean, chi2, x.size - 1, chi2_tail(x.size - 1, chi2), tuple(laboratories)
+    )

@@ -1,4 +1,4 @@
-"""Several results of one sensor side by side, and a result beside the truth of a simulation. Values only, no JAX."""
+"""Comparison of results of one sensor with each other, or with the truth of a simulation."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.physics.naming import in_words, is_gain
+from vibrident.physics.naming import is_gain
 from vibrident.result import Parameter, Result
 from vibrident.result.document import plain
+from vibrident.use.model_choice import criteria, recommendation
 
 SCHEMA = "vibrident.comparison/1"
 TRUTH_SCHEMA = "vibrident.truth/1"
@@ -24,7 +25,7 @@ COVERAGE_FACTOR = 2.0  # k of every expanded uncertainty that is compared
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a parameter is from a value to compare with.
+    """Deviation of a parameter from a value to compare with.
 
     Attributes:
         true: that value, in the parameter's unit.
@@ -38,7 +39,7 @@ class Deviation:
 
 
 def deviation(parameter: Parameter, true: float) -> Deviation | None:
-    """Deviation of a parameter from a value in its unit; None where the parameter has no value."""
+    """Return the deviation of a parameter from a value in its unit, or None if it has no value."""
     if parameter.value is None:
         return None
     u = parameter.standard_uncertainty
@@ -47,48 +48,51 @@ def deviation(parameter: Parameter, true: float) -> Deviation | None:
 
 
 def deviations(result: Result, truth: Mapping[str, float]) -> dict[str, Deviation]:
-    """Deviation of every parameter whose true value is known."""
-    found = {
+    """Return the deviation of every parameter whose true value is known."""
+    differences = {
         name: deviation(p, truth[name]) for name, p in result.parameters.items() if name in truth
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in differences.items() if value is not None}
 
 
 def normalized_error(
-    one: float, expanded_one: float, other: float, expanded_other: float, covariance: float = 0.0
+    value: float,
+    expanded: float,
+    compared: float,
+    expanded_compared: float,
+    covariance: float = 0.0,
 ) -> float | None:
-    """E_n = (one − other)/U(one − other) (ISO 13528, ISO/IEC 17043): two values agree where |E_n| ≤ 1.
+    """Return E_n = (one − other)/U(one − other) (ISO 13528, ISO/IEC 17043).
 
-    U² = U_one² + U_other² − 2 k² cov (GUM 5.2.2): what both share, such as a reference, is no part
-    of their difference.
+    Two values agree where |E_n| ≤ 1. U² = U_one² + U_other² − 2 k² cov (GUM 5.2.2): what both
+    share, such as a reference, is no part of their difference.
 
     Args:
-        one: a value.
-        expanded_one: its expanded uncertainty U, k = 2.
-        other: the value to compare with, in the same unit.
-        expanded_other: its expanded uncertainty.
+        value: the first value.
+        expanded: its expanded uncertainty U, k = 2.
+        compared: the second value, in the same unit.
+        expanded_compared: its expanded uncertainty.
         covariance: of the two values; zero for independent ones.
 
     Returns:
         E_n; None where the difference has no uncertainty.
     """
-    square = expanded_one**2 + expanded_other**2 - 2.0 * COVERAGE_FACTOR**2 * covariance
-    return (one - other) / math.sqrt(square) if square > 0 else None
+    square = expanded**2 + expanded_compared**2 - 2.0 * COVERAGE_FACTOR**2 * covariance
+    return (value - compared) / math.sqrt(square) if square > 0 else None
 
 
-#: Kinds of contributions that stay the same from one calibration to the next as long as their
-#: source does. Others are new each time: a sensor is mounted anew, and an ellipse is fitted to the
+#: Kinds of contributions that stay the same from one calibration to the next while their source
+#: does. All others are new each time: a sensor is mounted anew, and an ellipse is fitted to the
 #: signals of the day.
 LASTING_KINDS = ("gain", "timing", "phase", "clock")
-REFERENCE_SOURCE = (
-    "calibration of the reference"  # the row of the budget for the calibration of the reference
-)
+#: Row of the budget for the calibration of the reference.
+REFERENCE_SOURCE = "calibration of the reference"
 
 
 def shared_sources(
     result: Result, *, parameter: str | None = None, sensitivity: tuple[float, float] | None = None
 ) -> dict[str, float]:
-    """The systematic contributions that another calibration may share, by what identifies each.
+    """Return the systematic contributions that another calibration may share, by a key.
 
     Two calibrations share a contribution where the key is the same: kind, source in words, its
     standard uncertainty to two digits (a source that was calibrated anew has another), the
@@ -98,15 +102,15 @@ def shared_sources(
 
     Args:
         result: the result.
-        parameter: of this parameter; in its unit.
-        sensitivity: of the sensitivity at a frequency instead: frequency in Hz, and value in its
-            unit. A gain acts on it as it is at that frequency, other sources as on the parameter
-            for the gain.
+        parameter: contributions to this parameter, in its unit.
+        sensitivity: contributions to the sensitivity at a frequency instead: frequency in Hz, and
+            value in its unit. A gain acts on it as it is at that frequency, other sources as on the
+            parameter for the gain.
 
     Returns:
-        key to standard uncertainty, larger than zero.
+        Key to standard uncertainty, above zero.
     """
-    found: dict[str, float] = {}
+    contributions: dict[str, float] = {}
     for row in result.settings.get("uncertainty_budget") or ():
         kind = str(row.get("kind", ""))
         if kind in LASTING_KINDS:
@@ -117,26 +121,29 @@ def shared_sources(
             )
             if math.isfinite(u) and u > 0:
                 key = _identity(result, row)
-                found[key] = math.hypot(found.get(key, 0.0), u)
-    return found
+                contributions[key] = math.hypot(contributions.get(key, 0.0), u)
+    return contributions
 
 
-def shared_covariance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    """Covariance of two values from the sources that they share, each fully correlated (GUM F.1.2.3)."""
-    return sum(u * other[key] for key, u in one.items() if key in other)
+def shared_covariance(sources: Mapping[str, float], compared: Mapping[str, float]) -> float:
+    """Return the covariance of two values from the sources that they share.
+
+    Each source is fully correlated (GUM F.1.2.3).
+    """
+    return sum(u * compared[key] for key, u in sources.items() if key in compared)
 
 
 def stated_sources(shared: Mapping[str, float]) -> dict[str, float]:
     """Return the sources that an instrument with serial number or certificate identifies.
 
-    That another source stays the same from one calibration to the next is an assumption.
+    That any other source stays the same from one calibration to the next is an assumption.
     """
     return {key: u for key, u in shared.items() if _names_an_instrument(key)}
 
 
-def assumed_sources(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[str, ...]:
+def assumed_sources(sources: Mapping[str, float], compared: Mapping[str, float]) -> tuple[str, ...]:
     """Return the words of the sources that two values share by assumption, each once."""
-    common = (key for key in one if key in other and not _names_an_instrument(key))
+    common = (key for key in sources if key in compared and not _names_an_instrument(key))
     return tuple(dict.fromkeys(key.split("|")[1] for key in common))
 
 
@@ -161,7 +168,10 @@ def _sensitivity_share(
 
 
 def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) -> float:
-    """Relative u of a gain at a frequency: the row holds the largest of one that is stated by frequency."""
+    """Return the relative u of a gain at a frequency.
+
+    The row of the budget holds the largest of a gain that is stated by frequency.
+    """
     largest = float(row.get("standard_uncertainty") or 0.0)
     points = result.settings.get("point_budget") or {}
     measured = result.measured
@@ -191,115 +201,28 @@ def _identity(result: Result, row: Mapping[str, Any]) -> str:
             for entry in instruments
             if any(entry.get(key) and entry[key] in words for key in named)
         ]
-    told = ("name", "manufacturer", "type", "serial_number", "certificate")
-    listed = sorted("/".join(entry.get(key, "") for key in told) for entry in instruments)
+    fields = ("name", "manufacturer", "type", "serial_number", "certificate")
+    listed = sorted("/".join(entry.get(key, "") for key in fields) for entry in instruments)
     laboratory = " ".join(str(result.certificate.get("laboratory") or "").casefold().split())
     return "|".join([str(row["kind"]), words, size, laboratory, *listed])
 
 
-def not_comparable(one: Result, other: Result) -> str:
-    """Reason why E_n of two results is not valid; empty if it is valid.
+def not_comparable(result_a: Result, result_b: Result) -> str:
+    """Return the reason why E_n of two results is not valid; empty if it is valid.
 
     E_n compares independent measurements of one thing: not two evaluations of the same data, not
     two sensors.
     """
     first, second = (
         {entry.get("sha256") for entry in result.provenance.get("files") or ()}
-        for result in (one, other)
+        for result in (result_a, result_b)
     )
     if (first & second) - {None, ""}:
         return "same data"
-    serials = [str(result.sensor.get("serial_number") or "") for result in (one, other)]
+    serials = [str(result.sensor.get("serial_number") or "") for result in (result_a, result_b)]
     if all(serials) and serials[0] != serials[1]:
         return "another sensor"
     return ""
-
-
-@dataclass(frozen=True)
-class Criteria:
-    """Criteria for the choice of a model.
-
-    Attributes:
-        chi2: sum of the squared deviations over their variance; None where no uncertainty is known.
-        parameters: estimated, not derived.
-        aic: Akaike's information criterion, χ² + 2 p.
-        bic: Schwarz's, χ² + p ln n, with n deviations.
-        sound: the model explains the data, and the data determine its parameters.
-    """
-
-    chi2: float | None
-    parameters: int
-    aic: float | None
-    bic: float | None
-    sound: bool
-
-
-def criteria(result: Result) -> Criteria:
-    """Information criteria of a result; smaller is better, a difference of ten decides (Burnham & Anderson 2002)."""
-    own = [p for p in result.parameters.values() if not p.derived]
-    sound = result.fit.adequate and all(p.identifiable for p in own)
-    if result.fit.chi2_reduced is None:
-        return Criteria(None, len(own), None, None, sound)
-    chi2 = result.fit.chi2_reduced * result.fit.degrees_of_freedom
-    count = max(result.fit.degrees_of_freedom + len(own), 1)
-    return Criteria(chi2, len(own), chi2 + 2 * len(own), chi2 + len(own) * math.log(count), sound)
-
-
-@dataclass(frozen=True)
-class Recommendation:
-    """The recommended method with the reason in words; ``method`` is None if no method can be recommended."""
-
-    method: str | None
-    words: str
-
-
-def recommendation(results: Mapping[str, Result]) -> Recommendation:
-    """The best of several models on the same data: adequate, identifiable, and of those the smallest BIC."""
-    judged = {name: criteria(result) for name, result in results.items()}
-
-    def order(name: str) -> tuple[float, int]:
-        return judged[name].bic or 0.0, judged[name].parameters
-
-    sound = [name for name, found in judged.items() if found.sound]
-    if sound:
-        best = min(sound, key=order)
-        others = [name for name, result in results.items() if result.model != results[best].model]
-        words = f"Take {best}: it explains the data and they determine all its parameters"
-        reasons = [_against(results[name], judged[name], judged[best]) for name in others]
-        return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
-    adequate = [name for name, result in results.items() if result.fit.adequate]
-    if adequate:
-        best = min(adequate, key=order)
-        words = (
-            f"{best} explains the data, but they do not determine the {_weak(results[best])}: use "
-            "its curve within the band, not these parameters, or measure where they matter."
-        )
-        return Recommendation(best, words)
-    scored = {name: c.chi2 for name, c in judged.items() if c.chi2 is not None}
-    nearest = f" {min(scored, key=lambda name: scored[name])} comes nearest." if scored else ""
-    words = (
-        f"None of these explains the data: do not publish their parameters.{nearest} Try a model "
-        "with more physics."
-    )
-    return Recommendation(None, words)
-
-
-def _weak(result: Result) -> str:
-    """The parameters that the data do not determine, in words."""
-    return ", ".join(
-        in_words(n) for n, p in result.parameters.items() if not p.derived and not p.identifiable
-    )
-
-
-def _against(result: Result, found: Criteria, best: Criteria) -> str:
-    """Why another model is not taken."""
-    if not result.fit.adequate:
-        return f"{result.model} does not explain them"
-    if weak := _weak(result):
-        return f"they do not determine the {weak} of {result.model}"
-    if found.bic is not None and best.bic is not None:
-        return f"{result.model} has a BIC larger by {found.bic - best.bic:.3g}"
-    return f"{result.model} is sound too"
 
 
 def document(
@@ -307,7 +230,7 @@ def document(
     truth: Mapping[str, float] | None = None,
     cross_validations: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """What ``comparison.json`` says: plain values.
+    """Return the plain values of ``comparison.json``.
 
     Args:
         results: name of the method to its result; at least one.
@@ -345,7 +268,8 @@ def _method(
             "standard_uncertainty": parameter.standard_uncertainty,
             "deviation_percent": None if off is None else off.percent,
         }
-        if is_truth:  # two results of the same data are not independent; their u say nothing of their difference
+        # two results of the same data are not independent: their u say nothing of their difference
+        if is_truth:
             parameters[key]["deviation_in_u"] = None if off is None else off.in_u
     return {
         "name": name,
@@ -361,7 +285,7 @@ def _method(
 
 
 def read_truth(path: str | os.PathLike[str]) -> dict[str, float]:
-    """True values by parameter name, from the ``truth.json`` that ``vibrident simulate`` writes.
+    """Read true values by parameter name from the ``truth.json`` of ``vibrident simulate``.
 
     Raises:
         InputError: the file cannot be read or is not of that kind.

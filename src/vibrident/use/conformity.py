@@ -1,4 +1,4 @@
-"""Conformity of a result with requirements: decision rules and the probability of conformance (JCGM 106:2012)."""
+"""Conformity with requirements: decision rules, probability of conformance (JCGM 106:2012)."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from vibrident.physics.models import installed
 from vibrident.result import Result
 
 Rule = Literal["simple", "guarded"]
-DEVIATION = (
-    "sensitivity_deviation"  # quantity: percent from the sensitivity at the reference frequency
-)
-#: A ratio this near to one is one: the rounding of its two values and of the quotient.
-_DUST = 4.0 * np.finfo(float).eps
-GUARD = 2.0  # guard band in u: w = U with k = 2 (ILAC-G8:09/2019, 5.1)
+#: Quantity: deviation in percent from the sensitivity at the reference frequency.
+DEVIATION = "sensitivity_deviation"
+#: A ratio nearer to one than the rounding of its two values and of the quotient is one.
+MAX_RATIO_ROUNDING = 4.0 * np.finfo(float).eps
+GUARD_BAND_IN_U = 2.0  # w = U with k = 2 (ILAC-G8:09/2019, 5.1)
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A requirement and what is said of it."""
+class Judgement:
+    """Requirement with its judgement."""
 
     quantity: str  # name of a parameter, or ``sensitivity_deviation``
     unit: str  # of value and limits
-    # low, high: tolerance limits; infinite where there is none
-    low: float
-    high: float
-    source: str  # where the requirement is stated, as given
-    value: (
-        float  # of the result; of a deviation at the frequency where conformance is least probable
-    )
-    u: float | None  # its standard uncertainty; None where it is not known
+    low: float  # tolerance limit; −∞ where there is none
+    high: float  # tolerance limit; ∞ where there is none
+    source: str  # of the requirement, as stated
+    # of the result; of a deviation at the frequency where conformance is least probable
+    value: float
+    u: float | None  # standard uncertainty of the value; None where it is not known
     frequency_hz: float | None  # of a deviation; None otherwise
     probability: float | None  # of conformance; None without u
     met: bool | None  # by the decision rule; None where it cannot be judged
 
 
 def probability_of_conformance(value: float, u: float, low: float, high: float) -> float:
-    """Probability that a normally distributed quantity lies within its limits (JCGM 106, 7.2)."""
+    """Return the probability that a quantity lies within its limits (JCGM 106, 7.2).
+
+    The quantity is normally distributed.
+    """
     if u == 0.0:
         return float(low <= value <= high)
     ends = [math.erf((end - value) / (u * math.sqrt(2.0))) for end in (low, high)]
@@ -51,20 +51,20 @@ def probability_of_conformance(value: float, u: float, low: float, high: float) 
 
 
 def accepted(value: float, u: float | None, low: float, high: float, rule: Rule) -> bool | None:
-    """Whether a value is accepted.
+    """Return whether a value is accepted, or None if that cannot be judged.
 
     ``simple``: it lies within its limits (JCGM 106, 8.2); ``guarded``: it does so by U with k = 2
-    (8.3.2). None where a guard band is asked for and u is not known.
+    (8.3.2), which cannot be judged without u.
     """
     if rule == "simple":
         return low <= value <= high
-    return None if u is None else low + GUARD * u <= value <= high - GUARD * u
+    return None if u is None else low + GUARD_BAND_IN_U * u <= value <= high - GUARD_BAND_IN_U * u
 
 
-def judged(
+def judge_requirements(
     result: Result, reference_hz: float | None, reference: tuple[float, float | None] | None
-) -> list[Judged]:
-    """Each requirement of ``result.certificate``, judged.
+) -> list[Judgement]:
+    """Judge each requirement of ``result.certificate``.
 
     Args:
         result: with the requirements and the decision rule in its certificate.
@@ -76,7 +76,7 @@ def judged(
         InputError: a requirement is of a quantity that the result does not have.
     """
     rule: Rule = result.certificate.get("decision_rule") or "simple"
-    found = []
+    judgements = []
     for entry in result.certificate.get("requirements") or ():
         low, high = (entry.get(key) for key in ("low", "high"))
         limits = -math.inf if low is None else float(low), math.inf if high is None else float(high)
@@ -89,10 +89,10 @@ def judged(
             rows = [_row(entry, "%", limits, *point, rule) for point in points]
             if not rows:
                 rows = [_row(entry, "%", limits, math.nan, None, None, rule)]
-            found.append(min(rows, key=_order))
+            judgements.append(min(rows, key=_order))
             continue
-        if _left_out(result, entry["quantity"]):
-            found.append(_row(entry, "", limits, math.nan, None, None, rule))
+        if _is_unstated(result, entry["quantity"]):
+            judgements.append(_row(entry, "", limits, math.nan, None, None, rule))
             continue
         if entry["quantity"] not in result.parameters:
             raise unknown(
@@ -104,20 +104,20 @@ def judged(
             )
         parameter = result.parameters[entry["quantity"]]
         u = parameter.standard_uncertainty
-        found.append(_row(entry, parameter.unit, limits, parameter.value, u, None, rule))
-    return found
+        judgements.append(_row(entry, parameter.unit, limits, parameter.value, u, None, rule))
+    return judgements
 
 
-def judged_points(
+def judge_points(
     result: Result, reference_hz: float, reference: tuple[float, float | None], *, limited: bool
-) -> list[Judged]:
-    """Return the deviation of every measured point, with the narrowest limits that hold there.
+) -> list[Judgement]:
+    """Return the deviation of every measured point, with the narrowest limits that apply to it.
 
     Args:
         result: with the requirements and the decision rule in its certificate.
         reference_hz: the reference frequency.
         reference: magnitude of the sensitivity there, and its u.
-        limited: whether limits are judged by.
+        limited: whether the limits of the requirements apply.
     """
     rule: Rule = result.certificate.get("decision_rule") or "simple"
     entries = [
@@ -125,37 +125,40 @@ def judged_points(
         for entry in result.certificate.get("requirements") or ()
         if limited and entry["quantity"] == DEVIATION
     ]
-    found = []
+    judgements = []
     for value, u, frequency_hz in _deviations(result, {}, reference_hz, reference):
-        here = [entry for entry in entries if _holds(entry, frequency_hz)]
+        here = [entry for entry in entries if _applies_at(entry, frequency_hz)]
         low = max(
             (entry["low"] for entry in here if entry.get("low") is not None), default=-math.inf
         )
         high = min(
             (entry["high"] for entry in here if entry.get("high") is not None), default=math.inf
         )
-        whole = {"quantity": DEVIATION}
-        found.append(_row(whole, "%", (float(low), float(high)), value, u, frequency_hz, rule))
-    return found
+        entry = {"quantity": DEVIATION}
+        judgements.append(_row(entry, "%", (float(low), float(high)), value, u, frequency_hz, rule))
+    return judgements
 
 
-def _holds(entry: Any, frequency_hz: float) -> bool:
-    """Return whether a requirement is of this frequency."""
+def _applies_at(entry: Any, frequency_hz: float) -> bool:
+    """Return whether a requirement applies at this frequency."""
     low = entry.get("from_hz") or 0.0
     high = entry.get("to_hz") or math.inf
     return low * (1 - 1e-9) <= frequency_hz <= high * (1 + 1e-9)
 
 
-def _left_out(result: Result, name: str) -> bool:
-    """Return whether a parameter of the result's model is not stated, as of a rejected one."""
+def _is_unstated(result: Result, name: str) -> bool:
+    """Return whether a parameter of the result's model is not stated, as of a rejected model."""
     model = installed(result.model)
     if model is None or name in result.parameters:
         return False
     return name in (*model.parameter_names, *(derived.name for derived in model.core.derived))
 
 
-def _order(row: Judged) -> tuple[bool, float, float]:
-    """The point that decides comes first: not met, then least probable, then farthest from the middle."""
+def _order(row: Judgement) -> tuple[bool, float, float]:
+    """Return a sort key by which the point that decides comes first.
+
+    A point decides that is not met, then least probable, then farthest from the middle.
+    """
     return row.met is True, 1.0 if row.probability is None else row.probability, -abs(row.value)
 
 
@@ -167,11 +170,11 @@ def _row(
     u: float | None,
     frequency: float | None,
     rule: Rule,
-) -> Judged:
+) -> Judgement:
     known = math.isfinite(value)
     chance = probability_of_conformance(value, u, *limits) if known and u is not None else None
     met = accepted(value, u, *limits, rule) if known else None
-    return Judged(
+    return Judgement(
         entry["quantity"],
         unit,
         *limits,
@@ -195,10 +198,10 @@ def _deviations(
     common = _common_gains(result, np.append(points.frequency_hz, reference_hz))
     columns = points.frequency_hz, points.magnitude, points.magnitude_uncertainty, common[:-1]
     for f, magnitude, u, gains in zip(*columns, strict=True):
-        if not (_holds(entry, f) and np.isfinite(magnitude)):
+        if not (_applies_at(entry, f) and np.isfinite(magnitude)):
             continue
         ratio = float(magnitude / base)
-        if abs(ratio - 1.0) <= _DUST:
+        if abs(ratio - 1.0) <= MAX_RATIO_ROUNDING:
             ratio = 1.0
         if ratio == 1.0 and f == reference_hz:
             yield 0.0, 0.0, float(f)
@@ -215,32 +218,32 @@ def ratio_uncertainty(
 ) -> float:
     """Return the relative standard uncertainty of a ratio of two values that share sources.
 
-    A shared source multiplies both values by nearly the same factor, so only the difference of
-    its contributions is left (GUM 5.2.2); of the rest the values are taken as independent.
+    A shared source multiplies both values by nearly the same factor, so only the difference of its
+    contributions remains (GUM 5.2.2); all else of the two values is taken as independent.
 
     Args:
-        u: relative standard uncertainty of the one value.
+        u: relative standard uncertainty of the numerator.
         common: relative contributions of the shared sources to it, shape (sources,).
-        base_u: relative standard uncertainty of the other value.
+        base_u: relative standard uncertainty of the denominator.
         base_common: contributions to that, shape (sources,).
     """
-    own = [
+    independent = [
         max(total**2 - float(np.sum(part**2)), 0.0)
         for total, part in ((u, common), (base_u, base_common))
     ]
-    dust = 8.0 * np.finfo(float).eps
-    own = [
-        rest if rest > dust * total**2 else 0.0
-        for rest, total in zip(own, (u, base_u), strict=True)
+    rounding = 8.0 * np.finfo(float).eps
+    independent = [
+        variance if variance > rounding * total**2 else 0.0
+        for variance, total in zip(independent, (u, base_u), strict=True)
     ]
-    return math.sqrt(sum(own) + float(np.sum((common - base_common) ** 2)))
+    return math.sqrt(sum(independent) + float(np.sum((common - base_common) ** 2)))
 
 
 def _common_gains(result: Result, frequency_hz: FloatArray) -> FloatArray:
     """Return relative contributions of gains and mountings to the magnitude, shape (m, sources).
 
     These act on all frequencies with one sign. A source that also acts in another way is left out:
-    it then counts as if it were new at each frequency.
+    it then counts as new at each frequency.
     """
     kinds: dict[str, set[str]] = {}
     for row in result.settings.get("uncertainty_budget") or ():
@@ -260,8 +263,8 @@ def _common_gains(result: Result, frequency_hz: FloatArray) -> FloatArray:
     order = np.argsort(known_hz)
     columns = [
         np.interp(
-            frequency_hz, known_hz[order], (np.asarray(one["magnitude"], float) / size)[order]
+            frequency_hz, known_hz[order], (np.asarray(source["magnitude"], float) / size)[order]
         )
-        for one in sources
+        for source in sources
     ]
     return np.stack(columns, axis=1)

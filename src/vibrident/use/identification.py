@@ -1,4 +1,4 @@
-"""The public entry: a calibration or its file, in one run or several, at one temperature or several, to a result."""
+"""Public entry of an identification: a calibration or its file to a result."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
 from vibrident.data.io import GivenCalibration, as_calibration
+from vibrident.data.records import Calibration
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.identification import fit, identify_run
+from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty
 from vibrident.fit.optimise import Progress, silent
 from vibrident.physics.models import GivenModel, named
 from vibrident.result import Result
 from vibrident.use.regimes import with_regimes
-from vibrident.use.repeats import identify_runs, runs_of
-from vibrident.use.temperature import identify_temperatures, temperatures_of
+from vibrident.use.repeats import group_by_run, identify_runs
+from vibrident.use.temperature import group_by_temperature, identify_temperatures
 
 if TYPE_CHECKING:
     from vibrident.fit.uncertainty.posterior import Sampling
@@ -81,27 +83,23 @@ def identify(
     """
     calibration = as_calibration(calibration).within(band_hz)
     name = named(model)
-    temperatures = temperatures_of(calibration)
-    runs = runs_of(calibration)
+    temperatures = group_by_temperature(calibration)
+    runs = group_by_run(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):
-        raise InputError(
-            "The posterior is sampled for one run at one temperature.",
-            expected="records without run, mounting and temperature_c, or of one each",
-            found=f"{len(runs)} runs, {max(len(temperatures), 1)} temperatures",
-            where=calibration.source or "calibration in memory",
-            remedy="leave the posterior out, or identify one of them",
-        )
+        raise _several_parts(calibration, len(runs), max(len(temperatures), 1))
     if temperatures:
         return identify_temperatures(
             temperatures,
-            lambda one: identify(one, name, estimator, uncertainty=uncertainty, progress=progress),
+            lambda group: identify(
+                group, name, estimator, uncertainty=uncertainty, progress=progress
+            ),
         )
+
+    def fit_part(part: Calibration) -> Fitted:
+        return fit(part, name, estimator, uncertainty=uncertainty, progress=progress)
+
     if len(runs) > 1:
-        return identify_runs(
-            runs,
-            lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress),
-            uncertainty,
-        )
+        return identify_runs(runs, fit_part, uncertainty)
     result = identify_run(
         calibration,
         name,
@@ -112,10 +110,15 @@ def identify(
     )
     if posterior is not None:
         return result
-    return with_regimes(
-        calibration,
-        name,
-        result,
-        lambda one: fit(one, name, estimator, uncertainty=uncertainty, progress=progress),
-        uncertainty,
+    return with_regimes(calibration, name, result, fit_part, uncertainty)
+
+
+def _several_parts(calibration: Calibration, runs: int, temperatures: int) -> InputError:
+    """Return the error of a posterior of several runs or temperatures."""
+    return InputError(
+        "The posterior is sampled for one run at one temperature.",
+        expected="records without run, mounting and temperature_c, or of one each",
+        found=f"{runs} runs, {temperatures} temperatures",
+        where=calibration.source or "calibration in memory",
+        remedy="leave the posterior out, or identify one of them",
     )

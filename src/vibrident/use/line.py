@@ -1,4 +1,4 @@
-"""A straight line through values of known uncertainty: its coefficients, and whether the values lie on it.
+"""Straight line through values of known uncertainty, with a test of the values against it.
 
 Weighted least squares, where each u may itself be an estimate from few degrees of freedom: Welch's
 test, for any linear hypothesis (Johansen 1980), and the covariance of Meier (1953) with the degrees
@@ -21,7 +21,7 @@ from vibrident.data.records import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Values y at places x, with standard uncertainties and the degrees of freedom behind these, shape (n,) each."""
+    """Values y at x, with standard uncertainties and their degrees of freedom, shape (n,) each."""
 
     x: FloatArray
     y: FloatArray
@@ -31,15 +31,16 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line fitted to points.
+    """Line fitted to points.
 
     Attributes:
+        points: that it is fitted to.
         coefficients: value at x = 0, slope, and amount of the further column, shape (k,).
         smoother: coefficients = smoother @ y, shape (k, n).
         covariance: of the coefficients, the scatter of the weights included, shape (k, k).
         chi2: sum of squares of the residuals in u.
         degrees: of freedom of the residuals, n - k.
-        ratio: χ² over what it is on average; its root is the Birge ratio.
+        ratio: χ² over its mean; its root is the Birge ratio.
         probability: chance of points on a line to deviate as much; 1 without degrees of freedom.
     """
 
@@ -53,7 +54,10 @@ class Line:
     probability: float
 
     def uncertainty(self, gradient: FloatArray) -> tuple[float, float]:
-        """Return u of a function of the coefficients, and its degrees of freedom; ``gradient``: shape (k,)."""
+        """Return u of a function of the coefficients, and its degrees of freedom.
+
+        ``gradient``: of the function, shape (k,).
+        """
         shares = np.square(gradient @ self.smoother * self.points.u)
         doubt = float(np.sum(shares**2 / self.points.freedom))
         freedom = float(np.sum(shares)) ** 2 / doubt if doubt > 0.0 else np.inf
@@ -61,29 +65,31 @@ class Line:
 
 
 def fit_line(points: Points, further: FloatArray | None = None) -> Line:
-    """Fit a line, and a further column beside it, by weighted least squares.
+    """Fit a line, and a further column, by weighted least squares.
 
     Args:
         points: at least as many as there are coefficients.
-        further: of the design, shape (n,).
+        further: column of the design, shape (n,).
     """
     columns = [np.ones_like(points.x), points.x, *([] if further is None else [further])]
     design = np.stack(columns, axis=1) / points.u[:, None]
     inverse = np.linalg.pinv(design)
     smoother = inverse / points.u
     coefficients = smoother @ points.y
-    free = 1.0 - np.sum(
-        design * inverse.T, axis=1
-    )  # of each residual's variance, in that of its point
+    # each residual's variance in units of that of its point
+    free = 1.0 - np.sum(design * inverse.T, axis=1)
     covariance = (smoother * points.u**2 * (1.0 + 4.0 * free / points.freedom)) @ smoother.T
     chi2 = float(np.sum(np.square(points.y / points.u - design @ coefficients)))
     degrees = len(points.x) - len(columns)
-    ratio, probability = _judged(chi2, degrees, float(np.sum(free**2 / points.freedom)))
+    ratio, probability = _test_chi2(chi2, degrees, float(np.sum(free**2 / points.freedom)))
     return Line(points, coefficients, smoother, covariance, chi2, degrees, ratio, probability)
 
 
-def _judged(chi2: float, degrees: int, doubt: float) -> tuple[float, float]:
-    """Return χ² over its mean and its probability; ``doubt``: Johansen's A, zero where every u is known."""
+def _test_chi2(chi2: float, degrees: int, doubt: float) -> tuple[float, float]:
+    """Return χ² over its mean and its probability.
+
+    ``doubt``: Johansen's A, zero where every u is known.
+    """
     if degrees <= 0:
         return 1.0, 1.0
     ratio = chi2 / (degrees + 2.0 * doubt - 6.0 * doubt / (degrees + 2.0))
@@ -92,10 +98,10 @@ def _judged(chi2: float, degrees: int, doubt: float) -> tuple[float, float]:
 
 
 def explanations(points: Points, rejection: float) -> list[int | None]:
-    """Return what brings the points back to a line: the point to leave out, or None for a parabola.
+    """Return what brings the points back to a line: a point to leave out, or None, a parabola.
 
     Each is one further column, so that all are alternatives of one size; those with which the test
-    passes are given. Empty where no degree of freedom would be left to test them by.
+    passes are returned. Empty where no degree of freedom would remain to test them.
     """
     if len(points.x) < 4:
         return []

@@ -19,15 +19,14 @@ from vibrident.result import Result
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.comparison import (
     COVERAGE_FACTOR,
-    Recommendation,
     document,
     normalized_error,
     not_comparable,
-    recommendation,
     shared_covariance,
     shared_sources,
 )
 from vibrident.use.identification import identify
+from vibrident.use.model_choice import Recommendation, recommendation
 from vibrident.use.validation import cross_validate
 
 if TYPE_CHECKING:

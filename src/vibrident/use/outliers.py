@@ -1,8 +1,9 @@
-"""Whether one of several runs, or one of several mountings, lies outside the scatter of the others.
+"""Outliers among several runs or mountings.
 
-By the studentised deletion residual: how far a run is from the mean of its mounting, over a
-standard deviation that it has no part in. The furthest of all runs and parameters is judged with
-Bonferroni's bound, which for one parameter of one mounting is the test of Grubbs (1950).
+The test takes the studentised deletion residual: the distance of a run from the mean of its
+mounting, over a standard deviation without that run. The furthest of all runs and parameters is
+judged with Bonferroni's bound, which for one parameter of one mounting is the test of Grubbs
+(1950).
 
 F. E. Grubbs, Sample criteria for testing outlying observations, Ann. Math. Statist. 21 (1950)
 27-58.
@@ -21,10 +22,10 @@ from vibrident.data.records import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Outlier:
-    """What lies outside the scatter of the others.
+    """Run or mounting outside the scatter of the others.
 
     Attributes:
-        runs: that belong to it: one, or those of a mounting; shape (runs,).
+        runs: runs that belong to it: one, or those of a mounting; shape (runs,).
         parameter: index of the parameter that shows it most.
         probability: chance of a run or mounting as far from the others in any parameter.
     """
@@ -34,13 +35,13 @@ class Outlier:
     probability: float
 
 
-def furthest(values: FloatArray, mountings: Sequence[str], noise: FloatArray) -> Outlier | None:
-    """Return the run or mounting furthest from the others; None where too few are there to tell.
+def find_outlier(values: FloatArray, mountings: Sequence[str], noise: FloatArray) -> Outlier | None:
+    """Return the run or mounting furthest from the others, or None if they are too few.
 
     Args:
         values: of each run, shape (runs, p).
         mountings: of each run.
-        noise: least variance of a run, that of its own noise, shape (p,).
+        noise: smallest variance of a run, that of its noise, shape (p,).
     """
     names = list(dict.fromkeys(mountings))
     member = np.array([[each == name for each in mountings] for name in names])
@@ -54,8 +55,8 @@ def furthest(values: FloatArray, mountings: Sequence[str], noise: FloatArray) ->
     known = [test for test in tests if test is not None]
     if not known:
         return None
-    least = min(known, key=lambda test: test.probability)
-    return replace(least, probability=min(len(known) * least.probability, 1.0))
+    outlier = min(known, key=lambda test: test.probability)
+    return replace(outlier, probability=min(len(known) * outlier.probability, 1.0))
 
 
 def _test(
@@ -63,16 +64,19 @@ def _test(
 ) -> Outlier | None:
     """Test each row of values within its group.
 
-    ``member``: of each group, shape (groups, n); ``runs``: of each row, shape (n, runs).
+    Args:
+        values: shape (n, p).
+        member: whether each row belongs to each group, shape (groups, n).
+        runs: runs of each row, shape (n, runs).
+        noise: smallest variance of a row, shape (p,).
     """
     counts = member.sum(axis=1)
     degrees = len(values) - len(member) - 1  # of a standard deviation without the row
     if degrees < 1:
         return None
     residual = values - member.T @ (member @ values / counts[:, None])
-    part = (
-        1.0 - 1.0 / (member.T @ counts)[:, None]
-    )  # of the variance of a row that its residual has
+    # part of a row's variance that its residual has
+    part = 1.0 - 1.0 / (member.T @ counts)[:, None]
     squares = np.divide(residual**2, part, out=np.zeros_like(residual), where=part > 0.0)
     variance = np.maximum((np.sum(residual**2, axis=0) - squares) / degrees, noise)
     at = np.unravel_index(

@@ -1,4 +1,4 @@
-"""The predicted response of other records, and its deviation from the measured one.
+"""Predicted response of records that were not fitted, and its deviation from the measured response.
 
 The network runs with the result's parameters, its discretisation and, if there is one, its learned
 residual. Initial state and offset belong to a record: they are fitted to its response, which leaves
@@ -30,7 +30,7 @@ UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothin
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One record and its predicted response."""
+    """Record with its predicted response."""
 
     record: Record  # as screened: clipped samples are marked invalid
     # shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited
@@ -41,22 +41,22 @@ class Prediction:
 
     @property
     def compared(self) -> BoolArray:
-        """Samples with a valid measured and a predicted response, shape (samples,)."""
+        """Return the samples with a valid measured and a predicted response, shape (samples,)."""
         return self.record.mask & np.isfinite(self.predicted)
 
     @property
     def residual(self) -> FloatArray:
-        """Measured minus predicted response at the samples compared."""
+        """Return the measured minus the predicted response at the samples compared."""
         return self.record.response[self.compared] - self.predicted[self.compared]
 
     @property
     def rmse(self) -> float | None:
-        """Root mean square of the residual, response unit; None if nothing can be compared."""
+        """Return the rms of the residual, response unit, or None if nothing can be compared."""
         return root_mean_square(self.residual)
 
     @property
     def nrmse(self) -> float | None:
-        """``rmse`` over the standard deviation of the measured response; None if undefined."""
+        """Return ``rmse`` over the standard deviation of the measured response, or None."""
         deviation = (
             float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
         )
@@ -68,16 +68,14 @@ class Predictions:
     """Predictions for a calibration's records."""
 
     predictions: tuple[Prediction, ...]  # one a record, in order, without those left out
-    findings: tuple[
-        Finding, ...
-    ]  # doubts about the data; a record without signal is left out and named here
+    findings: tuple[Finding, ...]  # doubts about the data; they name records that are left out
     discretisation: str  # of the network
 
     __repr__ = brief
 
     @property
     def rmse(self) -> float | None:
-        """Root mean square of the residuals of all records together."""
+        """Return the rms of the residuals of all records together."""
         return root_mean_square(np.concatenate([p.residual for p in self.predictions]))
 
 
@@ -130,17 +128,19 @@ def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
 
 
 def root_mean_square(values: FloatArray) -> float | None:
-    """√mean(v²); None for no values."""
+    """Return √mean(v²), or None for no values."""
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
 def prediction_document(
     predictions: Predictions, files: Sequence[str], unit: str
 ) -> dict[str, Any]:
-    """What ``prediction.json`` says: plain values.
+    """Return the plain values of ``prediction.json``.
 
-    ``predictions``: of :func:`predict`; ``files``: name of each prediction's own file; ``unit``: of
-    the response.
+    Args:
+        predictions: of :func:`predict`.
+        files: name of each prediction's file.
+        unit: of the response.
     """
     rows = [
         {
@@ -168,12 +168,12 @@ def _check_units(result: Result, calibration: Calibration) -> None:
     calibration.require_response(
         result.response_unit, "A table has no motion to predict a response to."
     )
-    theirs = result.quantity
-    if (calibration.quantity == "drive") != (theirs == "drive"):
+    expected = result.quantity
+    if (calibration.quantity == "drive") != (expected == "drive"):
         raise InputError(
             "The reference is of another kind than the result's.",
             expected='quantity = "drive"'
-            if theirs == "drive"
+            if expected == "drive"
             else "acceleration | velocity | displacement",
             found=f'quantity = "{calibration.quantity}"',
             where=f"{calibration.source or 'calibration in memory'}, [reference]",

@@ -1,8 +1,8 @@
-"""Several runs of a calibration, the sensor remounted between them or not: type A evaluation (GUM 4.2).
+"""Type A evaluation of several runs, the sensor remounted between them or not (GUM 4.2).
 
 Each run is identified by itself. With M mountings of n_m runs each, the estimate is the mean of the
 means of the mountings, whose covariance is that of these means over M, with M − 1 degrees of
-freedom; with one mounting it is the mean of the n runs, with n − 1, and remounting is not in it.
+freedom; with one mounting it is the mean of the n runs, with n − 1, without remounting.
 The two components are those of the one-way random model: repeatability, the variance within
 mountings, and remounting, what the means vary beyond it. Systematic effects are common to all runs
 and are added (type B); the degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1). A
@@ -35,15 +35,15 @@ from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, parameter_units, unit_fields
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, MeasuredCurve, Result, ResultWarning
-from vibrident.use.outliers import Outlier, furthest
+from vibrident.use.outliers import Outlier, find_outlier
 
 REPEATABILITY = "repeatability"
 REMOUNTING = "remounting"
 VALUE_DIGITS = 7  # of a mean with and without a run
 
 
-def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
-    """Mounting and run to the records of it; one entry where no runs are stated.
+def group_by_run(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
+    """Group the records by mounting and run; one group where no runs are stated.
 
     Raises:
         InputError: some records belong to a run and others to none.
@@ -55,16 +55,24 @@ def runs_of(calibration: Calibration) -> dict[tuple[str, str], Calibration]:
     }
     lacking = [r.name for r, key in zip(calibration.records, keys, strict=True) if not any(key)]
     if len(groups) > 1 and lacking:
-        raise stated_by_some(
+        raise partly_stated_error(
             calibration, lacking, "belong to a run, and others to none", "run or mounting", "run"
         )
     return {key: replace(calibration, records=records) for key, records in groups.items()}
 
 
-def stated_by_some(
+def partly_stated_error(
     calibration: Calibration, lacking: Sequence[str], words: str, field: str, name: str
 ) -> InputError:
-    """What not all records state; ``lacking``: names of those that do not."""
+    """Return the error of a field that some records state and others do not.
+
+    Args:
+        calibration: of the records.
+        lacking: names of the records without the field.
+        words: what some records do, and others do not.
+        field: name of the field in a calibration file.
+        name: of the field in words.
+    """
     return InputError(
         f"Some records {words}.",
         expected=f"{field} in every [[records]] entry, or in none",
@@ -77,7 +85,7 @@ def stated_by_some(
 def identify_runs(
     runs: dict[tuple[str, str], Calibration], fit: Callable[[Calibration], Fitted], scope: Any
 ) -> Result:
-    """The result of several runs together.
+    """Return the result of several runs together.
 
     Args:
         runs: mounting and run to its calibration, two or more.
@@ -87,23 +95,23 @@ def identify_runs(
     Raises:
         InputError: a run cannot be identified.
     """
-    fits = [fit(one) for one in runs.values()]
+    fits = [fit(each) for each in runs.values()]
     first = fits[0]
     coordinates = first.estimate.coordinates
     places = np.array(
-        [coordinates.place(one.estimate.coordinates.values(one.estimate.z)) for one in fits]
+        [coordinates.place(each.estimate.coordinates.values(each.estimate.z)) for each in fits]
     )
     mountings = [key[0] for key in runs]
     mean, parts = _components(places, mountings)
     rows = [*parts, *(row for row in budget_of(first, scope) if row.kind != DATA)]
     total = np.sum([row.covariance for row in rows], axis=0)
     freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
-    results = [document(one, budget_of(one, scope)) for one in fits]
+    results = [document(each, budget_of(each, scope)) for each in fits]
     base = results[0]
     calibration = first.evidence.calibration
     names = first.evidence.model.parameter_names
     doubtful = {
-        name: "" for one in results for name, p in one.parameters.items() if not p.identifiable
+        name: "" for each in results for name, p in each.parameters.items() if not p.identifiable
     }
     covers = [
         f"{len(fits)} runs",
@@ -115,32 +123,21 @@ def identify_runs(
         "coverage_factor": coverage_factor(freedom),
         "effective_degrees_of_freedom": freedom,
         "uncertainty_budget": as_settings(rows, names, coordinates.slopes(mean)),
-        "repeats": {
-            "runs": len(fits),
-            "mountings": len(set(mountings)),
-            "values": [
-                {
-                    "mounting": key[0],
-                    "run": key[1],
-                    **{n: p.value for n, p in one.parameters.items() if not p.derived},
-                }
-                for key, one in zip(runs, results, strict=True)
-            ],
-        },
+        "repeats": _repeats_settings(list(runs), results),
     }
     response = base.response
     if base.has_gain:
         response = curve(coordinates, mean, total, calibration.quantity, response.frequency_hz)
-    outlier = furthest(
-        places, mountings, np.mean([np.diag(one.estimate.covariance) for one in fits], axis=0)
+    outlier = find_outlier(
+        places, mountings, np.mean([np.diag(each.estimate.covariance) for each in fits], axis=0)
     )
-    findings = [finding for one in results for finding in one.findings]
-    warnings = [warning for one in results for warning in one.warnings]
+    findings = [finding for each in results for finding in each.findings]
+    warnings = [warning for each in results for warning in each.warnings]
     if outlier is not None and outlier.probability < REJECTION:
         finding = _finding(outlier, first, places, list(runs))
         findings.append(finding)
         warnings.append(ResultWarning(finding.code, finding.message))
-    made = replace(
+    combined = replace(
         base,
         parameters=parameter_table(
             coordinates, mean, total, freedom, unit_fields(calibration), doubtful
@@ -149,29 +146,50 @@ def identify_runs(
         response=response,
         warnings=tuple(dict.fromkeys(warnings)),
         findings=tuple(findings),
-        fit=replace(base.fit, adequate=all(one.fit.adequate for one in results)),
+        fit=replace(base.fit, adequate=all(each.fit.adequate for each in results)),
         provenance={
             **base.provenance,
-            "files": [f for one in results for f in one.provenance.get("files") or ()],
+            "files": [f for each in results for f in each.provenance.get("files") or ()],
         },
-        signals=tuple(signal for one in results for signal in one.signals),
+        signals=tuple(signal for each in results for signal in each.signals),
         settings=settings,
     )
-    measured = _measured(results, made, mountings)
-    made = replace(made, measured=measured, settings=_with_scatter(settings, measured, covers[-1]))
-    return with_floor(made, calibration.capabilities)
+    measured = _measured(results, combined, mountings)
+    combined = replace(
+        combined, measured=measured, settings=_with_scatter(settings, measured, covers[-1])
+    )
+    return with_floor(combined, calibration.capabilities)
+
+
+def _repeats_settings(runs: Sequence[tuple[str, str]], results: Sequence[Result]) -> dict[str, Any]:
+    """Return the numbers of runs and mountings, and the values of each run."""
+    return {
+        "runs": len(runs),
+        "mountings": len({mounting for mounting, _ in runs}),
+        "values": [
+            {
+                "mounting": mounting,
+                "run": run,
+                **{n: p.value for n, p in result.parameters.items() if not p.derived},
+            }
+            for (mounting, run), result in zip(runs, results, strict=True)
+        ],
+    }
 
 
 def _finding(
     outlier: Outlier, first: Fitted, places: FloatArray, runs: Sequence[tuple[str, str]]
 ) -> Finding:
-    """What lies outside the scatter of the other runs, and what the mean would be without it."""
+    """Return the finding of a run or mounting outside the scatter of the others.
+
+    Its impact is the change of the mean by the outlier.
+    """
     within = np.flatnonzero(outlier.runs)
     coordinates = first.estimate.coordinates
     mountings = [mounting for mounting, _ in runs]
-    others = np.flatnonzero(~outlier.runs)
+    remaining = np.flatnonzero(~outlier.runs)
     mean, _ = _components(places, mountings)
-    mean_without, _ = _components(places[others], [mountings[i] for i in others])
+    mean_without, _ = _components(places[remaining], [mountings[i] for i in remaining])
     stated = coordinates.values(mean)
     without = coordinates.values(mean_without)
     mounting, run = runs[within[0]]
@@ -191,7 +209,7 @@ def _finding(
 
 
 def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) -> dict[str, Any]:
-    """The settings with the scatter of the runs in place of the noise in the budget of the points."""
+    """Return the settings with the scatter of the runs as the noise of the points."""
     points = settings.get("point_budget")
     if not points or points["frequency_hz"] != measured.frequency_hz.tolist():
         return {key: value for key, value in settings.items() if key != "point_budget"}
@@ -204,38 +222,45 @@ def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) 
 
 
 def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, list[BudgetRow]]:
-    """Mean of the runs, shape (p,), and the type A rows of the budget; ``places``: of each run, shape (runs, p)."""
+    """Return the mean of the runs, shape (p,), and the type A rows of the budget.
+
+    ``places``: coordinates of each run, shape (runs, p).
+    """
     groups = _groups(places, mountings)
     means = np.array([group.mean(axis=0) for group in groups])
-    whole = np.atleast_2d(np.cov(means.T)) / len(groups)
-    left = len(places) - len(groups)
-    if left == 0:
+    covariance = np.atleast_2d(np.cov(means.T)) / len(groups)
+    freedom = len(places) - len(groups)
+    if freedom == 0:
         source = REMOUNTING if len(set(mountings)) > 1 else REPEATABILITY
-        return means.mean(axis=0), [_row(source, whole, len(groups) - 1)]
+        return means.mean(axis=0), [_row(source, covariance, len(groups) - 1)]
     within = sum(
         np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0)))
         for group in groups
     )
-    own = within / left * float(np.mean([1.0 / len(group) for group in groups])) / len(groups)
-    share = np.clip(
-        np.diag(own) / np.maximum(np.diag(whole), 1e-300), 0.0, 1.0
-    )  # of the variance of the mean
-    repeated, remounted = (
-        whole * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share))
+    repeatability = (
+        within / freedom * float(np.mean([1.0 / len(group) for group in groups])) / len(groups)
     )
-    rest = whole - repeated - remounted  # of the correlations, none on the diagonal
+    # part of repeatability in the variance of the mean
+    share = np.clip(np.diag(repeatability) / np.maximum(np.diag(covariance), 1e-300), 0.0, 1.0)
+    repeated, remounted = (
+        covariance * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share))
+    )
+    mixed = covariance - repeated - remounted  # of the correlations, none on the diagonal
     rows = [
-        _row(REPEATABILITY, repeated, left),
-        _row(REMOUNTING, remounted + rest, len(groups) - 1),
+        _row(REPEATABILITY, repeated, freedom),
+        _row(REMOUNTING, remounted + mixed, len(groups) - 1),
     ]
     return means.mean(axis=0), rows
 
 
 def _groups(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
-    """The rows of each mounting; where there is but one, each row by itself; ``values``: shape (runs, …)."""
+    """Return the rows of each mounting, or each row by itself where there is one mounting.
+
+    ``values``: shape (runs, …).
+    """
     names = list(dict.fromkeys(mountings))
     return (
-        [values[[one == name for one in mountings]] for name in names]
+        [values[[mounting == name for mounting in mountings]] for name in names]
         if len(names) > 1
         else list(values[:, None])
     )
@@ -246,15 +271,21 @@ def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
 
 
 def _joined(rows: Sequence[BudgetRow]) -> list[BudgetRow]:
-    """The type A rows as one, with the degrees of freedom of the means: they are parts of one sample variance."""
+    """Return the budget with its type A rows as one.
+
+    That row has the degrees of freedom of the means: the rows are parts of one sample variance.
+    """
     data = [row for row in rows if row.kind == DATA]
     covariance = np.sum([row.covariance for row in data], axis=0)
     return [replace(data[-1], covariance=covariance), *(row for row in rows if row.kind != DATA)]
 
 
 def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str]) -> MeasuredCurve:
-    """The points as means over the runs, their noise as the scatter of these; all points where they do not match."""
-    curves = [one.measured for one in results]
+    """Return the points as means over the runs, their noise as the runs' scatter.
+
+    Where the points of the runs do not match, those of the first run are returned.
+    """
+    curves = [result.measured for result in results]
     f = curves[0].frequency_hz
     alike = all(
         len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= 1e-3)
@@ -295,6 +326,9 @@ def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str])
 
 
 def _mean_over(values: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Mean of the means of the mountings and its standard uncertainty; ``values``: shape (runs, points)."""
+    """Return the mean of the mountings' means and its standard uncertainty.
+
+    ``values``: shape (runs, points).
+    """
     means = np.array([group.mean(axis=0) for group in _groups(values, mountings)])
     return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))

@@ -1,4 +1,4 @@
-"""A sensor at several temperatures: coefficients of sensitivity, frequencies and damping, relative, per kelvin.
+"""Temperature coefficients of sensitivity, frequencies and damping, relative, per kelvin.
 
 The records of each temperature are identified by themselves. A line through the values of a
 parameter over temperature, weighted by their type A uncertainties, gives its value at the reference
@@ -24,13 +24,15 @@ from vibrident.fit.uncertainty.parameters import coverage_factor
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result, ResultWarning
 from vibrident.use.line import Line, Points, explanations, fit_line
-from vibrident.use.repeats import stated_by_some
+from vibrident.use.repeats import partly_stated_error
 
-USUAL_C = 23.0  # reference temperature where the certificate states none (ISO 16063-11, 4.1)
+DEFAULT_REFERENCE_C = (
+    23.0  # reference temperature where the certificate states none (ISO 16063-11, 4.1)
+)
 
 
-def temperatures_of(calibration: Calibration) -> dict[float, Calibration]:
-    """Temperature in °C to the records at it, rising; empty where fewer than two are stated.
+def group_by_temperature(calibration: Calibration) -> dict[float, Calibration]:
+    """Group the records by temperature in °C, rising; empty if fewer than two are stated.
 
     Raises:
         InputError: some records state their temperature and others do not.
@@ -45,14 +47,16 @@ def temperatures_of(calibration: Calibration) -> dict[float, Calibration]:
     }
     if lacking := [r.name for r in at.pop(None)]:
         words = "state a temperature, and others do not"
-        raise stated_by_some(calibration, lacking, words, "temperature_c", "temperature")
+        raise partly_stated_error(calibration, lacking, words, "temperature_c", "temperature")
     return {t: replace(calibration, records=at[t]) for t in known}
 
 
 def identify_temperatures(
     groups: Mapping[float, Calibration], identify: Callable[[Calibration], Result]
 ) -> Result:
-    """Return the result at the temperature nearest to the reference, coefficients in ``settings.temperature``.
+    """Return the result at the temperature nearest to the reference.
+
+    ``settings.temperature`` of the result holds the coefficients.
 
     Args:
         groups: temperature in °C to its calibration, two or more.
@@ -60,20 +64,19 @@ def identify_temperatures(
     """
     results = {t: identify(calibration) for t, calibration in groups.items()}
     stated = next(iter(groups.values())).certificate.get("temperature_c")
-    reference = USUAL_C if stated is None else float(stated)
+    reference = DEFAULT_REFERENCE_C if stated is None else float(stated)
     reference = min(max(reference, min(results)), max(results))
     nearest = min(results, key=lambda t: abs(t - reference))
     base = results[nearest]
     names = [name for name, p in base.parameters.items() if not p.derived or p.unit == "Hz"]
-    points = {
-        name: found for name in names if (found := _points(results, name, reference)) is not None
-    }
+    all_points = {name: _points(results, name, reference) for name in names}
+    points = {name: known for name, known in all_points.items() if known is not None}
     rejection = REJECTION / max(len(points), 1)
     lines = {
-        name: _Judged(name, tuple(results), fit_line(each), rejection)
+        name: _TemperatureLine(name, tuple(results), fit_line(each), rejection)
         for name, each in points.items()
     }
-    # what is derived from parameters on straight lines lies on none
+    # A derived parameter of parameters on straight lines lies on none.
     bent = [
         line for line in lines.values() if line.rejected and not base.parameters[line.name].derived
     ]
@@ -88,23 +91,26 @@ def identify_temperatures(
             },
         },
     }
-    told = [warning for result in results.values() for warning in result.warnings]
-    told += [ResultWarning("lack_of_fit", line.sentence()) for line in bent]
+    warnings = [warning for result in results.values() for warning in result.warnings]
+    warnings += [ResultWarning("lack_of_fit", line.sentence()) for line in bent]
     return replace(
         base,
         settings=settings,
-        warnings=tuple(dict.fromkeys(told)),
+        warnings=tuple(dict.fromkeys(warnings)),
         findings=(*base.findings, *(line.finding(nearest) for line in bent)),
         fit=replace(base.fit, adequate=all(result.fit.adequate for result in results.values())),
     )
 
 
 def _points(results: Mapping[float, Result], name: str, reference: float) -> Points | None:
-    """Return a parameter's values over temperature, less the reference's; None where a u is not known."""
-    found = [
+    """Return a parameter's values over temperature, less the reference's.
+
+    None where a u is not known.
+    """
+    values = [
         (t, result.parameters.get(name), _scatter(result, name)) for t, result in results.items()
     ]
-    known = [(t - reference, p.value, u) for t, p, u in found if p is not None and p.value and u]
+    known = [(t - reference, p.value, u) for t, p, u in values if p is not None and p.value and u]
     if len(known) < len(results):
         return None
     x, y, u = np.array(known).T
@@ -112,8 +118,8 @@ def _points(results: Mapping[float, Result], name: str, reference: float) -> Poi
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
-    """A parameter's line over temperature, and what it says.
+class _TemperatureLine:
+    """A parameter's line over temperature with its test.
 
     Attributes:
         name: of the parameter.
@@ -129,16 +135,22 @@ class _Judged:
 
     @property
     def rejected(self) -> bool:
-        """Whether the values do not lie on the line."""
+        """Return whether the values do not lie on the line."""
         return self.line.probability < self.rejection
 
     @cached_property
     def explained_by(self) -> list[int | None]:
-        """What would bring the values back to a line: a temperature by its place, None for a parabola."""
+        """Return the causes that bring the values back to a line.
+
+        Each is the index of a temperature, or None for a parabola.
+        """
         return explanations(self.line.points, self.rejection) if self.rejected else []
 
     def as_settings(self, unit: str) -> dict[str, Any]:
-        """Return the coefficient with its u, widened by the Birge ratio where the line is rejected."""
+        """Return the coefficient with its u.
+
+        The u is widened by the Birge ratio where the line is rejected.
+        """
         at, slope = self.line.coefficients
         u, freedom = self.line.uncertainty(np.array([-slope / at**2, 1.0 / at]))
         settings: dict[str, Any] = {
@@ -166,7 +178,7 @@ class _Judged:
         return float(np.sqrt(self.line.ratio))
 
     def sentence(self) -> str:
-        """Return what the test says, and what alone explains it."""
+        """Return the test's outcome in words, and what alone explains it."""
         return (
             f"The {in_words(self.name)} over temperature is no straight line (χ² "
             f"{plain(self.line.chi2, 3)} with {self.line.degrees} degrees of freedom); the u of "
@@ -199,35 +211,39 @@ class _Judged:
 
     @property
     def _without(self) -> Line:
-        """The line with an amount of its own for the outlier."""
+        """Return the line with a free amount for the outlier."""
         assert self._outlier is not None
         return fit_line(self.line.points, np.eye(len(self.temperatures_c))[self._outlier])
 
     def finding(self, nearest: float) -> Finding:
-        """Return the finding; an outlier at the temperature of the result, ``nearest``, is in its value."""
+        """Return the finding.
+
+        An outlier at ``nearest``, the temperature of the result, is part of its value.
+        """
         moved = self._outlier is not None and self.temperatures_c[self._outlier] == nearest
         impact = {self.name: float(self._without.coefficients[2])} if moved else {}
         return Finding("lack_of_fit", None, None, self.line.probability, impact, self.sentence())
 
 
 def _scatter(result: Result, name: str) -> float | None:
-    """Type A standard uncertainty of a parameter; of a derived frequency in proportion to the first it follows from."""
+    """Return the type A standard uncertainty of a parameter.
+
+    That of a derived frequency is in proportion to the first frequency that it follows from.
+    """
     parameter = result.parameters.get(name)
     if parameter is None or parameter.standard_uncertainty is None:
         return None
-    frequencies = (
-        other for other, p in result.parameters.items() if not p.derived and p.unit == "Hz"
-    )
+    frequencies = (key for key, p in result.parameters.items() if not p.derived and p.unit == "Hz")
     source = next(frequencies, name) if parameter.derived else name
-    own = math.sqrt(
+    scatter = math.sqrt(
         sum(float(row["contributions"].get(source) or 0.0) ** 2 for row in _type_a(result))
     )
-    whole = result.parameters[source].standard_uncertainty
-    return parameter.standard_uncertainty * own / whole if whole else None
+    total = result.parameters[source].standard_uncertainty
+    return parameter.standard_uncertainty * scatter / total if total else None
 
 
 def _freedom(result: Result) -> float:
-    """Degrees of freedom of the type A part."""
+    """Return the degrees of freedom of the type A part."""
     stated = [
         float(row["degrees_of_freedom"]) for row in _type_a(result) if row.get("degrees_of_freedom")
     ]
@@ -235,7 +251,7 @@ def _freedom(result: Result) -> float:
 
 
 def _type_a(result: Result) -> list[dict[str, Any]]:
-    """Rows of the budget."""
+    """Return the type A rows of the budget."""
     return [
         row for row in result.settings.get("uncertainty_budget") or () if row.get("type") == "A"
     ]

@@ -1,4 +1,4 @@
-"""The sensitivity matrix of a sensor with several outputs, from sine records along its axes.
+"""Sensitivity matrix of a sensor with several outputs, from sine records along its axes.
 
 At each frequency V = S A: the outputs' amplitudes V, shape (outputs, records), are the matrix S,
 shape (outputs, axes), times the motion A. With one reference each record has motion along one axis;
@@ -7,8 +7,8 @@ estimated by weighted least squares, a row an output.
 
 The uncertainty of an element is that of the noise of both channels (from spectral lines beside the
 tone), of the stated systematic effects, and, with one reference, of the exciter's motion across the
-axis, which is not measured: it adds
-|S_ii| times ``transverse_motion`` to each part of the elements off the diagonal (ISO 16063-31:2009, 6).
+axis, which is not measured: it adds ``transverse_motion`` times |S_ii| to each part of the elements
+off the diagonal (ISO 16063-31:2009, 6).
 
 The main sensitivity of output i is S_ii. Its transverse sensitivity is the largest over directions
 in the plane across the axis, √(S_ij² + S_ik²), and its misalignment the angle between the axis and
@@ -38,29 +38,29 @@ from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.document import plain
 
 SCHEMA = "vibrident.matrix/1"
-_SAME = 1e-3  # relative distance within which records are at one frequency
-_CONDITION = 1e3  # of the motion, scaled to one: beyond, the axes are not told apart
-_FORMULAS = ("gain", "timing", "phase", "mounting")  # effects that need no model
-_SMALL = 1e-300
+MAX_FREQUENCY_DISTANCE = 1e-3  # of records at one frequency, relative
+MAX_CONDITION = 1e3  # condition number of the scaled motion that tells the axes apart
+USABLE_KINDS = ("gain", "timing", "phase", "mounting")  # of effects, those that need no model
+SMALLEST = 1e-300  # stands for zero in a denominator
 
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """The complex sensitivity matrix over frequency, per m/s² (or the reference's unit)."""
+    """Complex sensitivity matrix over frequency, per m/s² (or the reference's unit)."""
 
     outputs: tuple[str, ...]  # axis of each output
     axes: tuple[str, ...]  # axes of motion
     frequency_hz: FloatArray  # shape (n,)
-    values: (
-        ComplexArray  # complex, shape (n, outputs, axes); NaN where no record moved along that axis
-    )
-    u: FloatArray  # standard uncertainty of the real and of the imaginary part each, shape (n, outputs, axes, 2)
+    # complex, shape (n, outputs, axes); NaN where no record moved along that axis
+    values: ComplexArray
+    # standard uncertainties of real and imaginary part, shape (n, outputs, axes, 2)
+    u: FloatArray
     degrees_of_freedom: FloatArray  # behind ``u``, shape (n, outputs, axes)
     unit: str  # of the sensitivities
-    settings: Mapping[str, Any]  # what else is stated: effects, transverse motion, sensor
+    settings: Mapping[str, Any]  # effects, transverse motion, sensor and names of the records
 
     def interval_95(self) -> tuple[FloatArray, FloatArray]:
-        """Limits of the 95 % intervals of real and imaginary part, each of the shape of ``u``."""
+        """Return the limits of the 95 % intervals of the parts, each of the shape of ``u``."""
         parts = np.stack([self.values.real, self.values.imag], axis=-1)
         k = np.vectorize(lambda freedom: student_quantile(min(float(freedom), 1e9), 0.975))(
             self.degrees_of_freedom
@@ -68,14 +68,17 @@ class Matrix:
         return parts - k[..., None] * self.u, parts + k[..., None] * self.u
 
     def main(self) -> list[dict[str, Any]]:
-        """Of each output: main and transverse sensitivity and misalignment, at each frequency."""
-        found = []
+        """Return main and transverse sensitivity and misalignment of each output.
+
+        They are lists over frequency.
+        """
+        outputs = []
         for i, name in enumerate(self.outputs):
             if name not in self.axes:
                 continue
-            own = self.axes.index(name)
-            across = [j for j in range(len(self.axes)) if j != own]
-            main = self.values[:, i, own]
+            axis = self.axes.index(name)
+            across = [j for j in range(len(self.axes)) if j != axis]
+            main = self.values[:, i, axis]
             ratio = self.values[:, i, across] / main[:, None]
             u = (
                 np.hypot(*np.moveaxis(self.u[:, i, across], -1, 0))
@@ -88,9 +91,9 @@ class Matrix:
             rows = {
                 "output": name,
                 "magnitude": np.abs(main),
-                "magnitude_uncertainty": self.u[:, i, own, 0],
+                "magnitude_uncertainty": self.u[:, i, axis, 0],
                 "phase_deg": np.rad2deg(np.angle(main)),
-                "phase_deg_uncertainty": np.rad2deg(self.u[:, i, own, 1] / np.abs(main)),
+                "phase_deg_uncertainty": np.rad2deg(self.u[:, i, axis, 1] / np.abs(main)),
                 "transverse_percent": 100.0 * size,
                 "transverse_uncertainty_percent": 100.0 * _u_of_size(np.abs(ratio), u),
                 "misalignment_deg": np.rad2deg(np.arctan(angle)),
@@ -98,11 +101,11 @@ class Matrix:
                 "components_rad": {self.axes[j]: in_phase[:, n] for n, j in enumerate(across)},
                 "components_uncertainty_rad": {self.axes[j]: u[:, n] for n, j in enumerate(across)},
             }
-            found.append(plain(rows))
-        return found
+            outputs.append(plain(rows))
+        return outputs
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of schema ``vibrident.matrix/1``; null for what is not known."""
+        """Return the document of schema ``vibrident.matrix/1``; null for what is not known."""
         return {
             "schema": SCHEMA,
             "outputs": list(self.outputs),
@@ -128,7 +131,7 @@ class Matrix:
 
 
 def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) -> Matrix:
-    """The sensitivity matrix of a calibration of several axes.
+    """Return the sensitivity matrix of a calibration of several axes.
 
     Raises:
         InputError: the file cannot be used, or at a frequency the records do not tell the axes of
@@ -170,23 +173,23 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     if not isinstance(calibration, AxesCalibration):
         calibration = read_axes(calibration)
     first = next(iter(calibration.outputs.values()))
-    found = [tone_frequency(record) for record in first.records]
+    tones_hz = [tone_frequency(record) for record in first.records]
     axes = tuple(calibration.motions) or tuple(
         dict.fromkeys(r.circumstances.axis for r in first.records)
     )
-    motion = _motion(calibration, first.records, found, axes)
-    groups = _groups(found)
+    motion = _motion(calibration, first.records, tones_hz, axes)
+    groups = _groups(tones_hz)
     outputs = tuple(calibration.outputs)
     shape = len(groups), len(outputs), len(axes)
     values = np.full(shape, np.nan, complex)
     u = np.full((*shape, 2), np.nan)
     freedom = np.full(shape, np.inf)
     for i, name in enumerate(outputs):
-        tones = measure_tones(calibration.outputs[name].records, found)
+        tones = measure_tones(calibration.outputs[name].records, tones_hz)
         for n, group in enumerate(groups):
             row = _row(tones, motion[group], group, first.source)
             values[n, i], u[n, i], freedom[n, i] = row
-    frequency = np.array([sum(found[k] for k in group) / len(group) for group in groups])
+    frequency = np.array([sum(tones_hz[k] for k in group) / len(group) for group in groups])
     u, freedom = _with_effects(first, calibration, outputs, axes, frequency, values, u, freedom)
     unit = f"{first.response_unit}/({first.reference_unit})"
     settings = {
@@ -202,10 +205,10 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
 
 
 def _groups(frequencies: Sequence[float]) -> list[list[int]]:
-    """Numbers of the records at one frequency each, rising."""
+    """Return the indices of the records at each frequency, rising."""
     groups: list[list[int]] = []
     for k in np.argsort(frequencies, kind="stable").tolist():
-        if groups and frequencies[k] <= frequencies[groups[-1][0]] * (1.0 + _SAME):
+        if groups and frequencies[k] <= frequencies[groups[-1][0]] * (1.0 + MAX_FREQUENCY_DISTANCE):
             groups[-1].append(k)
         else:
             groups.append([k])
@@ -215,21 +218,21 @@ def _groups(frequencies: Sequence[float]) -> list[list[int]]:
 def _motion(
     calibration: AxesCalibration,
     records: Sequence[Record],
-    found: Sequence[float],
+    tones_hz: Sequence[float],
     axes: Sequence[str],
 ) -> ComplexArray:
-    """Motion along each axis over the first reference's amplitude, shape (records, axes)."""
+    """Return the motion along each axis over the first reference's, shape (records, axes)."""
     if not calibration.motions:
         return np.array(
             [[float(axis == r.circumstances.axis) for axis in axes] for r in records], dtype=complex
         )
     columns = []
-    for one in calibration.motions.values():
+    for motion in calibration.motions.values():
         signals = [
-            replace(own, response=other.reference)
-            for own, other in zip(records, one.records, strict=True)
+            replace(record, response=along.reference)
+            for record, along in zip(records, motion.records, strict=True)
         ]
-        tones = measure_tones(signals, found)
+        tones = measure_tones(signals, tones_hz)
         columns.append(tones.response / tones.reference)
     return np.stack(columns, axis=1)
 
@@ -237,12 +240,15 @@ def _motion(
 def _row(
     tones: Any, motion: ComplexArray, group: Sequence[int], where: str
 ) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """A row of the matrix at one frequency, u of its parts and degrees of freedom; NaN for axes without motion."""
+    """Return a row of the matrix at one frequency, u of its parts and degrees of freedom.
+
+    They are NaN for axes without motion.
+    """
     ratio = tones.response[group] / tones.reference[group]
     moved = np.any(motion != 0, axis=0)
     a = motion[:, moved]
     scale = np.sqrt(np.sum(np.abs(a) ** 2, axis=0))
-    if a.shape[0] < a.shape[1] or np.linalg.cond(a / scale) > _CONDITION:
+    if a.shape[0] < a.shape[1] or np.linalg.cond(a / scale) > MAX_CONDITION:
         raise InputError(
             "The records do not tell the axes of motion apart.",
             expected="at each frequency as many records as axes, moved in different directions",
@@ -260,7 +266,7 @@ def _row(
         variance = (
             variance + tones.rounding[group, 1] + np.abs(ratio) ** 2 * tones.rounding[group, 0]
         )
-    variance = np.maximum(variance / np.abs(tones.reference[group]) ** 2, _SMALL)
+    variance = np.maximum(variance / np.abs(tones.reference[group]) ** 2, SMALLEST)
     normal = np.linalg.inv(a.conj().T @ (a / variance[:, None]))
     row = np.full(motion.shape[1], np.nan, complex)
     row[moved] = normal @ (a.conj().T @ (ratio / variance))
@@ -281,12 +287,15 @@ def _with_effects(
     u: FloatArray,
     freedom: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """U and degrees of freedom with the stated effects, on size and angle of each element, and transverse motion."""
+    """Return u and degrees of freedom with the stated effects and the transverse motion.
+
+    The effects act on size and angle of each element.
+    """
     square = u**2
     noise = u[..., 0] ** 2
-    turn = values / np.maximum(np.abs(values), _SMALL)
+    turn = values / np.maximum(np.abs(values), SMALLEST)
     for effect in effects_of(first):
-        if effect.kind not in _FORMULAS:
+        if effect.kind not in USABLE_KINDS:
             raise InputError(
                 "An effect cannot be used in a calibration of several axes.",
                 expected="kind gain, phase, timing or mounting",
@@ -306,12 +315,15 @@ def _with_effects(
             if axis != output and output in axes:
                 main = np.abs(values[:, i, list(axes).index(output)])
                 square[:, i, j] += ((calibration.transverse_motion * main) ** 2)[:, None]
-    whole = np.mean(square, axis=-1)
-    return np.sqrt(square), freedom * (whole / np.maximum(noise, _SMALL)) ** 2
+    total = np.mean(square, axis=-1)
+    return np.sqrt(square), freedom * (total / np.maximum(noise, SMALLEST)) ** 2
 
 
 def _u_of_size(parts: FloatArray, u: FloatArray) -> FloatArray:
-    """U of √(Σ parts²), each with its u, shape (n, parts); where all are zero the largest u."""
+    """Return u of √(Σ parts²), each part with its u, shape (n, parts).
+
+    Where all parts are zero it is the largest u.
+    """
     size = np.sqrt(np.sum(parts**2, axis=1))
-    linear = np.sqrt(np.sum((parts * u) ** 2, axis=1)) / np.maximum(size, _SMALL)
+    linear = np.sqrt(np.sum((parts * u) ** 2, axis=1)) / np.maximum(size, SMALLEST)
     return np.where(size > 0, linear, np.max(u, axis=1, initial=0.0))

@@ -1,4 +1,4 @@
-"""Cross-validation: how well a model predicts measurements that it was not fitted to.
+"""Cross-validation: prediction of measurements that a model was not fitted to.
 
 The records (or the rows of a table) are split into folds; each fold is predicted by the model
 fitted to the others (Stone 1974). A model with too little physics predicts badly, and so does one
@@ -22,18 +22,18 @@ from vibrident.result import MeasuredCurve, Result
 from vibrident.use.identification import identify
 
 FOLDS = 5
-FEWEST = 4  # fewer records or rows than this are not split into folds
+MIN_FOLDED = 4  # records or rows that are split into folds
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """What the folds say."""
+    """Deviations of a cross-validation."""
 
     deviation_percent: float  # rms of |model/measured − 1| at the points left out, %
-    # the same in standard uncertainties of the measurement; about 1 for a right model. None if none
-    # is known.
+    # the same in standard uncertainties of the measurement, about 1 for a right model; None if they
+    # are not known
     deviation_in_u: float | None
-    folds: int  # how many fits were made
+    folds: int  # number of fits
 
 
 @in_one_thread
@@ -45,22 +45,22 @@ def cross_validate(
     folds: int = FOLDS,
     progress: Progress = silent,
 ) -> CrossValidation | None:
-    """Fit the result's model to all but one fold, for each fold in turn, and compare with what was left out.
+    """Fit the result's model to all but one fold in turn, and predict the fold left out.
 
     Args:
-        calibration: what the result was identified from.
+        calibration: of which the result is.
         result: of all data; its measured points are predicted.
         estimator: as for :func:`vibrident.identify`.
-        folds: most fits.
+        folds: largest number of fits.
         progress: called after each iteration of the optimiser.
 
     Returns:
-        the score; None if there are too few records or rows, or a fold cannot be fitted.
+        The score; None if there are too few records or rows, or a fold cannot be fitted.
     """
-    owners = _owners(calibration, result.measured)
+    owners = _index_of_points(calibration, result.measured)
     count = calibration.table.points if calibration.table is not None else len(calibration.records)
     dealt = min(folds, count)
-    if count < FEWEST:
+    if count < MIN_FOLDED:
         return None
     turn: ComplexArray = np.exp(1j * np.deg2rad(np.nan_to_num(result.measured.phase_deg)))
     measured = result.measured.magnitude * turn
@@ -70,7 +70,7 @@ def cross_validate(
     for fold in range(dealt):
         out = np.arange(count) % dealt == fold
         try:
-            part = identify(_part(calibration, ~out), result.model, estimator, progress=progress)
+            part = identify(_subset(calibration, ~out), result.model, estimator, progress=progress)
         except VibridentError:
             return None
         values = {name: part.parameters[name].value for name in model.parameter_names}
@@ -86,15 +86,15 @@ def cross_validate(
     return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
 
 
-def _owners(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
-    """Index of the record, or row, that each measured point belongs to."""
+def _index_of_points(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
+    """Return the index of the record, or row, that each measured point belongs to."""
     if calibration.table is not None:
         return np.argsort(calibration.table.frequency_hz, kind="stable")
     index = {record.name: i for i, record in enumerate(calibration.records)}
     return np.array([index[name] for name in measured.record])
 
 
-def _part(calibration: Calibration, keep: BoolArray) -> Calibration:
+def _subset(calibration: Calibration, keep: BoolArray) -> Calibration:
     if calibration.table is not None:
         columns = {
             name: values[keep]
@@ -104,7 +104,7 @@ def _part(calibration: Calibration, keep: BoolArray) -> Calibration:
         return replace(calibration, table=replace(calibration.table, **columns))
     return replace(
         calibration,
-        records=tuple(r for r, kept in zip(calibration.records, keep, strict=True) if kept),
+        records=tuple(r for r, is_kept in zip(calibration.records, keep, strict=True) if is_kept),
     )
 
 

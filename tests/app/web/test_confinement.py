@@ -10,7 +10,7 @@ import pytest
 from tests.support.tasks import killed, names_in, priority, reached, written
 
 from vibrident.app.web.confinement import can_confine, confinement_command
-from vibrident.base.process import ProcessDied, Process, WorkerError
+from vibrident.base.process import Process, ProcessDied, WorkerError
 
 walled = pytest.mark.skipif(not can_confine(), reason="bubblewrap is not installed, or not allowed here")
 

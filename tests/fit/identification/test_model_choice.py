@@ -11,7 +11,7 @@ import vibrident
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import SENSORS
-from vibrident.use.comparison import criteria, recommendation
+from vibrident.use.model_choice import criteria, recommendation
 from vibrident.use.validation import cross_validate
 
 TRUTH = SENSORS["paper"].parameters

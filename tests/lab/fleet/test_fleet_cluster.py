@@ -13,7 +13,7 @@ import pytest
 from tests.support.fleets import broken, deadly, fleet
 
 from vibrident.base.errors import InputError
-from vibrident.lab.fleet import Asked, Dask, Orders, run
+from vibrident.lab.fleet import Dask, Orders, RunRequest, run
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="Dask is not installed (pip install 'vibrident[cluster]')"
@@ -64,7 +64,7 @@ def test_a_cluster_gives_the_table_of_this_machine(tmp_path, run_fleet, rows, he
     fleet(tmp_path / "data/good", 3)
     broken(tmp_path / "data/broken")
     local = run_fleet([tmp_path / "data"], tmp_path / "local")
-    asked = Asked([str(tmp_path / "data")], Orders(str(tmp_path / "dask")))
+    asked = RunRequest([str(tmp_path / "data")], Orders(str(tmp_path / "dask")))
     with distributed.LocalCluster(
         processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
     ) as cluster:
@@ -94,7 +94,9 @@ def test_a_cluster_that_loses_and_gains_a_worker_gives_the_same_table(
             cluster.add()
             first.send_signal(signal.SIGKILL)
 
-    outcome = run(Asked([str(tmp_path / "data")], Orders(str(tmp_path / "dask"))), Dask(str(cluster.file)), meanwhile)
+    outcome = run(
+        RunRequest([str(tmp_path / "data")], Orders(str(tmp_path / "dask"))), Dask(str(cluster.file)), meanwhile
+    )
     assert seen
     assert seen[0] < outcome.tally.rows
     assert outcome.tally.statuses == local.tally.statuses
@@ -116,7 +118,7 @@ def test_a_scheduler_that_is_killed_is_said_and_nothing_is_lost(
         if list((tmp_path / "out/parts").glob("*.parquet")):
             cluster.processes[0].send_signal(signal.SIGKILL)
 
-    asked = Asked([str(tmp_path / "data")], Orders(str(tmp_path / "out")))
+    asked = RunRequest([str(tmp_path / "data")], Orders(str(tmp_path / "out")))
     with pytest.raises(InputError, match="continues where it stopped"):
         run(asked, Dask(str(cluster.file)), meanwhile)
     there = len(list((tmp_path / "out/results").glob("*.json")))

@@ -20,8 +20,8 @@ from vibrident.lab.fleet.key import fingerprint
 from vibrident.lab.fleet.limits import Specification, read_limits
 from vibrident.lab.fleet.orders import Orders, memory_limit
 from vibrident.lab.fleet.page import write_page
-from vibrident.lab.fleet.patterns import Paths, found
-from vibrident.lab.fleet.statistics import FEWEST, outlier_limit, statistics
+from vibrident.lab.fleet.patterns import Paths, find_files
+from vibrident.lab.fleet.statistics import MIN_OUTLIER_VALUES, outlier_limit, statistics
 from vibrident.lab.fleet.table import write_table
 
 
@@ -98,7 +98,7 @@ def test_of_two_rows_of_a_key_one_counts(tmp_path):
     (tmp_path / "empty.parquet").touch()
     index = parts.index(tmp_path, None, 5.0, None)
     assert parts.digits(index.keys) == [identified["key"], "f" * 64]
-    assert index.stands.all()
+    assert index.is_final.all()
     assert index.parameters[index.part[0]] == ("sensitivity", "natural_frequency")
 
 
@@ -142,7 +142,7 @@ def test_folders_behind_links_count_and_no_link_leads_in_circles(tmp_path):
     }
     for link, target in links.items():
         (tmp_path / link).symlink_to(target)
-    files = {os.path.realpath(path) for path in found([str(tmp_path / "here")]).paths}
+    files = {os.path.realpath(path) for path in find_files([str(tmp_path / "here")]).paths}
     assert files == {str(tmp_path / name / "c.toml") for name in ("here/a", "elsewhere/b", "elsewhere/c/d")}
 
 
@@ -159,7 +159,7 @@ def test_what_a_missing_library_refuses_is_in_the_table_and_tried_again(tmp_path
     tally = write_table(tmp_path / "fleet.parquet", *calibrations, orders)
     assert tally.statuses == {"refused": 1, "identified": 1}
     assert pq.read_table(tmp_path / "fleet.parquet")["status"].to_pylist() == ["refused", "identified"]
-    assert parts.index(orders.parts_folder, None, 1.0, None).stands.tolist() == [True, False]
+    assert parts.index(orders.parts_folder, None, 1.0, None).is_final.tolist() == [True, False]
     found_now = {**next(simulated(1)), "key": "e" * 64}
     parts.write_part(orders.parts_folder, [found_now], 1.0, None)
     assert write_table(tmp_path / "fleet.parquet", *calibrations, orders).statuses == {"identified": 2}
@@ -202,7 +202,7 @@ def test_statistics_know_limits_and_their_unit(tmp_path):
     assert "<script" not in page
 
 
-@pytest.mark.parametrize("count", [FEWEST, 50, 300])
+@pytest.mark.parametrize("count", [MIN_OUTLIER_VALUES, 50, 300])
 def test_normal_values_show_an_outlier_in_one_group_of_a_hundred(count):
     values = np.random.default_rng(count).standard_normal((4000, count))
     distance = np.abs(values - np.median(values, axis=1, keepdims=True))

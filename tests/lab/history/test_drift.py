@@ -16,8 +16,8 @@ from vibrident.data.effects import SystematicEffect
 from vibrident.lab.history import control
 from vibrident.lab.history.drift import Drift
 from vibrident.lab.history.due import Tolerance, due, risk
-from vibrident.lab.history.entry import rows_of
 from vibrident.lab.history.life import Entry, Event, agreement, life
+from vibrident.lab.history.result_rows import rows_of
 
 
 def series(years, values, u=0.001, shared=0.0):
@@ -97,7 +97,7 @@ def test_more_nodes_give_the_same_prediction(monkeypatch):
 
     values = [1.0, 1.002, 1.001, 1.006, 1.004]
     before = series(range(5), values).sensitivity(6.0).interval_95
-    monkeypatch.setattr(module, "NODES", 31)
+    monkeypatch.setattr(module, "GRID_NODES", 31)
     after = series(range(5), values).sensitivity(6.0).interval_95
     assert before == pytest.approx(after, abs=0.1 * (after[1] - after[0]) / 4)
 

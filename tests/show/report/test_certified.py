@@ -18,7 +18,7 @@ from vibrident.show import certificate_tables
 from vibrident.show.certificate import certificate
 from vibrident.show.certified import certified, states_phase
 from vibrident.show.points import measured_at, reference_point, reference_value
-from vibrident.use.conformity import judged
+from vibrident.use.conformity import judge_requirements
 
 SPACE = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 COVERS = {"covers": ["noise", "gain", "phase"]}
@@ -109,7 +109,7 @@ def test_a_rejected_model_states_nothing():
     shown = certified(result)
     value = reference_value(shown)
     assert value.magnitude == reference_value(result).magnitude
-    first, second = judged(shown, value.frequency_hz, (value.magnitude, value.magnitude_uncertainty))
+    first, second = judge_requirements(shown, value.frequency_hz, (value.magnitude, value.magnitude_uncertainty))
     assert first.met is None
     assert second.met
     labels = [str(label) for label, _ in certificate_tables.reference(shown).rows]

@@ -17,7 +17,7 @@ from vibrident.result import Result
 from vibrident.show import certificate_tables, report
 from vibrident.show.deviation_points import by_point, from_reference
 from vibrident.show.points import reference_value
-from vibrident.use.conformity import judged
+from vibrident.use.conformity import judge_requirements
 
 LIMITS = [
     {"quantity": "sensitivity_deviation", "low": -5.2, "high": 8.0, "to_hz": 250.0},
@@ -75,7 +75,7 @@ def test_a_requirement_is_met_where_each_line_meets_it(rule):
         limit = {"quantity": "sensitivity_deviation", "low": -reach, "high": reach, "to_hz": 230.0}
         result = stated(table2(), requirements=[limit], decision_rule=rule)
         value = reference_value(result)
-        (whole,) = judged(result, value.frequency_hz, (value.magnitude, value.magnitude_uncertainty))
+        (whole,) = judge_requirements(result, value.frequency_hz, (value.magnitude, value.magnitude_uncertainty))
         lines = [row.met for row in by_point(result).values() if math.isfinite(row.low)]
         assert whole.met is all(lines)
 

@@ -27,7 +27,7 @@ from vibrident.show.issue import REQUIRED, form, issued, missing
 from vibrident.show.language import Say
 from vibrident.show.media import pdf
 from vibrident.show.numbers import percent, sensitivity_scale
-from vibrident.use.conformity import accepted, judged, probability_of_conformance, ratio_uncertainty
+from vibrident.use.conformity import accepted, judge_requirements, probability_of_conformance, ratio_uncertainty
 
 FOLDER = Path(vibrident.show.__file__).parent / "languages"
 LANGUAGES = ("en", "de", "fr", "zh")
@@ -191,7 +191,7 @@ def test_conformity_is_judged_where_u_covers_the_chain(tmp_path):
     assert "No statement of conformity" in sentence.text
     unknown = replace(result, certificate={"requirements": [{"quantity": "mass", "low": 1.0}]})
     with pytest.raises(InputError, match="natural_frequency"):
-        judged(unknown, None, None)
+        judge_requirements(unknown, None, None)
 
 
 def test_before_and_after_adjustment(tmp_path):
@@ -240,12 +240,12 @@ def test_a_gain_that_both_values_share_cancels_in_their_deviation(gain):
     base = 1.02 * float(result.measured.magnitude[12])
     asked = {"quantity": "sensitivity_deviation", "low": -5.0, "high": 5.0, "from_hz": f[3], "to_hz": f[3]}
     result = replace(result, certificate={"requirements": [asked]})
-    (row,) = judged(result, float(f[12]), (base, np.hypot(gain, 0.001) * base))
+    (row,) = judge_requirements(result, float(f[12]), (base, np.hypot(gain, 0.001) * base))
     ratio = result.measured.magnitude[3] / base
     assert row.value == pytest.approx(100 * (ratio - 1))
     assert row.u == pytest.approx(100 * ratio * np.hypot(0.001, 0.001), rel=1e-6)
     bare = replace(result, settings={})  # what nobody stated as common does not cancel
-    (upper,) = judged(bare, float(f[12]), (base, np.hypot(gain, 0.001) * base))
+    (upper,) = judge_requirements(bare, float(f[12]), (base, np.hypot(gain, 0.001) * base))
     assert upper.u == pytest.approx(100 * ratio * np.sqrt(2) * np.hypot(gain, 0.001))
 
 
@@ -262,7 +262,7 @@ def test_the_dust_of_rounding_is_zero():
     f, size = result.measured.frequency_hz, result.measured.magnitude
     asked = {"quantity": "sensitivity_deviation", "low": -1.0, "from_hz": f[5], "to_hz": f[5]}
     result = replace(result, certificate={"requirements": [asked]})
-    (row,) = judged(result, float(f[5]), (float(np.nextafter(size[5], 1.0)), 1e-4))
+    (row,) = judge_requirements(result, float(f[5]), (float(np.nextafter(size[5], 1.0)), 1e-4))
     assert (row.value, row.u, row.probability, row.met) == (0.0, 0.0, 1.0, True)
     assert percent(100 * (0.1 / np.nextafter(0.1, 1.0) - 1)) == "0 %"
     assert percent(1e-9) == "+1.0e-9 %".replace("e-9", "·10⁻⁹")

@@ -35,7 +35,9 @@ def sines(rng, values=TRUTH, samples=8000, harmonics=0.0):
 
 
 def tracked(result, calibration):
-    session = Session.from_result(result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, Settings())
+    session = Session.from_result(
+        result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, Settings()
+    )
     for chunk in chunks_of(calibration):
         session.take(chunk)
     session.finish()

@@ -1,8 +1,8 @@
-"""C99 header and source for firmware: the sensor's model, its correction filter and the network's cell.
+"""C99 header and source for firmware: the model, its correction filter and the cell.
 
 Their errors are computed from the coefficients as written, and stated in the comment. Of the text
 around the numbers (templates/sensor*) ``@N@`` is the name, ``@S@`` the suffix of the precision,
-``@T@`` its type; the rest are numbers.
+``@T@`` its type; all others are numbers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PASSED = 0.1  # gain that counts as stopped, relative to the largest gain in the
 
 @dataclass(frozen=True, eq=False)
 class Firmware:
-    """The content of the C code."""
+    """Content of the C code."""
 
     sensor: ExportedSensor
     model: Filter
@@ -49,14 +49,14 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         from vibrident.export.online import write as write_tracker
 
         return write_tracker(sensor, folder, options)
-    made = firmware(sensor, options.rate_hz)
-    about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(made))
-    common = _common(made, options.name, about)
+    code = firmware(sensor, options.rate_hz)
+    about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(code))
+    common = _common(code, options.name, about)
     paths = []
     for ending in ("h", "c"):
         part = template(f"sensor_part.{ending}")
         body = "".join(
-            _filled(part, {**common, **_numbers(made, single)}) for single in (False, True)
+            _filled(part, {**common, **_numbers(code, single)}) for single in (False, True)
         )
         path = folder / f"{options.name}.{ending}"
         path.write_text(
@@ -66,28 +66,40 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     return paths
 
 
-def description(made: Firmware) -> list[str]:
-    """Identity, and each part with its errors, one line each."""
-    sensor = made.sensor
-    model = made.model
-    correction = made.correction
+#: Last lines of the description.
+_NOTES = (
+    "",
+    (
+        "the code holds no uncertainties: those of the parameters are above, those of a "
+        "corrected signal do not"
+    ),
+    "follow from them alone; see `vibrident correct`.",
+    "Do not compile with -ffast-math or -funsafe-math-optimizations.",
+)
+
+
+def description(code: Firmware) -> list[str]:
+    """Return identity, and each part with its errors, one line each."""
+    sensor = code.sensor
+    model = code.model
+    correction = code.correction
     f = sensor.band
     wanted = sensor.response(f)
     rational = np.asarray(poles_zeros(sensor).response(f))
     apart = sensor.apart
     plain = f" (without {' and '.join(apart)}, which it does not hold)" if apart else ""
     low, high = sensor.band_hz
-    ms = 1e3 / made.rate_hz
+    ms = 1e3 / code.rate_hz
     back = correction.late(f) / wanted
     upper = f[f >= np.sqrt(low * high)]
-    above = np.linspace(high, 0.5 * made.rate_hz, 1000)
+    above = np.linspace(high, 0.5 * code.rate_hz, 1000)
     passed = np.abs(correction.response(above)) / np.max(np.abs(back))
     top = int(np.argmax(passed))
     loud = np.flatnonzero(passed > PASSED)
     lines = [
         *identity(sensor),
         "",
-        f"sampling rate: {made.rate_hz!r} Hz; all coefficients are valid for it only",
+        f"sampling rate: {code.rate_hz!r} Hz; all coefficients are valid for it only",
         (
             "errors below: largest relative deviation of the complex response over the band, from "
             "the coefficients as"
@@ -113,7 +125,7 @@ def description(made: Firmware) -> list[str]:
             f"{_error(_single_cmsis(model.sections, f), rational)}{plain}"
         ),
         "cell: one step of the network by first-order hold, without latency",
-        f"  error {_error(made.cell.response(f), rational)}{plain}",
+        f"  error {_error(code.cell.response(f), rational)}{plain}",
         "correction: from the response back to the input, with the latency stated here",
         f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
         (
@@ -142,23 +154,17 @@ def description(made: Firmware) -> list[str]:
             f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 "
             f"{sensor.output_unit} becomes {correction.noise_gain:.3g} {sensor.input_unit}"
         ),
-        "",
-        (
-            "the code holds no uncertainties: those of the parameters are above, those of a "
-            "corrected signal do not"
-        ),
-        "follow from them alone; see `vibrident correct`.",
-        "Do not compile with -ffast-math or -funsafe-math-optimizations.",
+        *_NOTES,
     ]
     return lines
 
 
-def _error(found: np.ndarray, wanted: np.ndarray) -> str:
-    return f"{float(np.max(np.abs(found / wanted - 1.0))):.2e}"
+def _error(values: np.ndarray, wanted: np.ndarray) -> str:
+    return f"{float(np.max(np.abs(values / wanted - 1.0))):.2e}"
 
 
 def _single_cmsis(sections: SecondOrderSections, f: FloatArray) -> np.ndarray:
-    """Response of the sections in z with coefficients as a float holds them."""
+    """Return the response of the sections in z with coefficients as a float holds them."""
     z = np.exp(-2j * np.pi * f * sections.interval_s)
     value = np.ones(z.shape, complex)
     for b0, b1, b2, a1, a2 in sections.cmsis().astype(np.float32).astype(float):
@@ -166,30 +172,30 @@ def _single_cmsis(sections: SecondOrderSections, f: FloatArray) -> np.ndarray:
     return value
 
 
-def _common(made: Firmware, name: str, about: str) -> dict[str, str]:
-    filters = {"MODEL": made.model, "CORRECTION": made.correction}
+def _common(code: Firmware, name: str, about: str) -> dict[str, str]:
+    filters = {"MODEL": code.model, "CORRECTION": code.correction}
     common = {
         "N": name,
         "GUARD": name.upper(),
         "ABOUT": about,
-        "RATE": repr(made.rate_hz),
+        "RATE": repr(code.rate_hz),
         "SECTIONS": str(max(len(f.sections.rows) for f in filters.values())),
         "LINE": str(max(f.taps.lead + len(f.taps.taps) for f in filters.values())),
-        "STATES": str(len(made.cell.now)),
-        "INPUT": c_comment(made.sensor.input_unit),
-        "OUTPUT": c_comment(made.sensor.output_unit),
+        "STATES": str(len(code.cell.now)),
+        "INPUT": c_comment(code.sensor.input_unit),
+        "OUTPUT": c_comment(code.sensor.output_unit),
     }
-    for which, f in filters.items():
+    for kind, f in filters.items():
         common |= {
-            f"{which}_LATENCY": str(f.latency),
-            f"{which}_SECTIONS": str(len(f.sections.rows)),
+            f"{kind}_LATENCY": str(f.latency),
+            f"{kind}_SECTIONS": str(len(f.sections.rows)),
         }
-        common |= {f"{which}_TAPS": str(len(f.taps.taps)), f"{which}_LEAD": str(f.taps.lead)}
+        common |= {f"{kind}_TAPS": str(len(f.taps.taps)), f"{kind}_LEAD": str(f.taps.lead)}
     return common
 
 
-def _numbers(made: Firmware, single: bool) -> dict[str, str]:
-    """Coefficients as text of one precision, and that precision's names."""
+def _numbers(code: Firmware, single: bool) -> dict[str, str]:
+    """Return coefficients as text of one precision, and that precision's names."""
 
     def text(values: np.ndarray | float) -> str:
         flat = np.ravel(values)
@@ -197,7 +203,7 @@ def _numbers(made: Firmware, single: bool) -> dict[str, str]:
         wide = [", ".join(shown[k : k + 5]) for k in range(0, len(shown), 5)]
         return wide[0] if len(wide) == 1 else "\n    " + ",\n    ".join(wide)
 
-    cell = made.cell
+    cell = code.cell
     numbers = {
         "T": "float" if single else "double",
         "S": "_f32" if single else "",
@@ -209,20 +215,20 @@ def _numbers(made: Firmware, single: bool) -> dict[str, str]:
         "OUTPUTS": text(cell.output),
         "DIRECT": text(cell.feedthrough),
     }
-    for which, f in (("MODEL", made.model), ("CORRECTION", made.correction)):
-        numbers |= {f"{which}_SOS": text(f.sections.cmsis()), f"{which}_FIR": text(f.taps.taps)}
-        numbers[f"{which}_DELTA"] = text(f.sections.rows)
+    for kind, f in (("MODEL", code.model), ("CORRECTION", code.correction)):
+        numbers |= {f"{kind}_SOS": text(f.sections.cmsis()), f"{kind}_FIR": text(f.taps.taps)}
+        numbers[f"{kind}_DELTA"] = text(f.sections.rows)
     return numbers
 
 
 def _single(value: float) -> str:
-    """A float literal that reads back to the nearest float."""
+    """Return a float literal that reads back to the nearest float."""
     text = f"{float(np.float32(value)):.9g}"
     return (text if any(c in text for c in ".e") else text + ".0") + "f"
 
 
 def _filled(text: str, values: Mapping[str, str]) -> str:
-    """In one pass, so that inserted text is not a template."""
+    """Fill a template in one pass, so that inserted text is no template."""
     return re.sub("@(\\w+)@", lambda place: values[place[1]], text)
 
 

@@ -45,7 +45,10 @@ Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]  # a heading for each c
 
 
 def sheets(result: Result) -> dict[str, Sheet]:
-    """The tables of a result by name, with its own numbers; levels in dB and budgets where there are any."""
+    """Return the tables of a result by name, with its numbers.
+
+    Levels in dB and budgets are there if the result has any.
+    """
     rows: list[Sequence[object]] = [
         (
             name,
@@ -72,7 +75,7 @@ def sheets(result: Result) -> dict[str, Sheet]:
     related = [
         (name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)
     ]
-    found: dict[str, Sheet] = {
+    tables: dict[str, Sheet] = {
         "parameters": (head, rows),
         "correlation": (("parameter", *correlation.names), related),
     }
@@ -83,12 +86,12 @@ def sheets(result: Result) -> dict[str, Sheet]:
     )
     for curve, name, columns in curves:
         padded = (_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns)
-        found[name] = (
+        tables[name] = (
             [heading.format(per=per) for heading in columns.values()],
             list(zip(*padded, strict=True)),
         )
     if result.measured.frequency_hz.size:
-        found["level"] = _level(result, per)
+        tables["level"] = _level(result, per)
     budget = [
         row for row in result.settings.get("uncertainty_budget") or () if isinstance(row, Mapping)
     ]
@@ -96,32 +99,32 @@ def sheets(result: Result) -> dict[str, Sheet]:
         names = list(
             dict.fromkeys(name for row in budget for name in row.get("contributions") or ())
         )
-        own = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
+        fields = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
         parts = [row["contributions"] for row in budget]
         lines = [
-            (*map(row.get, own), *map(part.get, names))
+            (*map(row.get, fields), *map(part.get, names))
             for row, part in zip(budget, parts, strict=True)
         ]
-        found["budget"] = (*own, *names), lines
+        tables["budget"] = (*fields, *names), lines
     points = result.settings.get("point_budget")
     if isinstance(points, Mapping):
         columns_ = [points["frequency_hz"]] + [
-            one[key] for one in points["sources"] for key in _PARTS
+            source[key] for source in points["sources"] for key in _PARTS
         ]
         heads = [
-            f"{_PARTS[key]} of {one['source']}".format(per=per)
-            for one in points["sources"]
+            f"{_PARTS[key]} of {source['source']}".format(per=per)
+            for source in points["sources"]
             for key in _PARTS
         ]
-        found["point_budget"] = ["frequency_hz", *heads], list(zip(*columns_, strict=True))
-    return found
+        tables["point_budget"] = ["frequency_hz", *heads], list(zip(*columns_, strict=True))
+    return tables
 
 
 _PARTS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
 
 
 def _level(result: Result, per: str) -> Sheet:
-    """Measured points and the model beside them in dB: 20 lg of the magnitude over one unit."""
+    """Return measured points and the model in dB: 20 lg of the magnitude over one unit."""
     points = result.measured
     factor = 20.0 / math.log(10.0)
     rows = []
@@ -161,7 +164,7 @@ def _word(value: bool) -> str:
 
 
 def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
-    """Floats by ``repr``, which reads back to the same number; blank if absent."""
+    """Write a table; floats by ``repr``, which reads back to the same number; blank if absent."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([csv_cell(name) for name in header])

@@ -36,7 +36,7 @@ from vibrident.show.language import Say
 from vibrident.show.points import reference_value
 from vibrident.show.tables import small_signals
 from vibrident.show.views import Sentence
-from vibrident.use.conformity import DEVIATION, judged
+from vibrident.use.conformity import DEVIATION, judge_requirements
 
 VERSION = "3.2.1"
 _LOCATION = f"https://ptb.de/dcc https://ptb.de/dcc/v{VERSION}/dcc.xsd"
@@ -60,7 +60,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     """Write ``NAME.dcc.xml``."""
     result = Result.from_dict(sensor.result.to_dict())  # as in its file: no NaN, dates as text
     _check(result, options)
-    said = not_certified(result)
+    reasons = not_certified(result)
     result = stated_parameters(certified(result))
     tree = Tree()
     names = {"dcc": NAMESPACE, "si": SI, "xsi": "http://www.w3.org/2001/XMLSchema-instance"}
@@ -68,7 +68,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
         f"{{{NAMESPACE}}}digitalCalibrationCertificate", nsmap=names, schemaVersion=VERSION
     )
     root.set("{http://www.w3.org/2001/XMLSchema-instance}schemaLocation", _LOCATION)
-    root.append(_administration(tree, result, options, said))
+    root.append(_administration(tree, result, options, reasons))
     root.append(tree.make("measurementResults", measurement(tree, result)))
     text = tree.etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     if options.schema is not None:
@@ -209,7 +209,7 @@ def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str 
 def _statements(
     tree: Tree, result: Result, unstated_sources: Iterable[Sentence]
 ) -> Iterable[tuple[str, *tuple[Any, ...]]]:
-    """Conventions of the numbers, and the laboratory's statements: title, declaration, and conformity where judged."""
+    """Yield conventions of the numbers, and the laboratory's statements: title, declaration."""
     ours = functools.partial(tree.text, "declaration")
     yield (
         "sign convention",
@@ -220,13 +220,13 @@ def _statements(
         ),
     )
     covered = result.settings.get("uncertainty_covers")
-    said = [
+    sentences = [
         coverage(result).text(),
         f"Uncertainties cover: {covered}." if covered else "",
         interval_text(result),
     ]
-    said += [f"{sentence.lead} {sentence.text}".strip() for sentence in unstated_sources]
-    yield "uncertainty", ours(*(line for line in said if line))
+    sentences += [f"{sentence.lead} {sentence.text}".strip() for sentence in unstated_sources]
+    yield "uncertainty", ours(*(line for line in sentences if line))
     if remark := small_signals(result):
         yield "small signals", ours(remark)
     verdict = "describes" if result.fit.adequate else "does not describe"
@@ -240,8 +240,8 @@ def _statements(
     if result.certificate.get("replaces"):
         yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
     for key in _STATED:
-        found = result.certificate.get(key) or ()
-        for line in found if isinstance(found, list | tuple) else [found]:
+        statement = result.certificate.get(key) or ()
+        for line in statement if isinstance(statement, list | tuple) else [statement]:
             yield "remark" if key == "remarks" else key, tree.stated("declaration", line)
 
 
@@ -262,13 +262,13 @@ _STATED = (
 
 
 def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, ...]]]:
-    """Each requirement with its limits, the value and its u, the decision rule, and whether it is met."""
+    """Yield each requirement with limits, value and u, decision rule, and verdict."""
     if not result.certificate.get("requirements") or "gain" in unstated(result):
         return
     point = reference_value(result)
     place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
-    for row in judged(result, None if point is None else point.frequency_hz, place):
+    for row in judge_requirements(result, None if point is None else point.frequency_hz, place):
         numbers = {
             "low": row.low,
             "high": row.high,
@@ -280,14 +280,14 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
         name = parameter_name(row.quantity).words
         if row.quantity == DEVIATION:
             name = "deviation of the sensitivity from that at the reference frequency"
-        said = [f"{name}, unit {row.unit}"]
-        said += [
+        parts = [f"{name}, unit {row.unit}"]
+        parts += [
             f"{name} {numeral(n)}"
             for name, n in numbers.items()
             if n is not None and math.isfinite(n)
         ]
-        said += [f"stated in {row.source}"] if row.source else []
-        declaration = tree.text("declaration", rule, ", ".join(said))
+        parts += [f"stated in {row.source}"] if row.source else []
+        declaration = tree.text("declaration", rule, ", ".join(parts))
         met = (
             None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
         )
@@ -322,10 +322,10 @@ def validate(text: bytes, schema: Path) -> None:
     etree = library("lxml.etree", "dcc")
     missing: list[str] = []
     try:
-        found, missing = _imports(schema, etree)
+        locations, missing = _imports(schema, etree)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a missing import that is used is an error below
-            rules = xmlschema.XMLSchema(str(schema), locations=found, allow="local")
+            rules = xmlschema.XMLSchema(str(schema), locations=locations, allow="local")
     except (OSError, xmlschema.XMLSchemaException, etree.XMLSyntaxError, SyntaxError) as error:
         absent = " and ".join(missing)
         raise InputError(
@@ -357,17 +357,17 @@ def validate(text: bytes, schema: Path) -> None:
 
 
 def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
-    """Namespace → file of all direct and indirect imports; and imports without a file."""
-    found: dict[str, str] = {}
+    """Return namespace → file of all direct and indirect imports, and imports without a file."""
+    files: dict[str, str] = {}
     missing: dict[str, None] = {}
-    seen = {schema}
+    visited = {schema}
     todo = [schema]
     while todo:
         file = todo.pop()
         for node in etree.parse(str(file)).iter(f"{_XSD}import", f"{_XSD}include"):
             place = node.get("schemaLocation", "")
             name = node.get("namespace", "")
-            if not place or name in found:
+            if not place or name in files:
                 continue
             local = next(
                 (path for path in _places(place, file.parent, schema.parent) if path.is_file()),
@@ -379,15 +379,15 @@ def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
                 )
                 continue
             if name:
-                found[name] = str(local)
-            if local not in seen:
-                seen.add(local)
+                files[name] = str(local)
+            if local not in visited:
+                visited.add(local)
                 todo.append(local)
-    return found, list(missing)
+    return files, list(missing)
 
 
 def _places(place: str, *folders: Path) -> Iterator[Path]:
-    """Candidate paths for an address: its ever shorter ends, then one folder below."""
+    """Yield candidate paths for an address: its ever shorter ends, then one folder below."""
     parts = [part for part in urlsplit(place).path.split("/") if part not in ("", ".", "..")]
     for folder in folders:
         if "://" not in place:

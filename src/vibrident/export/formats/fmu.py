@@ -1,4 +1,4 @@
-"""FMI 2.0 co-simulation unit: the model filter and the network's cell at one fixed step, in plain Python (pythonfmu).
+"""FMI 2.0 co-simulation unit: the model filter and the cell at a fixed step (pythonfmu).
 
 A co-simulation sets the input at the beginning of a step and reads the output at its end, so both
 outputs are one step late, plus the filter's latency; the unit states both in seconds.
@@ -36,7 +36,8 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     from pythonfmu import FmuBuilder
 
     text = slave(sensor, options)
-    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a process imports a name only once
+    # a process imports a name only once
+    module = f"{options.name}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
     path = folder / f"{options.name}.fmu"
     with tempfile.TemporaryDirectory() as work, _imports_as_before(module):
         script = Path(work) / f"{module}.py"
@@ -65,17 +66,17 @@ def _imports_as_before(module: str) -> Iterator[None]:
 
 
 def _class_name(name: str) -> str:
-    """The name with a capital; one more letter if the name is taken in Python or in the unit."""
-    made = name[0].upper() + name[1:]
+    """Return the name with a capital; one more letter if it is taken in Python or the unit."""
+    capitalised = name[0].upper() + name[1:]
     return (
-        f"{made}_"
-        if keyword.iskeyword(made) or re.search(rf"\b{made}\b", template(SLAVE))
-        else made
+        f"{capitalised}_"
+        if keyword.iskeyword(capitalised) or re.search(rf"\b{capitalised}\b", template(SLAVE))
+        else capitalised
     )
 
 
 def slave(sensor: ExportedSensor, options: Options) -> str:
-    """Python text of the unit."""
+    """Return the Python text of the unit."""
     rate = checked_rate(sensor, options.rate_hz)
     model, cell = model_filter(sensor, rate)
     f = sensor.band

@@ -1,4 +1,4 @@
-"""FDSN StationXML: one channel with one stage of poles and zeros, its uncertainties beside them, checked by the schema.
+"""FDSN StationXML: a channel with a stage of poles and zeros, with uncertainties, checked.
 
 A delay becomes poles and zeros too (Padé). The Delay of a Decimation belongs to digital stages, and
 readers (evalresp, ObsPy) ignore it in the response, which would give a wrong phase.
@@ -42,7 +42,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def build(sensor: ExportedSensor, options: Options) -> Any:
-    """ObsPy's Inventory with one channel."""
+    """Return ObsPy's Inventory with one channel."""
     library("obspy", "seismic")
     from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
 
@@ -85,7 +85,7 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
 
 
 def _start(sensor: ExportedSensor) -> tuple[Any, str]:
-    """Start date and its origin: the stated date of the calibration, else of the evaluation."""
+    """Return the start date and its origin: the calibration's date, else that of the evaluation."""
     from obspy import UTCDateTime
 
     day = date_of(sensor.result)
@@ -102,7 +102,7 @@ def _stated(named: Mapping[str, str], key: str) -> str | None:
 
 
 def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
-    """ObsPy's Response for the usual motion of the sensor, normalised in the middle of the band."""
+    """Return ObsPy's Response for the usual motion, normalised in the middle of the band."""
     from obspy.core.inventory.response import (
         InstrumentSensitivity,
         PolesZerosResponseStage,
@@ -123,7 +123,7 @@ def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
     motion = (2j * np.pi * frequency) ** order
     value = complex(system.response(np.array([frequency]))[0] * motion)
     gain = float(np.copysign(abs(value), sensor.values[sensor.model.gain_name]))
-    own = poles_zeros(sensor)
+    of_sensor = poles_zeros(sensor)
     u_poles = uncertainties(sensor, "poles")
     u_zeros = uncertainties(sensor, "zeros")
     units = (unit(quantity), xml_text(unit(sensor.output_unit)))
@@ -136,11 +136,12 @@ def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
         normalization_frequency=frequency,
         normalization_factor=system.gain / gain,
         zeros=[
-            _root(z, u_zeros, k - order if 0 <= k - order < len(own.zeros) else None)
+            _root(z, u_zeros, k - order if 0 <= k - order < len(of_sensor.zeros) else None)
             for k, z in enumerate(zeros)
         ],
         poles=[
-            _root(p, u_poles, k if k < len(own.poles) else None) for k, p in enumerate(system.poles)
+            _root(p, u_poles, k if k < len(of_sensor.poles) else None)
+            for k, p in enumerate(system.poles)
         ],
     )
     return Response(
@@ -150,7 +151,7 @@ def _response(sensor: ExportedSensor) -> tuple[Any, list[str]]:
 
 
 def _root(root: complex, u: np.ndarray | None, index: int | None) -> Any:
-    """A pole or zero; without uncertainty if it is not the sensor's, or none is stated."""
+    """Return a pole or zero; without uncertainty if it is not the sensor's, or none is stated."""
     from obspy.core.inventory.response import ComplexWithUncertainties
 
     if u is None or index is None:

@@ -46,7 +46,10 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
 
 def _fill(cell: Any, value: object) -> None:
-    """Text of others is no formula; of a float openpyxl itself would write 16 digits, one too few."""
+    """Fill a cell; text is no formula, and a float keeps all 17 digits.
+
+    Openpyxl itself would write 16 digits of a float, one too few.
+    """
     if isinstance(value, str):
         cell.value = one_line(value)
         cell.data_type = "s"

@@ -1,12 +1,12 @@
-"""Many sensors in one command: calibrations by name, by processes of this machine or of a cluster, to one table.
+"""Many sensors in one command, by processes of this machine or of a cluster, to one table.
 
 ``run`` (in ``coordinator``) is the path: patterns → calibrations → keys → batches → parts → table
 and page. Nothing is computed twice and nothing is lost: an outcome belongs to the content of its
 files, and is completely on the disk before it is reported.
 """
 
-from vibrident.lab.fleet.coordinator import Asked, Outcome, run
+from vibrident.lab.fleet.coordinator import Outcome, RunRequest, run
 from vibrident.lab.fleet.orders import Orders
 from vibrident.lab.fleet.schedulers import Dask, Local, Scheduler
 
-__all__ = ["Asked", "Dask", "Local", "Orders", "Outcome", "Scheduler", "run"]
+__all__ = ["Dask", "Local", "Orders", "Outcome", "RunRequest", "Scheduler", "run"]

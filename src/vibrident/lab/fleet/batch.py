@@ -1,4 +1,4 @@
-"""The work of a worker of any scheduler: hash calibrations, and identify a batch of them in a process of its own.
+"""Work of a scheduler's worker: hash calibrations, and identify a batch of them in a process.
 
 The process receives one calibration at a time, so it is known which one ended it. That one is tried
 alone in a new process. If it ends that too, its row says so. Another process continues the batch.
@@ -33,12 +33,15 @@ _HASHING_S = (
 _IDLE_S = (
     120.0  # seconds without a call after which it ends: on a cluster the run may be lost unnoticed
 )
-_MOST_BYTES = 1_500_000_000  # A process with more memory than this is replaced
-_MOST_DONE = 2000  # A process is replaced after so many calibrations
+_MAX_PART_BYTES = 1_500_000_000  # A process with more memory than this is replaced
+_MAX_CALIBRATIONS = 2000  # A process is replaced after so many calibrations
 
 
 class Identifier:
-    """A process that identifies, started when needed and again after it has ended. For one thread at a time."""
+    """Process that identifies, started when needed and again after it has ended.
+
+    It is for one thread at a time.
+    """
 
     def __init__(self, orders: Orders) -> None:
         self.orders: Orders = orders
@@ -48,7 +51,7 @@ class Identifier:
         self._done = 0
 
     def fingerprints(self, paths: Sequence[str]) -> list[Fingerprint]:
-        """Key and shape of each calibration; errors as of ``identify``."""
+        """Return key and shape of each calibration; errors as of ``identify``."""
         if not self._process.alive:
             self._start()
         return self._process.call(
@@ -56,7 +59,7 @@ class Identifier:
         )
 
     def identify(self, task: Task) -> Row:
-        """The row of a calibration, a path and its key.
+        """Return the row of a calibration, a path and its key.
 
         Raises:
             Died: the process ended during the calibration.
@@ -75,7 +78,7 @@ class Identifier:
                 "crash", f"a process that failed: {str(error).strip().rpartition(chr(10))[2]}"
             ) from error
         self._done += 1
-        if self._done >= _MOST_DONE or held_bytes > _MOST_BYTES:
+        if self._done >= _MAX_CALIBRATIONS or held_bytes > _MAX_PART_BYTES:
             self.close()
         return row
 
@@ -134,13 +137,15 @@ class Done:
     part: str  # name of the file with the rows
     statuses: dict[str, int]  # number of rows by status
     seconds: float  # duration of the batch
-    moved: dict[
-        str, str
-    ]  # key asked for → key found, of calibrations whose files changed meanwhile
+    # former key → key now, of calibrations whose files changed meanwhile
+    moved: dict[str, str]
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
-    """Key and shape of each calibration, by the process: threads of a coordinator would share one core."""
+    """Return key and shape of each calibration, by this thread's process.
+
+    Threads of a coordinator would share one core.
+    """
     process = _process(orders)
     try:
         return process.fingerprints(paths)
@@ -156,16 +161,16 @@ def work_off(tasks: Sequence[Task], orders: Orders) -> Done:
         InputError: the outcomes cannot be written, or no process can be started.
     """
     process = _process(orders)
-    found = [_row(process, task) for task in tasks]
+    rows = [_row(process, task) for task in tasks]
     try:
-        part = write_part(orders.parts_folder, found, orders.time_limit_s, process.memory_bytes)
+        part = write_part(orders.parts_folder, rows, orders.time_limit_s, process.memory_bytes)
     except OSError as error:
         raise unwritable(error, orders.folder) from error
     moved = {
-        key: row["key"] for (_, key), row in zip(tasks, found, strict=True) if row["key"] != key
+        key: row["key"] for (_, key), row in zip(tasks, rows, strict=True) if row["key"] != key
     }
-    seconds = sum(row["seconds"] for row in found)
-    return Done(part, dict(Counter(row["status"] for row in found)), seconds, moved)
+    seconds = sum(row["seconds"] for row in rows)
+    return Done(part, dict(Counter(row["status"] for row in rows)), seconds, moved)
 
 
 def end_processes(run: str) -> None:
@@ -176,7 +181,7 @@ def end_processes(run: str) -> None:
 
 
 def _process(orders: Orders) -> Identifier:
-    """This thread's process; a new one if the orders differ."""
+    """Return this thread's process; a new one if the orders differ."""
     _require_same_version(orders)
     process: Identifier | None = getattr(_here, "process", None)
     if process is None or process.ended or process.orders != orders:
@@ -200,7 +205,7 @@ def _row(process: Identifier, task: Task) -> Row:
 
 
 def lost(path: str, key: str, orders: Orders) -> Row:
-    """The row of a calibration whose workers were lost repeatedly."""
+    """Return the row of a calibration whose workers were lost repeatedly."""
     return _killed(
         ProcessDied("crash", "workers that were lost with it, several times"), orders, path, key
     )

@@ -1,4 +1,4 @@
-"""The steps of a run: find calibrations, hash them, have them identified in batches, write table and page."""
+"""Steps of a run: find, hash and identify calibrations in batches, then write table and page."""
 
 from __future__ import annotations
 
@@ -26,11 +26,9 @@ from vibrident.lab.fleet.schedulers import Reply, Scheduler
 from vibrident.lab.fleet.table import Tally, identified_keys, index_of, write_table
 from vibrident.lab.fleet.worker import Task
 
-BATCH_S = 10.0  # seconds of work in a batch: long against the time to send one, short against an acceptable loss
-_LEAST_BATCH_S = (
-    0.5  # shortest batch, in seconds: the last calibrations are divided among all workers
-)
-_MOST_IN_A_BATCH = 1000  # most calibrations of a batch, however short they are
+BATCH_S = 10.0  # of work: long against the time to send a batch, short against an acceptable loss
+_MIN_BATCH_S = 0.5  # of work: the last calibrations are divided among all workers
+_MAX_BATCH_SIZE = 1000  # calibrations, however short they are
 _NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
 
 
@@ -56,24 +54,28 @@ class Batches:
         ) + _NEWEST_SHARE * each
 
     def ahead_s(self) -> float:
-        """Seconds of waiting work; a calibration of a shape without a measured time counts as one second."""
+        """Return the seconds of waiting work.
+
+        A calibration of a shape without a measured time counts as one second.
+        """
         return sum(
             len(tasks) * self.seconds.get(shape, 1.0) for shape, tasks in self.waiting.items()
         )
 
     def take(self, workers: int) -> tuple[str, list[Task]]:
-        """The next batch, of the shape with most waiting work; at least one calibration must be waiting.
+        """Take the next batch, of the shape with most waiting work.
 
-        Of a shape without a measured time, the batch is one calibration.
+        At least one calibration must be waiting. Of a shape without a measured time, the batch is
+        one calibration.
         """
         shape = max(
             self.waiting, key=lambda name: len(self.waiting[name]) * self.seconds.get(name, 1.0)
         )
         tasks = self.waiting[shape]
         each = self.seconds.get(shape)
-        wanted_s = min(BATCH_S, max(_LEAST_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
+        wanted_s = min(BATCH_S, max(_MIN_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
         size = (
-            1 if each is None else max(1, min(_MOST_IN_A_BATCH, round(wanted_s / max(each, 1e-6))))
+            1 if each is None else max(1, min(_MAX_BATCH_SIZE, round(wanted_s / max(each, 1e-6))))
         )
         batch = [tasks.popleft() for _ in range(min(size, len(tasks)))]
         if not tasks:
@@ -81,23 +83,24 @@ class Batches:
         return shape, batch
 
 
-WINDOW = 2  # calls a worker has at once: one that it works on, one that waits for it
-_FIRST_PATHS = 8  # calibrations hashed by each of the first calls, so that work begins at once
-_MOST_PATHS = 100  # calibrations hashed by a later call
+WINDOW = 2  # calls of a worker at once: one that it works on, one that waits for it
+_FIRST_HASHED_AT_ONCE = (
+    8  # calibrations hashed by each of the first calls, so that work begins at once
+)
+_MAX_HASHED_AT_ONCE = 100  # calibrations hashed by a later call
 _TURN_S = 0.5  # seconds between updates of the number of workers and of the progress
-_MOST_LOST = 4  # how often a calibration is sent again after its worker was lost
-_MOST_MOVES = 3  # how often it is hashed again after its files changed
+_MAX_RESENT = 4  # how often a calibration is sent again after its worker was lost
+_MAX_REHASHED = 3  # how often it is hashed again after its files changed
 
 
 @dataclass(frozen=True)
-class Asked:
-    """The request for a run."""
+class RunRequest:
+    """Request for a run."""
 
     patterns: Sequence[str]  # files, folders and globs
     orders: Orders  # how each calibration is identified, and the folder
-    specification: Specification = field(
-        default_factory=Specification
-    )  # limits of the parameters, by type
+    # limits of the parameters, by type
+    specification: Specification = field(default_factory=Specification)
     fresh: bool = False  # compute everything again instead of continuing
 
 
@@ -118,22 +121,33 @@ class Outcome:
 
     tally: Tally  # of the table's rows
     files: list[Path]  # written: the table, then the page
-    computed: int  # calibrations that this run computed; those of equal content, or of an earlier run, were not
+    computed: int  # calibrations of this run, without those of equal content or of an earlier run
     left_out: int  # TOML files, in folders, that hold no section of a calibration
     seconds: float  # of the run
     folder: Path  # of the whole results
 
     def results(self) -> Iterator[Path]:
-        """Path of each identified calibration's result, each once; the files exist if ``results`` was set."""
+        """Yield the path of each identified calibration's result, each once.
+
+        The files exist if ``results`` was set.
+        """
         return (self.folder / f"{key}.json" for key in identified_keys(self.files[0]))
 
 
 def run(
-    asked: Asked, scheduler: Scheduler, progress: Callable[[RunProgress], None] = lambda _: None
+    request: RunRequest,
+    scheduler: Scheduler,
+    progress: Callable[[RunProgress], None] = lambda _: None,
 ) -> Outcome:
-    """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and ``fleet.html``.
+    """Identify all calibrations that are not on the disk yet; write ``fleet.parquet`` and its page.
 
-    ``scheduler`` is closed at the end; ``progress`` is called about twice a second.
+    Args:
+        request: of the run.
+        scheduler: closed at the end.
+        progress: called about twice a second.
+
+    Returns:
+        The outcome; the page is ``fleet.html``.
 
     Raises:
         InputError: a pattern names nothing, the folder cannot be written, the connection to the
@@ -143,13 +157,13 @@ def run(
     begin = time.monotonic()
     began_at = time.time()
     orders = replace(
-        asked.orders, folder=os.path.abspath(asked.orders.folder), run=uuid.uuid4().hex
+        request.orders, folder=os.path.abspath(request.orders.folder), run=uuid.uuid4().hex
     )
     try:
-        named = patterns.found(asked.patterns)
-        _prepare(orders, fresh=asked.fresh)
+        named = patterns.find_files(request.patterns)
+        _prepare(orders, fresh=request.fresh)
         index = index_of(orders)
-        work = _Work(named, orders, set(index.keys[index.stands].tolist()), scheduler, progress)
+        work = _Work(named, orders, set(index.keys[index.is_final].tolist()), scheduler, progress)
         del index
         try:
             work.do()
@@ -166,7 +180,7 @@ def run(
         memory.return_freed()
         tally = write_table(table, names, keys, orders)
         memory.return_freed()
-        page = write_page(table.with_suffix(".html"), table, tally, asked.specification, began_at)
+        page = write_page(table.with_suffix(".html"), table, tally, request.specification, began_at)
     except OSError as error:
         raise parts.unwritable(error, orders.folder) from error
     return Outcome(tally, [table, page], computed, left_out, seconds, orders.results_folder)
@@ -191,11 +205,11 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
 
 
 class _Work:
-    """The open calls, and the remaining work."""
+    """Open calls, and the remaining work."""
 
     def __init__(
         self,
-        named: patterns.Found,
+        named: patterns.NamedFiles,
         orders: Orders,
         there: set[bytes],
         scheduler: Scheduler,
@@ -222,20 +236,19 @@ class _Work:
 
     def do(self) -> None:
         """Run until every calibration has a row."""
-        told = 0.0
+        reported_at = 0.0
         while self._next < len(self.named.paths) or self._hashing or self._batches or self._work:
             self._send()
             if (reply := self.scheduler.next_reply(_TURN_S)) is not None:
                 self._take(reply)
-            if time.monotonic() - told >= _TURN_S:
-                told = time.monotonic()
-                self._tell()
-        self._tell()
+            if time.monotonic() - reported_at >= _TURN_S:
+                reported_at = time.monotonic()
+                self._report_progress()
+        self._report_progress()
 
     def _send(self) -> None:
-        workers = max(
-            self.scheduler.workers(), 1
-        )  # an adaptive cluster starts workers only once work is submitted
+        # an adaptive cluster starts workers only once work is submitted
+        workers = max(self.scheduler.workers(), 1)
         while len(self._hashing) + len(self._work) < WINDOW * workers:
             ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
             if (
@@ -243,7 +256,11 @@ class _Work:
                 and not ahead
                 and len(self._hashing) <= workers // 2
             ):
-                size = _FIRST_PATHS if self._seen < WINDOW * _MOST_PATHS else _MOST_PATHS
+                size = (
+                    _FIRST_HASHED_AT_ONCE
+                    if self._seen < WINDOW * _MAX_HASHED_AT_ONCE
+                    else _MAX_HASHED_AT_ONCE
+                )
                 first = self._next
                 self._next = min(self._next + size, len(self.named.paths))
                 self._hash(list(range(first, self._next)))
@@ -262,12 +279,12 @@ class _Work:
             raise reply.error
         if reply.call in self._hashing:
             places = self._hashing.pop(reply.call)
-            self._hash(places) if reply.lost else self._seen_are(places, reply.value)
+            self._hash(places) if reply.lost else self._take_hashes(places, reply.value)
             return
         shape, tasks = self._work.pop(reply.call)
         if not reply.lost:
             self._done(shape, tasks, reply.value)
-        elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MOST_LOST:
+        elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MAX_RESENT:
             row = lost(*tasks[0], self.orders)
             part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
             self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}))
@@ -277,12 +294,12 @@ class _Work:
             for half in filter(None, (tasks[:middle], tasks[middle:])):
                 self._work[self.scheduler.submit(work_off, half, self.orders)] = (shape, half)
 
-    def _seen_are(self, places: list[int], found: list[Fingerprint]) -> None:
-        for place, one in zip(places, found, strict=True):
+    def _take_hashes(self, places: list[int], hashes: list[Fingerprint]) -> None:
+        for place, fingerprint in zip(places, hashes, strict=True):
             self._seen += 1
-            if self.named.in_folder[place] and not one.calibration:
+            if self.named.in_folder[place] and not fingerprint.calibration:
                 continue
-            if not one.there and os.path.exists(self.named.paths[place]):
+            if not fingerprint.there and os.path.exists(self.named.paths[place]):
                 raise InputError(
                     "A worker does not see the calibrations.",
                     expected="the same files under the same names on all machines",
@@ -293,11 +310,13 @@ class _Work:
                         "workers on this machine"
                     ),
                 )
-            self.keys[place] = key = parts.packed([one.key])[0]
+            self.keys[place] = key = parts.packed([fingerprint.key])[0]
             if key not in self._there:
                 self._there.add(bytes(key))
                 self._waiting_for += 1
-                self._batches.add(one.shape, (os.path.abspath(self.named.paths[place]), one.key))
+                self._batches.add(
+                    fingerprint.shape, (os.path.abspath(self.named.paths[place]), fingerprint.key)
+                )
 
     def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
         self.computed += len(tasks)
@@ -307,12 +326,12 @@ class _Work:
             self._moved(before, after)
 
     def _moved(self, before: str, after: str) -> None:
-        """Files changed after they were hashed: hash again all calibrations that had the same key."""
+        """Hash again all calibrations of a key, as files changed after they were hashed."""
         old, new = parts.packed([before, after]).tolist()
         self._there.discard(old)
         self._there.add(new)
         places = np.flatnonzero(self.keys == old).tolist()
-        again = [place for place in places if self._moves[place] < _MOST_MOVES]
+        again = [place for place in places if self._moves[place] < _MAX_REHASHED]
         for place in set(places) - set(again):  # its files keep changing: use the latest row
             self.keys[place] = new
         self._moves.update(again)
@@ -320,12 +339,14 @@ class _Work:
         if again:
             self._hash(again)
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         elapsed = time.monotonic() - self._begin
         rate = self.computed / elapsed if elapsed > 0 else 0.0
-        left = len(self.named.paths) - self._seen + self._waiting_for
-        left_s = left / rate if rate > 0 else None
+        remaining = len(self.named.paths) - self._seen + self._waiting_for
+        left_s = remaining / rate if rate > 0 else None
         workers = self.scheduler.workers()
         self.progress(
-            RunProgress(len(self.named.paths) - left, len(self.named.paths), rate, left_s, workers)
+            RunProgress(
+                len(self.named.paths) - remaining, len(self.named.paths), rate, left_s, workers
+            )
         )

@@ -1,4 +1,4 @@
-"""The key of a calibration: a hash of all that its outcome depends on. The location of the files is not part of it."""
+"""Key of a calibration: a hash of all that its outcome depends on, but not of its location."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ABSENT = "absent"
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """A calibration before it is read."""
+    """Calibration before it is read."""
 
     # SHA-256, as hexadecimal digits, of the calibration file, the names and hashes of its data
     # files, the settings and the version
@@ -38,7 +38,10 @@ class Fingerprint:
 
 
 def fingerprint(path: str, orders: Orders) -> Fingerprint:
-    """Hash a calibration's files. A file that cannot be used has a key too, and is refused when it is read."""
+    """Hash a calibration's files.
+
+    A file that cannot be used has a key too, and is refused when it is read.
+    """
     file = Path(path)
     if not file.is_file():
         return Fingerprint(_key(file, [], orders), "not readable", there=file.exists())
@@ -55,7 +58,10 @@ def fingerprint(path: str, orders: Orders) -> Fingerprint:
 
 
 def sensor_text(path: str) -> dict[str, str]:
-    """The sensor section of a calibration file, as far as it can be read; the file may be unusable otherwise."""
+    """Return the sensor section of a calibration file, as far as it can be read.
+
+    The file may be unusable otherwise.
+    """
     section = _toml(Path(path)).get("sensor")
     plain = section if isinstance(section, Mapping) else {}
     return {
@@ -103,13 +109,13 @@ def _shape(document: CalibrationFile, folder: Path, names: list[str]) -> str:
 
 
 def _may_be_one(file: Path) -> bool:
-    """Whether an invalid file was meant as a calibration file, rather than for another program."""
+    """Return whether an invalid file was meant as a calibration file."""
     document = _toml(file)
     return not document or bool(document.keys() & CalibrationFile.model_fields.keys())
 
 
 def _toml(file: Path) -> dict[str, Any]:
-    """The keys of a TOML file; empty if it cannot be read."""
+    """Return the keys of a TOML file; empty if it cannot be read."""
     try:
         return read_toml(file)
     except InputError:

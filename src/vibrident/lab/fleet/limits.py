@@ -1,4 +1,4 @@
-"""The limits file: the limits of parameters, by type of sensor, and the verdict on values."""
+"""Limits file: the limits of parameters, by type of sensor, and the verdict on values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ K = 2.0  # coverage factor of the uncertainty in a verdict
 
 
 class Limit(FileSection):
-    """One [[limits]] entry."""
+    """Limit of a parameter, from an entry of ``[[limits]]``."""
 
     type: str | None = Field(
         default=None, min_length=1, description="a sensor's type in quotes, not empty"
@@ -31,43 +31,46 @@ class Limit(FileSection):
 
     @property
     def half_width(self) -> float:
-        """Tolerance in the unit of the parameter."""
+        """Return the tolerance in the unit of the parameter."""
         percent = self.tolerance_percent or 0.0
         return self.tolerance if self.tolerance is not None else abs(self.nominal) * percent / 100
 
     @property
     def lower(self) -> float:
-        """The lower limit."""
+        """Return the lower limit."""
         return self.nominal - self.half_width
 
     @property
     def upper(self) -> float:
-        """The upper limit."""
+        """Return the upper limit."""
         return self.nominal + self.half_width
 
     def inside(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which values are within the limits, without regard to uncertainty; same shape."""
+        """Return which values are within the limits, without regard to uncertainty; same shape."""
         return np.abs(values - self.nominal) <= self.half_width
 
     def certain(self, values: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which verdicts hold for all values within U = 2 u (ISO 14253-1), none where u is NaN; same shape."""
+        """Return which verdicts hold for all values within U = 2 u (ISO 14253-1); same shape.
+
+        None holds where u is NaN.
+        """
         margin = np.abs(np.abs(values - self.nominal) - self.half_width)
         return margin >= K * u
 
 
 class Specification(FileSection):
-    """A limits file, checked."""
+    """Limits file, checked."""
 
     limits: list[Limit] = Field(
         default=[], description="one or more [[limits]], in double brackets"
     )
 
     def limit(self, type_: str | None, parameter: str) -> Limit | None:
-        """The limit for a parameter of a type of sensor: that of the type, else that of all types."""
+        """Return the limit for a parameter of a type of sensor, else that of all types, or None."""
         for wanted in (type_, None):
-            for one in self.limits:
-                if one.parameter == parameter and one.type == wanted:
-                    return one
+            for limit in self.limits:
+                if limit.parameter == parameter and limit.type == wanted:
+                    return limit
         return None
 
 
@@ -77,8 +80,8 @@ def read_limits(path: Path) -> Specification:
     Raises:
         InputError: the file cannot be read, or a key or value is not valid.
     """
-    found = validated(Specification, read_toml(path, "limits"), str(path), "limits")
-    if not found.limits:
+    specification = validated(Specification, read_toml(path, "limits"), str(path), "limits")
+    if not specification.limits:
         raise InputError(
             "The limits file holds no limit.",
             expected="one or more [[limits]] with parameter, nominal and tolerance",
@@ -86,41 +89,41 @@ def read_limits(path: Path) -> Specification:
             where=str(path),
             remedy="add one, or leave ⟦fleet.limits⟧ out",
         )
-    _check(found, str(path))
-    return found
+    _check(specification, str(path))
+    return specification
 
 
-def _check(found: Specification, where: str) -> None:
-    seen: dict[tuple[str | None, str], int] = {}
-    for number, one in enumerate(found.limits, start=1):
+def _check(specification: Specification, where: str) -> None:
+    numbers: dict[tuple[str | None, str], int] = {}
+    for number, limit in enumerate(specification.limits, start=1):
         here = f"{where}, [[limits]] entry {number}"
-        if one.parameter not in parameter_names():
-            raise unknown("There is no such parameter.", one.parameter, parameter_names(), here)
-        if (one.tolerance is None) == (one.tolerance_percent is None):
+        if limit.parameter not in parameter_names():
+            raise unknown("There is no such parameter.", limit.parameter, parameter_names(), here)
+        if (limit.tolerance is None) == (limit.tolerance_percent is None):
             raise InputError(
                 "A limit has one tolerance.",
                 expected=(
                     "tolerance (in the parameter's unit) or tolerance_percent (of the nominal "
                     "value)"
                 ),
-                found="neither" if one.tolerance is None else "both",
+                found="neither" if limit.tolerance is None else "both",
                 where=here,
                 remedy="keep one of the two",
             )
-        if one.half_width == 0:
+        if limit.half_width == 0:
             raise InputError(
                 "A per cent of zero is zero.",
                 expected="tolerance, in the parameter's unit, where nominal is 0",
-                found=f"tolerance_percent = {one.tolerance_percent!r}",
+                found=f"tolerance_percent = {limit.tolerance_percent!r}",
                 where=here,
                 remedy="give tolerance",
             )
-        other = seen.setdefault((one.type, one.parameter), number)
-        if other != number:
+        first = numbers.setdefault((limit.type, limit.parameter), number)
+        if first != number:
             raise InputError(
                 "Two limits are for the same.",
                 expected="one limit for each type and parameter",
-                found=f"{one.parameter!r} of {one.type or 'every type'}, as in entry {other}",
+                found=f"{limit.parameter!r} of {limit.type or 'every type'}, as in entry {first}",
                 where=here,
                 remedy="remove one of the two",
             )

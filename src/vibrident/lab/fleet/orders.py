@@ -14,12 +14,12 @@ from vibrident.base.version import __version__
 from vibrident.fit.registry import TAKING_PART
 
 TIME_LIMIT_S = 300.0  # default time limit of one calibration, in seconds
-_LEAST_BYTES = 4_000_000_000
+_MIN_PROCESS_BYTES = 4_000_000_000
 _SHARE = 0.8
 
 
 def plug_ins() -> tuple[str, ...]:
-    """Return the installed packages, with versions, that add what takes part in an identification."""
+    """Return the installed packages, with versions, that take part in an identification."""
     points = (point for kind in TAKING_PART for point in installed().get(kind.group, ()))
     return tuple(
         sorted({f"{point.dist.name} {point.dist.version}" for point in points if point.dist})
@@ -28,7 +28,7 @@ def plug_ins() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Orders:
-    """The same for all calibrations of a run."""
+    """Orders for all calibrations of a run."""
 
     folder: str  # absolute path for results and parts
     model: str | None = None  # of all calibrations; None for the one that each calibration states
@@ -43,40 +43,41 @@ class Orders:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings that change the numbers of an outcome."""
+        """Return the settings that change the numbers of an outcome."""
         chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
         return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
 
     @property
     def parts_folder(self) -> Path:
-        """Folder for rows."""
+        """Return the folder for rows."""
         return Path(self.folder) / "parts"
 
     @property
     def results_folder(self) -> Path:
-        """Folder for whole results."""
+        """Return the folder for whole results."""
         return Path(self.folder) / "results"
 
 
 def memory_limit(orders: Orders) -> int | None:
-    """Most bytes of a process that identifies, on this machine; None if the machine's memory is not known.
+    """Return the largest memory of a process that identifies, in bytes.
 
-    Unless it is stated, each processor's share of four fifths of the memory, but at least 4 GB,
-    because one large calibration is rarely beside another; and never more than the four fifths.
+    It is None if the machine's memory is not known. Unless it is stated, it is each processor's
+    share of four fifths of the memory, but at least 4 GB, because two large calibrations rarely run
+    together; and never more than the four fifths.
     """
     if orders.memory_limit_bytes is not None:
         return orders.memory_limit_bytes
     total = _machine_bytes()
     if total is None:
         return None
-    return int(min(_SHARE * total, max(_LEAST_BYTES, _SHARE * total / (os.cpu_count() or 1))))
+    return int(min(_SHARE * total, max(_MIN_PROCESS_BYTES, _SHARE * total / (os.cpu_count() or 1))))
 
 
 def _machine_bytes() -> int | None:
     """Memory of this machine, or of the container that this process is in."""
-    found = []
+    limits = []
     with suppress(AttributeError, ValueError, OSError):  # not on Windows
-        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError, ValueError):  # "max" is no number
-        found.append(int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii")))
-    return min(found, default=None)
+        limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii")))
+    return min(limits, default=None)

@@ -23,14 +23,12 @@ from vibrident.base.errors import InputError
 from vibrident.base.extras import library
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, Row
 
-#: Columns of a part beside those of parameters; units are JSON, limits are stated for failed
+#: Columns of a part besides those of parameters; units are JSON, limits are of failed
 #: calibrations.
 _TEXTS = ("key", "status", "message", "serial_number", "type", "model", "estimator", "units")
 _NUMBERS = ("chi2_reduced", "seconds", "finished", "time_limit_s", "memory_limit_bytes")
 _FLAGS = ("adequate", "passing")
-_LEFT_S = (
-    3600.0  # age after which an unfinished file is taken to be left by a process that has ended
-)
+_LEFT_S = 3600.0  # age from which an unfinished file belongs to a process that has ended
 PACKED = np.dtype("S32")  # type of an array of keys
 
 
@@ -43,13 +41,13 @@ _PLACE = np.dtype(
         ("seconds", "f4"),
         ("memory", "f4"),
         ("ended", "?"),
-        ("stands", "?"),
+        ("is_final", "?"),
     ]
 )
 
 
 def arrow() -> Any:
-    """The library of the table.
+    """Return the library of the table.
 
     Raises:
         InputError: it is not installed.
@@ -87,33 +85,32 @@ def _no_pandas(name: str, *_: object) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Index:
-    """The place of each key's row. Of several rows of a key, a finished one is used, else the latest."""
+    """Place of each key's row; of several rows of a key, a finished one, else the latest."""
 
     keys: NDArray[np.bytes_]  # sorted, each once, as ``packed`` gives them; shape (keys,)
     part: NDArray[np.int32]  # number of the part in ``parts``; shape (keys,)
     row: NDArray[np.int32]  # number of the row in it; shape (keys,)
-    stands: NDArray[np.bool_]  # False if the row has to be computed again; shape (keys,)
+    is_final: NDArray[np.bool_]  # False if the row has to be computed again; shape (keys,)
     parts: list[str]  # names of the files
     parameters: list[tuple[str, ...]]  # that each part has columns for
 
     def places(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
-        """Position of these keys in the index; −1 for a key that is not in it."""
+        """Return the positions of keys in the index, −1 for a key that is not in it."""
         if not self.keys.size:
             return np.full(keys.shape, -1)
-        found = np.minimum(np.searchsorted(self.keys, keys), self.keys.size - 1)
-        return np.where(self.keys[found] == keys, found, -1)
+        positions = np.minimum(np.searchsorted(self.keys, keys), self.keys.size - 1)
+        return np.where(self.keys[positions] == keys, positions, -1)
 
 
 def packed(keys: Sequence[str]) -> NDArray[np.bytes_]:
-    """Keys, as hexadecimal digits, in 32 bytes each."""
+    """Pack keys, given as hexadecimal digits, into 32 bytes each."""
     return np.frombuffer(bytes.fromhex("".join(keys)), dtype=PACKED)
 
 
 def digits(keys: NDArray[np.bytes_]) -> list[str]:
-    """The hexadecimal digits of packed keys."""
-    return [
-        one.ljust(32, b"\0").hex() for one in keys.tolist()
-    ]  # NumPy leaves out zeros at the end
+    """Return the hexadecimal digits of packed keys."""
+    # NumPy leaves out zeros at the end
+    return [key.ljust(32, b"\0").hex() for key in keys.tolist()]
 
 
 def remove_left(folder: Path) -> None:
@@ -125,7 +122,7 @@ def remove_left(folder: Path) -> None:
 
 
 def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None) -> Any:
-    """Rows as a table of pyarrow, with the limits on time and memory that applied to them."""
+    """Return rows as a table of pyarrow, with the limits that applied to them."""
     pa = arrow()
     columns: dict[str, Any] = {
         field: pa.array([text(row.get(field)) for row in rows], pa.string()) for field in _TEXTS
@@ -138,16 +135,19 @@ def as_table(rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int |
         columns[field] = pa.array([row[field] for row in rows], pa.bool_())
     columns["warnings"] = pa.array([row["warnings"] for row in rows], pa.list_(pa.string()))
     for parameter in dict.fromkeys(parameter for row in rows for parameter in row["parameters"]):
-        found = [row["parameters"].get(parameter, (None, None)) for row in rows]
-        columns[parameter] = pa.array([one[0] for one in found], pa.float64())
-        columns[f"{parameter}_u"] = pa.array([one[1] for one in found], pa.float64())
+        pairs = [row["parameters"].get(parameter, (None, None)) for row in rows]
+        columns[parameter] = pa.array([value[0] for value in pairs], pa.float64())
+        columns[f"{parameter}_u"] = pa.array([value[1] for value in pairs], pa.float64())
     return pa.table(columns)
 
 
 def write_part(
     folder: Path, rows: Sequence[Row], time_limit_s: float, memory_limit_bytes: int | None
 ) -> str:
-    """Write rows into a part; return its name, a hash of the keys: the same rows never make two parts."""
+    """Write rows into a part, and return its name.
+
+    The name is a hash of the keys, so that the same rows never make two parts.
+    """
     import pyarrow.parquet as pq
 
     name = _name([row["key"] for row in rows])
@@ -162,18 +162,18 @@ def _name(keys: Sequence[str]) -> str:
 
 
 def text(value: str | None) -> str | None:
-    """Text that can be written as UTF-8; a file's name may hold other bytes."""
+    """Return text that can be written as UTF-8; a file's name may hold other bytes."""
     return None if value is None else value.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _units(row: Row) -> str:
     return json.dumps(
-        {name: one[2] for name, one in row["parameters"].items()}, separators=(",", ":")
+        {name: entry[2] for name, entry in row["parameters"].items()}, separators=(",", ":")
     )
 
 
 def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
-    """Names of the parameters that a part has columns for."""
+    """Return the names of the parameters that a part has columns for."""
     known = {*_TEXTS, *_NUMBERS, *_FLAGS, "warnings"}
     return tuple(name for name in columns if name not in known and f"{name}_u" in columns)
 
@@ -181,7 +181,7 @@ def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
 def index(
     folder: Path, results: Path | None, time_limit_s: float, memory_limit_bytes: int | None
 ) -> Index:
-    """Index all rows on the disk. A part that cannot be read is ignored.
+    """Index all rows on the disk; a part that cannot be read is ignored.
 
     A row has to be computed again if its whole result is wanted and missing, if the calibration
     failed within tighter limits than this run's, or if another attempt may have another outcome.
@@ -198,29 +198,28 @@ def index(
     for path in sorted(folder.glob("*.parquet")):
         if (read := _read(path)) is None:
             continue
-        columns, found = read
-        block = np.zeros(len(found["key"]), dtype=_PLACE)
-        block["key"], block["part"], block["row"] = (
-            packed(found["key"]),
-            len(names),
-            np.arange(block.size),
-        )
-        failed = np.array(found["status"]) == FAILED
-        passing = np.array(found["passing"])
-        seconds = np.array(found["time_limit_s"], dtype=float)
+        columns, values = read
+        block = np.zeros(len(values["key"]), dtype=_PLACE)
+        block["key"] = packed(values["key"])
+        block["part"] = len(names)
+        block["row"] = np.arange(block.size)
+        failed = np.array(values["status"]) == FAILED
+        passing = np.array(values["passing"])
+        seconds = np.array(values["time_limit_s"], dtype=float)
         memory = np.array(
-            [math.inf if one is None else one for one in found["memory_limit_bytes"]], dtype=float
+            [math.inf if limit is None else limit for limit in values["memory_limit_bytes"]],
+            dtype=float,
         )
         ended = ~failed & ~passing
         wanted = math.inf if memory_limit_bytes is None else memory_limit_bytes
-        stands = ended | (failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory))
+        is_final = ended | (failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory))
         if there is not None:
-            pairs = zip(found["key"], found["status"], strict=True)
-            stands &= [status != IDENTIFIED or f"{key}.json" in there for key, status in pairs]
+            pairs = zip(values["key"], values["status"], strict=True)
+            is_final &= [status != IDENTIFIED or f"{key}.json" in there for key, status in pairs]
         block["ended"] = ended
         block["seconds"] = seconds
         block["memory"] = memory
-        block["stands"] = stands
+        block["is_final"] = is_final
         blocks.append(block)
         names.append(path.name)
         parameters.append(parameters_of(columns))
@@ -230,14 +229,17 @@ def index(
     last = np.ones(every.size, dtype=bool)
     last[:-1] = every["key"][1:] != every["key"][:-1]
     every = every if last.all() else every[last]
-    key, part, row, stands = (
-        np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "stands")
+    key, part, row, is_final = (
+        np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "is_final")
     )
-    return Index(key, part, row, stands, names, parameters)
+    return Index(key, part, row, is_final, names, parameters)
 
 
 def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
-    """Names of a part's columns, and those that an index needs; None for a file that is damaged, or no part."""
+    """Return the names of a part's columns, and the columns that an index needs.
+
+    None for a file that is damaged, or no part.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -245,14 +247,14 @@ def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             table = file.read()
         columns = ("key", "status", "passing", "time_limit_s", "memory_limit_bytes")
-        found = {name: table[name].to_pylist() for name in columns}
-        return (table.column_names, found) if path.name == _name(found["key"]) else None
+        values = {name: table[name].to_pylist() for name in columns}
+        return (table.column_names, values) if path.name == _name(values["key"]) else None
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
 
 
 def unwritable(error: OSError, folder: str) -> InputError:
-    """The error of a folder that cannot be written, by a run that can be continued."""
+    """Return the error of a folder that cannot be written, by a run that can be continued."""
     remedy = (
         "free disk space or correct the permissions (remote workers need the folder under the "
         "same name), then run the same command again: it continues where it stopped"

@@ -1,4 +1,4 @@
-"""From the patterns of the command line to calibration files."""
+"""Calibration files that the patterns of the command line name."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from dataclasses import dataclass
 from vibrident.base.errors import InputError
 
 _ENDING = ".toml"
-_BLOCK = 256  # paths that are compressed together
-_MOST_OPENED = 8  # blocks that are kept open
+_BLOCK_PATHS = 256  # compressed together
+_MAX_OPENED_BLOCKS = 8
 
 
 class Paths:
-    """Paths in about ten bytes each, because there may be millions: added, and then read in order."""
+    """Paths in about ten bytes each, because there may be millions.
+
+    They are added, and then read in order.
+    """
 
     def __init__(self) -> None:
         self._blocks: list[bytes] = []
@@ -25,17 +28,17 @@ class Paths:
         self._opened: dict[int, list[str]] = {}
 
     def __len__(self) -> int:
-        return _BLOCK * len(self._blocks) + len(self._last)
+        return _BLOCK_PATHS * len(self._blocks) + len(self._last)
 
     def __getitem__(self, place: int) -> str:
-        number, within = divmod(place, _BLOCK)
+        number, within = divmod(place, _BLOCK_PATHS)
         if number >= len(self._blocks):
             return self._last[within]
         if number not in self._opened:
-            if len(self._opened) >= _MOST_OPENED:
+            if len(self._opened) >= _MAX_OPENED_BLOCKS:
                 self._opened.clear()
             self._opened[number] = [
-                os.fsdecode(one) for one in zlib.decompress(self._blocks[number]).split(b"\0")
+                os.fsdecode(path) for path in zlib.decompress(self._blocks[number]).split(b"\0")
             ]
         return self._opened[number][within]
 
@@ -45,13 +48,13 @@ class Paths:
     def add(self, path: str) -> None:
         """Add a path at the end."""
         self._last.append(path)
-        if len(self._last) == _BLOCK:
+        if len(self._last) == _BLOCK_PATHS:
             self._blocks.append(zlib.compress(b"\0".join(map(os.fsencode, self._last))))
             self._last = []
 
 
 @dataclass(frozen=True)
-class Found:
+class NamedFiles:
     """Files to be identified, in order; two columns, because there may be millions."""
 
     paths: Paths  # as they were found from the patterns
@@ -60,30 +63,32 @@ class Found:
     in_folder: bytearray
 
 
-def found(patterns: Sequence[str]) -> Found:
-    """The calibration files that the patterns name, each once, pattern by pattern and then by name.
+def find_files(patterns: Sequence[str]) -> NamedFiles:
+    """Return the calibration files that the patterns name, each once.
 
-    A folder names every ``.toml`` file in it and below it, also behind links to folders elsewhere,
-    and a glob the files and folders that match.
+    They come pattern by pattern and then by name. A folder names every ``.toml`` file in it and
+    below it, also behind links to folders elsewhere, and a glob the files and folders that match.
 
     Raises:
         InputError: a pattern names nothing.
     """
-    files = Found(Paths(), bytearray())
-    seen = set[bytes]()
+    files = NamedFiles(Paths(), bytearray())
+    marks = set[bytes]()
     for pattern in patterns:
-        found_one = False
+        matched = False
         for path, in_folder in _named(pattern):
-            found_one = True
+            matched = True
             mark = hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=16).digest()
-            if mark not in seen:
-                seen.add(mark)
+            if mark not in marks:
+                marks.add(mark)
                 files.paths.add(path)
                 files.in_folder.append(in_folder)
-        if not found_one:
+        if not matched:
             raise InputError(
                 "No calibration file is there.",
-                expected="a calibration file, a folder that holds some, or a glob that matches some",
+                expected=(
+                    "a calibration file, a folder that holds some, or a glob that matches some"
+                ),
                 found=f"a folder without a {_ENDING} file"
                 if os.path.isdir(pattern)
                 else "nothing of that name",
@@ -97,10 +102,10 @@ def _named(pattern: str) -> Iterator[tuple[str, bool]]:
     for match in (
         [pattern] if os.path.lexists(pattern) else sorted(glob.iglob(pattern, recursive=True))
     ):
-        yield from _of(match)
+        yield from _files_of(match)
 
 
-def _of(path: str) -> Iterator[tuple[str, bool]]:
+def _files_of(path: str) -> Iterator[tuple[str, bool]]:
     if not os.path.isdir(path):
         yield path, False
         return
@@ -115,7 +120,7 @@ def _of(path: str) -> Iterator[tuple[str, bool]]:
             for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
                 place = os.path.realpath(link)
                 here = os.path.realpath(folder)
-                if not _within(here, place) and not any(_within(place, other) for other in places):
+                if not _within(here, place) and not any(_within(place, known) for known in places):
                     roots.append(link)
                     places.append(place)
 

@@ -1,4 +1,4 @@
-"""One calibration's outcome as plain values: a row of the table."""
+"""Outcome of a calibration as plain values: a row of the table."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Row = dict[str, Any]
 
 
 def identified(key: str, result: Result, seconds: float) -> Row:
-    """The row of a result."""
+    """Return the row of a result."""
     parameters = {
-        name: [plain(one.value), plain(one.standard_uncertainty), one.unit]
-        for name, one in result.parameters.items()
+        name: [plain(parameter.value), plain(parameter.standard_uncertainty), parameter.unit]
+        for name, parameter in result.parameters.items()
     }
     return {
         **_row(key, IDENTIFIED, "", dict(result.sensor), seconds),
@@ -42,7 +42,10 @@ def identified(key: str, result: Result, seconds: float) -> Row:
 def refused(
     key: str, error: VibridentError, sensor: dict[str, str], model: str | None, seconds: float
 ) -> Row:
-    """The row of data that cannot be used, with the whole message. A fit that did not converge has failed."""
+    """Return the row of data that cannot be used, with the whole message.
+
+    A fit that did not converge has failed.
+    """
     status = REFUSED if isinstance(error, InputError) else FAILED
     row = _row(key, status, str(error), sensor, seconds)
     row["model"] = model or sensor.get("model")
@@ -53,12 +56,12 @@ def refused(
 def failed(
     key: str, error: InputError, sensor: dict[str, str], model: str | None, seconds: float
 ) -> Row:
-    """The row of a calibration that was not completed."""
+    """Return the row of a calibration that was not completed."""
     return {**refused(key, error, sensor, model, seconds), "status": FAILED}
 
 
 def fault(error: Exception) -> InputError:
-    """The message for a fault of this program."""
+    """Return the message for a fault of this program."""
     frames = traceback.extract_tb(error.__traceback__)
     last = frames[-1] if frames else None
     return InputError(

@@ -1,4 +1,4 @@
-"""Schedulers: threads of this process, each with a process beside it, or the workers of a Dask cluster."""
+"""Schedulers: threads of this process, each with a process, or workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vibrident.lab.fleet.batch import end_processes
 
 @dataclass(frozen=True)
 class Reply:
-    """The end of a call."""
+    """End of a call."""
 
     call: int  # number passed to ``submit``
     value: Any = None  # returned by the function; None if it did not return
@@ -29,7 +29,7 @@ class Reply:
 
 
 class Scheduler(abc.ABC):
-    """Runs importable functions in other threads or processes and reports their end."""
+    """Run importable functions in other threads or processes, and report their end."""
 
     def __init__(self) -> None:
         self._calls = itertools.count(1)
@@ -37,7 +37,7 @@ class Scheduler(abc.ABC):
 
     @abc.abstractmethod
     def workers(self) -> int:
-        """Number of calls that can run at present."""
+        """Return the number of calls that can run at present."""
 
     def submit(self, function: Callable[..., Any], *args: Any) -> int:
         """Submit a call of a function; the number identifies the call."""
@@ -49,7 +49,7 @@ class Scheduler(abc.ABC):
     def _begin(self, call: int, function: Callable[..., Any], args: tuple[Any, ...]) -> None: ...
 
     def next_reply(self, seconds: float) -> Reply | None:
-        """The next answer; None if no answer arrives within so many seconds.
+        """Return the next answer, or None if none arrives within so many seconds.
 
         Raises:
             InputError: no answer can arrive any more.
@@ -77,7 +77,7 @@ class Local(Scheduler):
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="fleet")
 
     def workers(self) -> int:
-        """As asked for."""
+        """Return the number of processes."""
         return self._workers
 
     def _begin(self, call: int, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
@@ -135,7 +135,7 @@ class Dask(Scheduler):
             raise self._unreachable(f"{type(error).__name__}: {error}") from error
 
     def workers(self) -> int:
-        """Threads of all present workers."""
+        """Return the number of threads of all present workers."""
         if time.monotonic() - self._counted >= self._COUNT_S:
             with contextlib.suppress(OSError, TimeoutError):
                 self._count = sum(self._client.nthreads().values())
@@ -163,7 +163,11 @@ class Dask(Scheduler):
         return Reply(call, None, None if killed else error, lost=killed)
 
     def next_reply(self, seconds: float) -> Reply | None:
-        """The same, while the connection stands."""
+        """Return the next answer, or None if none arrives within so many seconds.
+
+        Raises:
+            InputError: the connection is lost.
+        """
         reply = super().next_reply(seconds)
         if self._client.status in ("closing", "closed", "connecting"):
             raise InputError(
@@ -189,11 +193,13 @@ class Dask(Scheduler):
         with contextlib.suppress(Exception):
             self._client.close(timeout=5)
 
-    def _unreachable(self, found: str) -> InputError:
+    def _unreachable(self, detail: str) -> InputError:
         return InputError(
             "No scheduler answers there.",
-            expected="the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)",
-            found=found,
+            expected=(
+                "the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)"
+            ),
+            found=detail,
             where=f"⟦fleet.scheduler = {self._where!r}⟧",
             remedy="start it with `dask scheduler`, and copy the address that it prints",
         )

@@ -1,4 +1,4 @@
-"""Statistics of the table: distributions, outliers and yield, one column after another."""
+"""Statistics of a fleet's table: distributions, outliers and yield."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ from vibrident.lab.fleet.limits import Limit, Specification
 from vibrident.lab.fleet.row import IDENTIFIED
 from vibrident.lab.fleet.table import Tally
 
-FEWEST = 20  # fewest values for a search for outliers
-FALSE_ALARM = 0.01  # false-alarm probability of that search, for a normal distribution of any size
-_TO_SD = 1.482602218505602  # from the median absolute deviation to the standard deviation of a normal distribution
-_SMALL = 12.0  # the spread of few values is uncertain: the limit is wider by a factor 1 + _SMALL / n. By simulation
-MOST_GROUPS = 12  # groups shown
-MOST_OUTLIERS = 200  # outliers listed
-_MARGIN = 0.06  # margin drawn outside a limit, relative to the width between the limits
-_FEWEST_BINS = 8  # bins of a histogram
-_MOST_BINS = 48
+MIN_OUTLIER_VALUES = 20  # in which outliers are searched for
+FALSE_ALARM = 0.01  # probability of that search, for a normal distribution of any size
+#: Standard deviation of a normal distribution over its median absolute deviation.
+SD_PER_MAD = 1.482602218505602
+#: The spread of n values is uncertain: the limit is wider by 1 + SMALL_COUNT_FACTOR / n, by
+#: simulation.
+SMALL_COUNT_FACTOR = 12.0
+MAX_GROUPS = 12  # on the page
+MAX_OUTLIERS = 200  # in the list
+_LIMIT_MARGIN = 0.06  # drawn outside a limit, in units of the width between the limits
+_MIN_BINS = 8  # of a histogram
+_MAX_BINS = 48
 FloatArray = NDArray[np.float64]
 
 
@@ -40,7 +43,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """One parameter of one group."""
+    """Distribution of a parameter in a group."""
 
     parameter: str  # its name
     unit: str  # of all that follows
@@ -71,7 +74,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Outlier:
-    """An outlier, or a value that does not conform."""
+    """Outlier, or value that does not conform."""
 
     row: int  # number in the table
     parameter: str  # its name
@@ -84,7 +87,10 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Yield:
-    """Conforming sensors of a type: within all its limits or, if it has none, identified without a warning."""
+    """Conforming sensors of a type.
+
+    They are within all its limits or, if it has none, identified without a warning.
+    """
 
     type: str | None
     calibrations: int
@@ -95,7 +101,7 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """The statistics of a fleet."""
+    """Statistics of a fleet."""
 
     groups: tuple[Group, ...]  # the largest first
     more: int  # groups that are not shown
@@ -115,7 +121,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     sets = tally.units
     units = [sets[number] for number in kinds[2].tolist()]
     sizes = np.bincount(group[identified], minlength=len(units))
-    found: list[list[Distribution]] = [[] for _ in units[:MOST_GROUPS]]
+    distributions_of: list[list[Distribution]] = [[] for _ in units[:MAX_GROUPS]]
     outliers: list[Outlier] = []
     verdict = _Verdict(identified, group)
     for parameter in columns.parameters:
@@ -126,7 +132,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
             for number, unit in zip(kinds[0].tolist(), units, strict=True)
         ]
         verdict.judge(values, u, limits)
-        for number, distributions in enumerate(found):
+        for number, distributions in enumerate(distributions_of):
             rows = np.flatnonzero((group == number) & np.isfinite(values))
             if rows.size:
                 unit = units[number].get(parameter, "")
@@ -134,21 +140,21 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
                     _distribution(parameter, unit, values[rows], u[rows], limits[number])
                 )
                 outliers += _outliers(parameter, unit, rows, values, u, limits[number])
-    outliers.sort(key=lambda one: (not one.outside, -one.distance, one.row))
+    outliers.sort(key=lambda outlier: (not outlier.outside, -outlier.distance, outlier.row))
     groups = [
         Group(
             types.name(int(kinds[0, number])),
             models.name(int(kinds[1, number])) or "",
             int(sizes[number]),
-            tuple(one),
+            tuple(outlier),
         )
-        for number, one in enumerate(found)
+        for number, outlier in enumerate(distributions_of)
     ]
     return Statistics(
         tuple(groups),
         len(units) - len(groups),
-        tuple(outliers[:MOST_OUTLIERS]),
-        max(0, len(outliers) - MOST_OUTLIERS),
+        tuple(outliers[:MAX_OUTLIERS]),
+        max(0, len(outliers) - MAX_OUTLIERS),
         tuple(_yields(types, identified, *verdict.of_all(columns.sound()))),
         bool(verdict.limited.any()),
     )
@@ -157,7 +163,12 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
 def _grouped(
     parts: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Kinds that occur, the most frequent first, shape (parts, kinds); each row's kind, −1 if it is not identified."""
+    """Return the kinds that occur, and the kind of each row.
+
+    Returns:
+        Kinds, the most frequent first, shape (parts, kinds); kind of each row, −1 if it is not
+        identified.
+    """
     sizes = tuple(int(part.max(initial=-1)) + 2 for part in parts)  # −1 is a number too
     kind = np.ravel_multi_index(tuple(part[identified] + 1 for part in parts), sizes)
     distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
@@ -170,7 +181,7 @@ def _grouped(
 
 
 class _Verdict:
-    """Which rows conform to all their limits."""
+    """Verdict of the limits on every row."""
 
     def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
         self._identified = identified
@@ -180,7 +191,7 @@ class _Verdict:
         self.limited = np.zeros(identified.size, dtype=bool)
 
     def judge(self, values: FloatArray, u: FloatArray, limits: Sequence[Limit | None]) -> None:
-        """One parameter of all rows, by the limit of each row's group."""
+        """Judge one parameter of all rows by the limit of each row's group."""
         for number, limit in enumerate(limits):
             if limit is not None:
                 here = self._group == number
@@ -189,17 +200,23 @@ class _Verdict:
                 self._conforming[here] &= inside
                 self._certain[here] &= inside & limit.certain(values[here], u[here])
 
-    def of_all(self, whole: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Rows that conform, and rows that conform for all values within U; without limits, the sound rows."""
-        plain = self._identified & whole
+    def of_all(self, sound: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return the rows that conform, and those that conform for all values within U.
+
+        Without limits they are the sound rows.
+        """
+        plain = self._identified & sound
         return np.where(self.limited, self._conforming, plain), np.where(
             self.limited, self._certain, plain
         )
 
 
 def outlier_limit(count: int) -> float:
-    """Distance from the median, in robust standard deviations, above which one of so many values is an outlier."""
-    return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + _SMALL / count)
+    """Return the distance from the median above which one of ``count`` values is an outlier.
+
+    It is in robust standard deviations.
+    """
+    return NormalDist().inv_cdf(1 - FALSE_ALARM / (2 * count)) * (1 + SMALL_COUNT_FACTOR / count)
 
 
 def _limit(
@@ -242,14 +259,19 @@ def _distribution(
 
 
 def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
-    """By Freedman and Diaconis (1981), over the central values and the limit; the others are counted separately."""
-    low, first, third, high = (float(one) for one in np.quantile(values, [0.0, 0.25, 0.75, 1.0]))
+    """Return a histogram over the central values and the limit (Freedman & Diaconis 1981).
+
+    Values outside it are counted separately.
+    """
+    low, first, third, high = (
+        float(quantile) for quantile in np.quantile(values, [0.0, 0.25, 0.75, 1.0])
+    )
     spread = third - first
     if spread > 0:
         low = max(low, first - 4 * spread)
         high = min(high, third + 4 * spread)
     if limit is not None and spread > 0:  # a limit far from the values is not drawn
-        margin = _MARGIN * (limit.upper - limit.lower)
+        margin = _LIMIT_MARGIN * (limit.upper - limit.lower)
         low = min(low, max(limit.lower - margin, first - 12 * spread))
         high = max(high, min(limit.upper + margin, third + 12 * spread))
     if not high > low:
@@ -257,8 +279,8 @@ def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
         low = low - margin
         high = high + margin
     width = 2 * spread / values.size ** (1 / 3)
-    bins = math.ceil((high - low) / width) if width > 0 else _FEWEST_BINS
-    counts, edges = np.histogram(values, min(max(bins, _FEWEST_BINS), _MOST_BINS), (low, high))
+    bins = math.ceil((high - low) / width) if width > 0 else _MIN_BINS
+    counts, edges = np.histogram(values, min(max(bins, _MIN_BINS), _MAX_BINS), (low, high))
     return Histogram(edges, counts, int((values < low).sum()), int((values > high).sum()))
 
 
@@ -270,13 +292,16 @@ def _outliers(
     u: FloatArray,
     limit: Limit | None,
 ) -> list[Outlier]:
-    """Of one group's rows of the table, whose columns are ``every`` value and u."""
+    """Return the outliers of one group's rows of the table.
+
+    ``every`` and ``u`` are columns of the whole table.
+    """
     values = every[rows]
     none = np.zeros(rows.size, dtype=bool)
     median = float(np.median(values))
-    spread = _TO_SD * float(np.median(np.abs(values - median)))
+    spread = SD_PER_MAD * float(np.median(np.abs(values - median)))
     distance = np.abs(values - median) / spread if spread > 0 else np.zeros(rows.size)
-    apart = distance > outlier_limit(rows.size) if rows.size >= FEWEST else none
+    apart = distance > outlier_limit(rows.size) if rows.size >= MIN_OUTLIER_VALUES else none
     outside = none if limit is None else ~limit.inside(values)
     return [
         Outlier(
@@ -301,20 +326,20 @@ def _yields(
 ) -> list[Yield]:
     numbers, of_type = np.unique(types.numbers, return_inverse=True)
     counts = [
-        np.bincount(of_type, weights=one, minlength=numbers.size)
-        for one in (identified, conforming, certain)
+        np.bincount(of_type, weights=rows, minlength=numbers.size)
+        for rows in (identified, conforming, certain)
     ]
     total = np.bincount(of_type, minlength=numbers.size)
-    found = [
-        Yield(types.name(int(number)), int(total[i]), *(int(one[i]) for one in counts))
+    yields = [
+        Yield(types.name(int(number)), int(total[i]), *(int(rows[i]) for rows in counts))
         for i, number in enumerate(numbers)
     ]
-    return sorted(found, key=lambda one: -one.calibrations)
+    return sorted(yields, key=lambda rows: -rows.calibrations)
 
 
 @dataclass(frozen=True, eq=False)
 class _Codes:
-    """A column of texts as numbers; shape (rows,)."""
+    """Column of texts as numbers, shape (rows,)."""
 
     numbers: NDArray[np.int32]
     texts: Sequence[str]
@@ -342,20 +367,21 @@ class _Columns:
         )  # null as NaN
 
     def sound(self) -> NDArray[np.bool_]:
-        """Rows whose model is adequate, without a warning."""
+        """Return the rows whose model is adequate, without a warning."""
         adequate = self._column("adequate").fill_null(False)
         warnings = self._column("warnings")
         count = warnings.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
         return adequate.to_numpy(zero_copy_only=False) & (count == 0)
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
-        found = self.codes(name)
-        return np.array([*(known == text for known in found.texts), False])[
-            found.numbers
+        codes = self.codes(name)
+        return np.array([*(known == text for known in codes.texts), False])[
+            codes.numbers
         ]  # −1 takes the last
 
     def codes(self, name: str) -> _Codes:
-        found = self._column(name)
+        column = self._column(name)
         return _Codes(
-            found.indices.fill_null(-1).to_numpy(zero_copy_only=False), found.dictionary.to_pylist()
+            column.indices.fill_null(-1).to_numpy(zero_copy_only=False),
+            column.dictionary.to_pylist(),
         )

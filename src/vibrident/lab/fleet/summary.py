@@ -1,4 +1,4 @@
-"""The summary of a fleet for the terminal."""
+"""Summary of a fleet for the terminal."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def summary(outcome: Outcome) -> Group:
 
 def overview(outcome: Outcome) -> tuple[Table, Sentence]:
     """Return rows by status and warning, and the rate."""
-    whole = max(outcome.tally.rows, 1)
+    total = max(outcome.tally.rows, 1)
     rows = tuple(
-        (what, str(count), f"{100 * count / whole:.4g} %") for what, count in _lines(outcome.tally)
+        (what, str(count), f"{100 * count / total:.4g} %") for what, count in _lines(outcome.tally)
     )
     table = Table(
         (Column(""), *columns("calibrations", "share", kind="number")), rows, title="Fleet"
@@ -47,8 +47,8 @@ def _lines(tally: Tally) -> Iterator[tuple[str, int]]:
 
 def _rate(outcome: Outcome) -> str:
     there = outcome.tally.rows - outcome.computed
-    kept = f"; {there} were there, or are the same as others" if there > 0 else ""
+    note = f"; {there} were there, or are the same as others" if there > 0 else ""
     if not outcome.computed:
         return "Nothing was left to compute."
     rate = outcome.computed / max(outcome.seconds, 1e-9)
-    return f"Computed {outcome.computed} in {outcome.seconds:.3g} s, {rate:.3g} a second{kept}."
+    return f"Computed {outcome.computed} in {outcome.seconds:.3g} s, {rate:.3g} a second{note}."

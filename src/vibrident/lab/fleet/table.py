@@ -1,4 +1,4 @@
-"""``fleet.parquet``: one row per calibration of this run, in order, assembled from the parts block by block."""
+"""Table of a run, ``fleet.parquet``: a row a calibration, assembled from the parts by block."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ class Tally:
     statuses: Counter[str] = field(default_factory=Counter)  # rows by status
     warnings: Counter[str] = field(default_factory=Counter)  # identified rows by code of warning
     doubtful: int = 0  # identified rows that carry a warning, or whose model is not adequate
-    sets: dict[str, int] = field(
-        default_factory=dict
-    )  # each set of units that occurs, as JSON, and its number
+    # each set of units that occurs, as JSON, and its number
+    sets: dict[str, int] = field(default_factory=dict)
     # number of its set, for each row; shape (rows,)
     units_of: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-    # when, in seconds since 1970, for each row; shape (rows,)
+    # end of each calibration, in seconds since 1970; shape (rows,)
     finished: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def add(self, block: Any) -> None:
         """Count a block of the table."""
-        found = {
+        values = {
             name: block[name].to_pylist() for name in ("status", "adequate", "warnings", "units")
         }
-        self.statuses.update(found["status"])
-        rows = zip(found["status"], found["adequate"], found["warnings"], strict=True)
+        self.statuses.update(values["status"])
+        rows = zip(values["status"], values["adequate"], values["warnings"], strict=True)
         self.doubtful += sum(
-            one == IDENTIFIED and (not adequate or bool(codes)) for one, adequate, codes in rows
+            status == IDENTIFIED and (not adequate or bool(codes))
+            for status, adequate, codes in rows
         )
-        self.warnings.update(code for codes in found["warnings"] for code in sorted(set(codes)))
-        numbers = [self.sets.setdefault(units, len(self.sets)) for units in found["units"]]
+        self.warnings.update(code for codes in values["warnings"] for code in sorted(set(codes)))
+        numbers = [self.sets.setdefault(units, len(self.sets)) for units in values["units"]]
         self.units_of = np.append(self.units_of, np.array(numbers, dtype=np.int32))
         self.finished = np.append(
             self.finished, np.asarray(block["finished"].to_numpy(), dtype=float)
@@ -60,31 +60,31 @@ class Tally:
 
     @property
     def units(self) -> list[dict[str, str]]:
-        """Each set of units that occurs, parameter → unit."""
+        """Return each set of units that occurs, parameter → unit."""
         return [json.loads(units) for units in self.sets]
 
     @property
     def rows(self) -> int:
-        """How many calibrations."""
+        """Return the number of calibrations."""
         return self.statuses.total()
 
     @property
     def doubts(self) -> int:
-        """Rows that a strict run does not let pass."""
+        """Return the number of rows that a strict run does not let pass."""
         return self.statuses[REFUSED] + self.statuses[FAILED] + self.doubtful
 
     @property
     def units_of_parameters(self) -> dict[str, list[str]]:
-        """Parameter → the units that it has in one row or another."""
-        found: dict[str, dict[str, None]] = {}
+        """Return parameter → the units that it has in one row or another."""
+        units_by_name: dict[str, dict[str, None]] = {}
         for units in self.units:
             for name, unit in units.items():
-                found.setdefault(name, {})[unit] = None
-        return {name: list(units) for name, units in found.items()}
+                units_by_name.setdefault(name, {})[unit] = None
+        return {name: list(units) for name, units in units_by_name.items()}
 
 
 def index_of(orders: Orders) -> parts.Index:
-    """All rows that are on the disk."""
+    """Index all rows that are on the disk."""
     results = orders.results_folder if orders.results else None
     return parts.index(orders.parts_folder, results, orders.time_limit_s, memory_limit(orders))
 
@@ -118,40 +118,45 @@ def write_table(
         )
     schema = _schema(_parameters(index, places))
     tally = Tally()
-    with atomic_write(path) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+    with (
+        atomic_write(path) as partial,
+        pq.ParquetWriter(partial, schema, compression="zstd") as writer,
+    ):
         named = map(parts.text, names)
         for start in range(0, keys.size, _BLOCK):
             block = _block(orders.parts_folder, index, places[start : start + _BLOCK], schema)
             tally.add(block)
-            some = pa.array(itertools.islice(named, block.num_rows), pa.string())
-            writer.write_table(block.set_column(0, "calibration", some).select(schema.names))
+            names_of_block = pa.array(itertools.islice(named, block.num_rows), pa.string())
+            writer.write_table(
+                block.set_column(0, "calibration", names_of_block).select(schema.names)
+            )
         writer.add_key_value_metadata({UNITS.decode(): json.dumps(tally.units_of_parameters)})
     return tally
 
 
 def identified_keys(path: Path) -> list[str]:
-    """Keys of a table's identified rows, each once, in their order."""
+    """Return the keys of a table's identified rows, each once, in their order."""
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        found = [np.zeros(0, dtype=parts.PACKED)]
+        keys = [np.zeros(0, dtype=parts.PACKED)]
         for batch in file.iter_batches(_BLOCK, columns=["key", "status"]):
             pairs = zip(*batch.to_pydict().values(), strict=True)
-            found.append(parts.packed([key for key, status in pairs if status == IDENTIFIED]))
-    return parts.digits(np.unique(np.concatenate(found)))
+            keys.append(parts.packed([key for key, status in pairs if status == IDENTIFIED]))
+    return parts.digits(np.unique(np.concatenate(keys)))
 
 
 def _parameters(index: parts.Index, places: NDArray[np.intp]) -> list[str]:
-    """All that the rows have, the estimated ones first, in the order of the documentation."""
-    found = {
+    """Return all parameters of the rows, the estimated first, in the documentation's order."""
+    names = {
         name for part in np.unique(index.part[places]).tolist() for name in index.parameters[part]
     }
-    known = [name for name in parameter_names() if name in found]
-    return [*known, *sorted(found.difference(known))]
+    known = [name for name in parameter_names() if name in names]
+    return [*known, *sorted(names.difference(known))]
 
 
 def _block(folder: Path, index: parts.Index, places: NDArray[np.intp], schema: Any) -> Any:
-    """Rows at these places of the index, with all columns, those for the tally among them."""
+    """Return rows at these places of the index, with all columns."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -177,9 +182,14 @@ def _schema(parameters: Sequence[str]) -> Any:
 
 
 def _completed(table: Any, schema: Any) -> Any:
-    """A part's columns in the order of the schema, null for missing ones, and those that the tally needs."""
+    """Return a part's columns in the order of the schema, and those that the tally needs.
+
+    Missing columns are null.
+    """
     import pyarrow as pa
 
     wanted = pa.schema([*schema, ("units", pa.string()), ("finished", pa.float64())])
-    kept = table.select([name for name in wanted.names if name in table.column_names])
-    return pa.concat_tables([wanted.empty_table(), kept], promote_options="permissive").cast(wanted)
+    present = table.select([name for name in wanted.names if name in table.column_names])
+    return pa.concat_tables([wanted.empty_table(), present], promote_options="permissive").cast(
+        wanted
+    )

@@ -1,7 +1,6 @@
-"""What happens in a process that identifies: calibrations in, their rows out.
+"""Work of a process that identifies: calibrations in, their rows out.
 
-What it writes is written under another name first, so that nothing half-written stays under its
-own.
+A file is written under another name first, so that no unfinished file has its final name.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from vibrident.lab.fleet.key import Fingerprint, fingerprint, sensor_text
 from vibrident.lab.fleet.orders import Orders
 from vibrident.lab.fleet.parts import unwritable
 
-_MOST_TRIES = 3  # how often a calibration is begun again whose files change while it is read
+_MAX_TRIES = 3  # how often a calibration is begun again whose files change while it is read
 Task = tuple[str, str]  # path and key
 
 
@@ -32,19 +31,19 @@ def ready() -> None:
 
 
 def fingerprints(paths: Sequence[str], orders: Orders) -> list[Fingerprint]:
-    """Key and shape of each calibration."""
+    """Return key and shape of each calibration."""
     return [fingerprint(path, orders) for path in paths]
 
 
 def identified(task: Task, orders: Orders) -> tuple[rows.Row, int]:
-    """The row of a calibration, and the bytes that this process holds.
+    """Return the row of a calibration, and the bytes that this process holds.
 
     Raises:
         InputError: a result cannot be written.
     """
     path, key = task
     try:
-        for _ in range(_MOST_TRIES):
+        for _ in range(_MAX_TRIES):
             begin = time.perf_counter()
             row = _row(path, key, _outcome(path, orders), orders, time.perf_counter() - begin)
             if (now := fingerprint(path, orders).key) == key:
@@ -56,7 +55,10 @@ def identified(task: Task, orders: Orders) -> tuple[rows.Row, int]:
 
 
 def _outcome(path: str, orders: Orders) -> Any:
-    """The result, or the exception that was raised. It does not depend on the folder of the files."""
+    """Return the result, or the exception that was raised.
+
+    It does not depend on the folder of the files.
+    """
     from vibrident.data.io import read
     from vibrident.use.identification import identify
 
@@ -73,17 +75,17 @@ def _outcome(path: str, orders: Orders) -> Any:
         return error
 
 
-def _row(path: str, key: str, found: Any, orders: Orders, seconds: float) -> rows.Row:
-    """The row of a result or an exception."""
-    if isinstance(found, VibridentError):
-        return rows.refused(key, found, sensor_text(path), orders.model, seconds)
-    if isinstance(found, Exception):
-        return rows.failed(key, rows.fault(found), sensor_text(path), orders.model, seconds)
+def _row(path: str, key: str, outcome: Any, orders: Orders, seconds: float) -> rows.Row:
+    """Return the row of a result or an exception."""
+    if isinstance(outcome, VibridentError):
+        return rows.refused(key, outcome, sensor_text(path), orders.model, seconds)
+    if isinstance(outcome, Exception):
+        return rows.failed(key, rows.fault(outcome), sensor_text(path), orders.model, seconds)
     if orders.results:
-        text = json.dumps(found.to_dict(), allow_nan=False, separators=(",", ":"))
+        text = json.dumps(outcome.to_dict(), allow_nan=False, separators=(",", ":"))
         with atomic_write(orders.results_folder / f"{key}.json") as partial:
             partial.write_text(text, encoding="ascii")
-    return rows.identified(key, found, seconds)
+    return rows.identified(key, outcome, seconds)
 
 
 def _held_bytes() -> int:

@@ -1,4 +1,4 @@
-"""Sensors over their lives: every calibration in a store, and what the store says of drift, agreement and due dates.
+"""Sensors over their lives: a store of all calibrations, with drift, agreement and due dates.
 
     vibrident.lab.history.add("sqlite:///laboratory.db", results)
 
@@ -58,5 +58,6 @@ def add(
 
     with Store(store_url) as store:
         return sum(
-            one.new for one in add_all(store, results, serial_number=serial_number, date=date)
+            outcome.new
+            for outcome in add_all(store, results, serial_number=serial_number, date=date)
         )

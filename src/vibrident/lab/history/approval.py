@@ -34,8 +34,8 @@ def approve_within(
     """Approve a calibration as :func:`approve` does, within its caller's transaction."""
     columns = calibration.c
     wanted = columns.sensor_id, columns.data_files, columns.estimator, columns.document
-    asked = sa.select(*wanted).where(columns.id == calibration_id)
-    row = connection.execute(asked).one_or_none()
+    selection = sa.select(*wanted).where(columns.id == calibration_id)
+    row = connection.execute(selection).one_or_none()
     if row is None:
         raise query.no_calibration(store, calibration_id)
     if row.estimator == TRACKED:
@@ -62,16 +62,16 @@ def approve_within(
     if by is None:
         by = query.unpacked(row.document).certificate.get("approved_by")
     files = set(json.loads(row.data_files))
-    others = connection.execute(
+    rivals = connection.execute(
         sa.select(columns.id, columns.data_files).where(
             columns.sensor_id == row.sensor_id, columns.id != calibration_id
         )
     ).all()
-    same = [other.id for other in others if files & set(json.loads(other.data_files))]
+    same = [rival.id for rival in rivals if files & set(json.loads(rival.data_files))]
     common = {"sensor_id": row.sensor_id, "by": by}
-    for other in same:
+    for number in same:
         why = f"calibration {calibration_id} of the same data was approved"
-        record(connection, common | {"calibration_id": other, "kind": "superseded", "note": why})
+        record(connection, common | {"calibration_id": number, "kind": "superseded", "note": why})
     record(
         connection, common | {"calibration_id": calibration_id, "kind": "approved", "note": note}
     )

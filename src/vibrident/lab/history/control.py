@@ -1,4 +1,4 @@
-"""Control charts of a sensor that is held to be stable: EWMA and CUSUM, with the false alarms they give.
+"""Control charts of a stable sensor: EWMA and CUSUM, with limits from their rate of false alarms.
 
 Both watch the recursive residuals of a constant value (Brown, Durbin & Evans 1975): each
 calibration against what those before it say, divided by the standard deviation of that difference.
@@ -25,21 +25,18 @@ from vibrident.data.records import FloatArray
 
 FALSE_ALARM = 0.01
 LIFE = 20  # comparisons over which that holds: a sensor's life, calibrated every year or two
-EWMA_WEIGHT = (
-    0.25  # weight of the newest residual in the EWMA: for a change of about one standard deviation
-)
+EWMA_WEIGHT = 0.25  # of the newest residual: for a change of about one standard deviation
 CUSUM_ALLOWANCE = 0.5  # half of the change, in standard deviations, that the CUSUM is designed for
 _NODES = 80
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A control chart, in standard deviations."""
+    """Control chart, in standard deviations."""
 
     name: str  # ``EWMA`` or ``CUSUM``
-    upper: tuple[
-        float, ...
-    ]  # statistic on the upper side at each residual; of the EWMA the statistic itself
+    # statistic on the upper side at each residual; of the EWMA the statistic itself
+    upper: tuple[float, ...]
     lower: tuple[float, ...]  # on the lower side, zero or negative; the EWMA itself
     limit: tuple[float, ...]  # upper limit at each residual; the lower one is its negative
     alarm: tuple[int, ...]  # index of each residual with an alarm
@@ -47,21 +44,23 @@ class Chart:
 
 
 def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Difference of each value after the first from those before it, in standard deviations of it; shape (n − 1,).
+    """Return the difference of each value from those before it, shape (n − 1,).
 
-    ``value``: shape (n,), in the order of time; ``covariance``: of the values about a constant,
-    shape (n, n).
+    It is in standard deviations of the difference. ``value``: shape (n,), in the order of time;
+    ``covariance``: of the values about a constant, shape (n, n).
     """
-    change = np.column_stack(
-        [-np.ones(value.size - 1), np.eye(value.size - 1)]
-    )  # from the first: the constant cancels
+    # differences from the first value: the constant cancels
+    change = np.column_stack([-np.ones(value.size - 1), np.eye(value.size - 1)])
     spread = change @ covariance @ change.T
     root = np.linalg.cholesky(spread + 1e-13 * np.trace(covariance) * np.eye(value.size - 1))
     return solve_triangular(root, change @ value, lower=True)
 
 
 def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Chart]:
-    """EWMA and CUSUM of residuals; where ``restart`` is true, a new series begins, and both start again."""
+    """Return EWMA and CUSUM of residuals.
+
+    Where ``restart`` is true, a new series begins, and both start again.
+    """
     return _ewma(residuals, restart), _cusum(residuals, restart)
 
 
@@ -111,20 +110,20 @@ def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
 
 
 def _ewma_deviation(count: int) -> float:
-    """Standard deviation of the EWMA after ``count`` residuals."""
-    kept = 1 - EWMA_WEIGHT
-    return float(np.sqrt(EWMA_WEIGHT / (2 - EWMA_WEIGHT) * (1 - kept ** (2 * count))))
+    """Return the standard deviation of the EWMA after ``count`` residuals."""
+    memory = 1 - EWMA_WEIGHT
+    return float(np.sqrt(EWMA_WEIGHT / (2 - EWMA_WEIGHT) * (1 - memory ** (2 * count))))
 
 
 @lru_cache
 def ewma_factor() -> float:
-    """Limit of the EWMA in its own standard deviations."""
+    """Return the limit of the EWMA in units of its standard deviation."""
     return _root(lambda factor: 1 - _ewma_survival(factor) - FALSE_ALARM, 0.5, 9.0)
 
 
 @lru_cache
 def cusum_limit() -> float:
-    """Limit of the CUSUM; half of the false alarms are on each side."""
+    """Return the limit of the CUSUM; half of the false alarms are on each side."""
     return _root(lambda limit: 1 - _cusum_survival(limit) - FALSE_ALARM / 2, 0.1, 30.0)
 
 
@@ -142,7 +141,7 @@ def _density(difference: FloatArray) -> FloatArray:
 
 
 def _ewma_survival(factor: float) -> float:
-    """Probability that the EWMA of a stable sensor stays within its limits."""
+    """Return the probability that the EWMA of a stable sensor stays within its limits."""
     at = np.array([0.0])
     density = np.array([1.0])
     weight = np.array([1.0])
@@ -157,7 +156,10 @@ def _ewma_survival(factor: float) -> float:
 
 
 def _cusum_transition(limit: float) -> FloatArray:
-    """Probability of a step of one side of the CUSUM, from and to each node and zero, the last."""
+    """Return the probability of a step of one side of the CUSUM between its nodes.
+
+    The last node is zero.
+    """
     at, weight = _rule(0.0, limit)
     points = np.append(at, 0.0)
     return np.column_stack(
@@ -166,7 +168,10 @@ def _cusum_transition(limit: float) -> FloatArray:
 
 
 def _cusum_survival(limit: float) -> float:
-    """Probability that one side of the CUSUM of a stable sensor, started at zero, stays below its limit."""
+    """Return the probability that one side of a stable sensor's CUSUM stays below its limit.
+
+    It starts at zero.
+    """
     transition = _cusum_transition(limit)
     survival = np.ones(_NODES + 1)
     for _ in range(LIFE):
@@ -175,19 +180,25 @@ def _cusum_survival(limit: float) -> float:
 
 
 def _steps_to_alarm(transition: FloatArray) -> float:
-    """Average number of steps from zero, the last node, until the statistic leaves all nodes."""
+    """Return the average number of steps from zero until the statistic leaves all nodes.
+
+    Zero is the last node.
+    """
     return float(np.linalg.solve(np.eye(_NODES + 1) - transition, np.ones(_NODES + 1))[-1])
 
 
 @lru_cache
 def cusum_run_length(limit: float) -> float:
-    """Average run length of one side of the CUSUM of a stable sensor; of both together half of it."""
+    """Return the average run length of one side of a stable sensor's CUSUM.
+
+    That of both together is half of it.
+    """
     return _steps_to_alarm(_cusum_transition(limit))
 
 
 @lru_cache
 def ewma_run_length(factor: float) -> float:
-    """Average run length of the EWMA of a stable sensor within its limit of later calibrations."""
+    """Return the average run length of a stable sensor's EWMA in its late limits."""
     limit = factor * float(np.sqrt(EWMA_WEIGHT / (2 - EWMA_WEIGHT)))
     at, weight = _rule(-limit, limit)
     points = np.append(at, 0.0)

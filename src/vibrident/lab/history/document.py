@@ -1,4 +1,4 @@
-"""The content of ``history show`` and ``history due`` as plain values: for JSON, the terminal, the page and figures."""
+"""Documents of ``history show`` and ``history due`` as plain values."""
 
 from __future__ import annotations
 
@@ -23,34 +23,29 @@ from vibrident.result.document import plain
 from vibrident.use.comparison import COVERAGE_FACTOR as K
 
 SCHEMA = "vibrident.history/1"
-#: Number of dates, from the last calibration to the latest prediction, at which a figure shows the
-#: prediction.
+#: Number of dates at which a figure shows the prediction, from the last calibration on.
 _CURVE = 25
 
 
 @dataclass(frozen=True)
 class Question:
-    """A question to a history."""
+    """Question to a history."""
 
-    quantity: str = (
-        REFERENCE_SENSITIVITY  # name of a parameter, or the sensitivity at the reference frequency
-    )
+    # name of a parameter, or the sensitivity at the reference frequency
+    quantity: str = REFERENCE_SENSITIVITY
     # nominal frequency, for the sensitivity there instead of that at the reference frequency
     frequency_hz: float | None = None
-    until: datetime.date | None = (
-        None  # date to predict for; None for the end of the interval in force
-    )
+    until: datetime.date | None = None  # to predict for; None for the end of the interval in force
     tolerance: Tolerance | None = None  # of all sensors; None for no due date
-    interval_years: float | None = (
-        None  # in force; None for the time between the last two calibrations
-    )
+    # in force; None for the time between the last two calibrations
+    interval_years: float | None = None
     today: datetime.date | None = None  # the date that counts as today
     # where sensors differ, the tolerance of each; None for no due date of that sensor
     tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
 
 
 def _of(sensor: StoredSensor, question: Question) -> Question:
-    """The question for one sensor, with its own tolerance."""
+    """Return the question for one sensor, with the tolerance of that sensor."""
     return (
         question
         if question.tolerances is None
@@ -61,7 +56,7 @@ def _of(sensor: StoredSensor, question: Question) -> Question:
 def of_sensor(
     store: Store, sensor: StoredSensor, question: Question = Question()
 ) -> dict[str, Any]:
-    """The whole document of one sensor.
+    """Return the document of one sensor.
 
     Raises:
         InputError: no calibration of the sensor has the quantity.
@@ -72,24 +67,27 @@ def of_sensor(
     )
     if all(entry.value is None for entry in entries):
         raise _no_such_quantity(store, sensor, question)
-    found = life(entries, query.events(store, sensor.id).get(sensor.id, []))
+    history = life(entries, query.events(store, sensor.id).get(sensor.id, []))
     document = {
         "schema": SCHEMA,
         "store": store.shown,
         "sensor": sensor.as_dict(),
-        "quantity": _quantity(found, question.quantity),
-        "calibrations": _calibrations(found),
-        "events": found.events,
-        "series": _series(found),
-        "drift": _drift(found, question) if found.entries else {"why": "no calibration counts"},
-        "control": _control(found),
-        "due": _due(found, question),
+        "quantity": _quantity(history, question.quantity),
+        "calibrations": _calibrations(history),
+        "events": history.events,
+        "series": _series(history),
+        "drift": _drift(history, question) if history.entries else {"why": "no calibration counts"},
+        "control": _control(history),
+        "due": _due(history, question),
     }
     return plain(document)
 
 
 def of_result(store: Store, result: Result) -> dict[str, Any] | None:
-    """The document of the sensor of a result; None if there is no store or it holds no calibration of this sensor."""
+    """Return the document of the sensor of a result.
+
+    None if there is no store or it holds no calibration of this sensor.
+    """
     if store.revision() is None:
         return None
     sensor = query.known(store, result.sensor)
@@ -97,11 +95,11 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
 
 
 def random_walks(store: Store, result: Result) -> dict[str, float]:
-    """Parameter of a result → its random walk in a year, relative; of those of which the store tells one."""
+    """Return parameter → its relative random walk in a year, for those that the store knows."""
     sensor = None if store.revision() is None else query.known(store, result.sensor)
-    found = dict[str, float]()
+    walks = dict[str, float]()
     if sensor is None:
-        return found
+        return walks
     for name in result.parameters:
         entries = query.entries(store, sensor.id, name).get(sensor.id, [])
         drift = (
@@ -110,8 +108,8 @@ def random_walks(store: Store, result: Result) -> dict[str, float]:
             else None
         )
         if drift is not None:
-            found[name] = drift.wandering() / abs(result.parameters[name].value)
-    return found
+            walks[name] = drift.wandering() / abs(result.parameters[name].value)
+    return walks
 
 
 def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
@@ -120,7 +118,7 @@ def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) ->
     known = query.known_values(store, sensor.id, column)
     return InputError(
         "No calibration of this sensor has such a quantity.",
-        expected=", ".join(one if at is None else f"{one:g}" for one in known),
+        expected=", ".join(value if at is None else f"{value:g}" for value in known),
         found=question.quantity if at is None else f"{at:g} Hz",
         where=sensor.name,
         remedy=(
@@ -133,7 +131,14 @@ def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) ->
 def all_due(
     store: Store, question: Question, type_name: str | None = None, sensor_id: int | None = None
 ) -> list[dict[str, Any]]:
-    """The due date of every sensor that has the quantity, or of those of a type, or of one; the earliest first."""
+    """Return the due dates of the sensors that have the quantity, the earliest first.
+
+    Args:
+        store: the store.
+        question: to each history.
+        type_name: of the sensors; None: of all types.
+        sensor_id: of one sensor; None: all.
+    """
     events = query.events(store, sensor_id)
     sensors = {
         overview.sensor.id: overview.sensor for overview in query.overviews(store, type_name)
@@ -144,37 +149,40 @@ def all_due(
     ).items():
         if key not in sensors or all(entry.value is None for entry in entries):
             continue
-        found = life(entries, events.get(key, []))
-        told = _due(found, _of(sensors[key], question)) or _without_risk(found, question)
-        last = found.entries[-1].date if found.entries else None
-        recalled = found.recalled if found.entries else ""
-        facts = {"last": last, "calibrations": len(found.entries), "recalled": recalled}
-        rows.append(plain(sensors[key].as_dict() | facts | told))
+        history = life(entries, events.get(key, []))
+        due_values = _due(history, _of(sensors[key], question)) or _without_risk(history, question)
+        last = history.entries[-1].date if history.entries else None
+        recalled = history.recalled if history.entries else ""
+        facts = {"last": last, "calibrations": len(history.entries), "recalled": recalled}
+        rows.append(plain(sensors[key].as_dict() | facts | due_values))
     return sorted(rows, key=lambda row: (_first_due(row), row["serial_number"]))
 
 
 def _first_due(row: dict[str, Any]) -> str:
-    """Return the earlier of the dates by the risk and by the interval in force; a late one for none.
+    """Return the earlier of the dates by the risk and by the interval in force.
 
-    A sensor that was recalled is not due.
+    It is a late date if there is neither. A sensor that was recalled is not due.
     """
     dates = [row["date"], None if row["recalled"] else row["by_interval"]]
     return min((date for date in dates if date), default="9999-12-32")
 
 
-def _without_risk(found: Life, question: Question) -> dict[str, Any]:
-    """The due date without a tolerance: that of the interval in force; none if no calibration counts."""
+def _without_risk(history: Life, question: Question) -> dict[str, Any]:
+    """Return the due date without a tolerance: that of the interval in force.
+
+    There is none if no calibration counts.
+    """
     unknown = dict.fromkeys(
         ("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase")
     )
-    if not found.entries:
+    if not history.entries:
         return unknown | {
             "why": "no calibration counts",
             "interval_years": None,
             "by_interval": None,
         }
-    interval = question.interval_years or interval_in_force(found)
-    by_interval = later(found.entries[-1].date, interval)
+    interval = question.interval_years or interval_in_force(history)
+    by_interval = later(history.entries[-1].date, interval)
     return unknown | {
         "why": "no tolerance for its type",
         "interval_years": interval,
@@ -182,8 +190,8 @@ def _without_risk(found: Life, question: Question) -> dict[str, Any]:
     }
 
 
-def _quantity(found: Life, name: str) -> dict[str, Any]:
-    entries = found.entries or [entry for entry, _ in found.left_out if entry.value is not None]
+def _quantity(history: Life, name: str) -> dict[str, Any]:
+    entries = history.entries or [entry for entry, _ in history.left_out if entry.value is not None]
     present = entries[-1]
     return {
         "name": name,
@@ -193,11 +201,11 @@ def _quantity(found: Life, name: str) -> dict[str, Any]:
     }
 
 
-def _calibrations(found: Life) -> list[dict[str, Any]]:
-    counted = {entry.id: i for i, entry in enumerate(found.entries)}
-    reasons = {entry.id: reason for entry, reason in found.left_out}
+def _calibrations(history: Life) -> list[dict[str, Any]]:
+    counted = {entry.id: i for i, entry in enumerate(history.entries)}
+    reasons = {entry.id: reason for entry, reason in history.left_out}
     entries = sorted(
-        [*found.entries, *(entry for entry, _ in found.left_out)], key=lambda e: (e.date, e.id)
+        [*history.entries, *(entry for entry, _ in history.left_out)], key=lambda e: (e.date, e.id)
     )
     rows = []
     for entry in entries:
@@ -215,28 +223,28 @@ def _calibrations(found: Life) -> list[dict[str, Any]]:
             **entry.facts,
             "counts": place is not None,
             "left_out": reasons.get(entry.id, ""),
-            "series": None if place is None else int(found.group[place]) + 1,
-            "en": found.agreement(place) if place else None,
+            "series": None if place is None else int(history.group[place]) + 1,
+            "en": history.agreement(place) if place else None,
         }
         rows.append(row)
     return rows
 
 
-def _series(found: Life) -> list[dict[str, Any]]:
-    starts = [(0, "the first calibration"), *((item.index, item.why) for item in found.breaks)]
+def _series(history: Life) -> list[dict[str, Any]]:
+    starts = [(0, "the first calibration"), *((item.index, item.why) for item in history.breaks)]
     return [
-        {"series": number, "from": found.entries[index].date, "why": why}
+        {"series": number, "from": history.entries[index].date, "why": why}
         for number, (index, why) in enumerate(starts, 1)
-        if found.entries
+        if history.entries
     ]
 
 
-def _drift(found: Life, question: Question) -> dict[str, Any]:
-    drift = found.drift
+def _drift(history: Life, question: Question) -> dict[str, Any]:
+    drift = history.drift
     if drift is None:
-        return {"why": found.without_drift}
-    interval = question.interval_years or interval_in_force(found)
-    last = found.entries[-1]
+        return {"why": history.without_drift}
+    interval = question.interval_years or interval_in_force(history)
+    last = history.entries[-1]
     until = question.until or later(last.date, interval)
     if until < last.date:
         raise InputError(
@@ -247,10 +255,10 @@ def _drift(found: Life, question: Question) -> dict[str, Any]:
             remedy="give a later date",
         )
     rate = drift.rate()
-    size = abs(float(found.value[-1])) or 1.0
+    size = abs(float(history.value[-1])) or 1.0
     # of a calibration of the same quality as the last one, with the same reference
-    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in found.entries])
-    reading = drift.reading(_year(found, until), shared, float(last.u or 0.0))
+    shared = np.array([covariance(entry, last._replace(id=-1)) for entry in history.entries])
+    reading = drift.reading(_year(history, until), shared, float(last.u or 0.0))
     return {
         "why": "",
         "rate_per_year": _mixture(rate)
@@ -258,27 +266,28 @@ def _drift(found: Life, question: Question) -> dict[str, Any]:
         "random_walk_per_root_year": drift.wandering(),
         "probability": drift.probability,
         "prediction": {"date": until}
-        | _mixture(_at(found, until))
+        | _mixture(_at(history, until))
         | {"reading": _mixture(reading)},
-        "curve": _curve(found, until),
+        "curve": _curve(history, until),
     }
 
 
-def _at(found: Life, date: datetime.date) -> Mixture:
-    assert found.drift is not None
-    return found.drift.sensitivity(_year(found, date))
+def _at(history: Life, date: datetime.date) -> Mixture:
+    assert history.drift is not None
+    return history.drift.sensitivity(_year(history, date))
 
 
-def _year(found: Life, date: datetime.date) -> float:
-    return years_between(found.entries[0].date, date)
+def _year(history: Life, date: datetime.date) -> float:
+    return years_between(history.entries[0].date, date)
 
 
-def _curve(found: Life, until: datetime.date) -> list[dict[str, Any]]:
-    """Prediction from the last calibration on."""
-    first = found.entries[-1].date.toordinal()
+def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
+    """Return the prediction from the last calibration on."""
+    first = history.entries[-1].date.toordinal()
     days = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
     return [
-        {"date": date} | _mixture(_at(found, date)) for date in map(datetime.date.fromordinal, days)
+        {"date": date} | _mixture(_at(history, date))
+        for date in map(datetime.date.fromordinal, days)
     ]
 
 
@@ -288,61 +297,64 @@ def _mixture(mixture: Mixture) -> dict[str, Any]:
     return {"value": mixture.value, "u": u, "U": K * u, "interval_95": [low, high]}
 
 
-def _control(found: Life) -> dict[str, Any] | None:
+def _control(history: Life) -> dict[str, Any] | None:
     """Return both charts over all series; each series restarts them.
 
     ``if_new``: dates of alarms where a source that no instrument identifies is new each time; None
     where there is none.
     """
-    residuals, restart, places = _residuals(found, found.covariance)
+    residuals, restart, places = _residuals(history, history.covariance)
     if not residuals:
         return None
-    dates = [found.entries[i].date for i in places]
+    dates = [history.entries[i].date for i in places]
     charts = control.charts(np.array(residuals), np.array(restart))
-    others: Sequence[control.Chart | None] = [None] * len(charts)
-    if found.assumed:
-        anew, *_ = _residuals(found, found.identified_covariance)
-        others = control.charts(np.array(anew), np.array(restart))
+    unassumed: Sequence[control.Chart | None] = [None] * len(charts)
+    if history.assumed:
+        anew, *_ = _residuals(history, history.identified_covariance)
+        unassumed = control.charts(np.array(anew), np.array(restart))
     return {
         "false_alarm_probability": control.FALSE_ALARM,
         "false_alarm_over": control.LIFE,
         "dates": dates,
         "residuals": residuals,
-        "assumed": found.assumed,
+        "assumed": history.assumed,
         "charts": [
             vars(chart)
             | {"alarm_dates": [dates[i] for i in chart.alarm]}
-            | {"if_new": None if other is None else [dates[i] for i in other.alarm]}
-            for chart, other in zip(charts, others, strict=True)
+            | {"if_new": None if if_new is None else [dates[i] for i in if_new.alarm]}
+            for chart, if_new in zip(charts, unassumed, strict=True)
         ],
     }
 
 
-def _residuals(found: Life, covariance: FloatArray) -> tuple[list[float], list[bool], list[int]]:
+def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list[bool], list[int]]:
     """Return recursive residuals, where a series restarts, and the places of the calibrations."""
     residuals = []
     restart = []
     places = []
-    for number in np.unique(found.group):
-        places_of = np.flatnonzero(found.group == number)
+    for number in np.unique(history.group):
+        places_of = np.flatnonzero(history.group == number)
         if places_of.size > 1:
             part = np.ix_(places_of, places_of)
             residuals += control.recursive_residuals(
-                found.value[places_of], covariance[part]
+                history.value[places_of], covariance[part]
             ).tolist()
             restart += [True] + [False] * (places_of.size - 2)
             places += places_of[1:].tolist()
     return residuals, restart, places
 
 
-def _due(found: Life, question: Question) -> dict[str, Any] | None:
-    if question.tolerance is None or not found.entries:
+def _due(history: Life, question: Question) -> dict[str, Any] | None:
+    if question.tolerance is None or not history.entries:
         return None
-    told = due(
-        found, question.tolerance, question.interval_years, question.today or datetime.date.today()
+    dates = due(
+        history,
+        question.tolerance,
+        question.interval_years,
+        question.today or datetime.date.today(),
     )
-    low, high = question.tolerance.limits(found)
-    return vars(told) | {
+    low, high = question.tolerance.limits(history)
+    return vars(dates) | {
         "risk": RISK,
         "limits": [low, high],
         "tolerance": question.tolerance.relative,
@@ -350,11 +362,15 @@ def _due(found: Life, question: Question) -> dict[str, Any] | None:
 
 
 def listed(overviews: Sequence[query.Overview]) -> list[dict[str, Any]]:
-    """The sensors of a store."""
+    """Return the sensors of a store."""
     return [
         plain(
-            one.sensor.as_dict()
-            | {"calibrations": one.calibrations, "first": one.first, "last": one.last}
+            overview.sensor.as_dict()
+            | {
+                "calibrations": overview.calibrations,
+                "first": overview.first,
+                "last": overview.last,
+            }
         )
-        for one in overviews
+        for overview in overviews
     ]

@@ -1,10 +1,10 @@
-"""How a sensor changes from one calibration to the next: not, by a line, a random walk, or both; and where it will be.
+"""Drift of a sensor between calibrations: none, a line, a random walk, or both; and its prediction.
 
 A value that was measured n times is y_i = a + b t_i + W(t_i) + e_i. The errors e have the
 covariance V that the calibrations state: noise of each, and what they share (a rank-one part a
 source). b t is a steady drift, W a random walk. a is free; b is normal with variance β², W has the
 variance q a year. V is known; β² and q are not, and few calibrations determine them poorly. So they
-are not estimated and then held fixed, but averaged over, by the likelihood of the contrasts (REML,
+are not estimated and fixed, but averaged over, by the likelihood of the contrasts (REML,
 Patterson & Thompson 1971), under four hypotheses: line (q = 0), random walk (b = 0), both, and
 still (neither). Each set of variances gives a generalised least-squares estimate, and their mixture
 is the prediction. It has long tails if few calibrations exist.
@@ -28,7 +28,9 @@ from scipy.special import ndtr
 
 from vibrident.data.records import FloatArray
 
-_HALVINGS = 45  # bisections of the interval that holds a quantile: they resolve 10⁻¹² of it
+_QUANTILE_BISECTIONS = (
+    45  # bisections of the interval that holds a quantile: they resolve 10⁻¹² of it
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,88 +42,87 @@ class Mixture:
     deviation: FloatArray  # standard deviations, all above zero, shape (m,)
 
     def below(self, value: float) -> float:
-        """Probability of a value below ``value``."""
+        """Return the probability of a value below ``value``."""
         return float(self.weight @ ndtr((value - self.mean) / self.deviation))
 
     def quantile(self, probability: float) -> float:
-        """The value that is exceeded with 1 − ``probability``."""
+        """Return the value that is exceeded with 1 − ``probability``."""
         weighty = self.weight > 1e-12
         reach = 40.0 * self.deviation[weighty]
         low = float(np.min(self.mean[weighty] - reach))
         high = float(np.max(self.mean[weighty] + reach))
-        for _ in range(_HALVINGS):
+        for _ in range(_QUANTILE_BISECTIONS):
             middle = (low + high) / 2
             low, high = (middle, high) if self.below(middle) < probability else (low, middle)
         return (low + high) / 2
 
     @property
     def interval_95(self) -> tuple[float, float]:
-        """The probabilistically symmetric 95 % coverage interval."""
+        """Return the probabilistically symmetric 95 % coverage interval."""
         return self.quantile(0.025), self.quantile(0.975)
 
     @property
     def value(self) -> float:
-        """The median: with few data the tails are so long that they have no mean."""
+        """Return the median: with few data the tails are so long that they have no mean."""
         return self.quantile(0.5)
 
     @property
     def u(self) -> float:
-        """Standard uncertainty: a quarter of the 95 % interval, so that U = 2 u covers 95 % even with long tails."""
+        """Return the standard uncertainty: a quarter of the 95 % interval.
+
+        U = 2 u then covers 95 % even with long tails.
+        """
         low, high = self.interval_95
         return (high - low) / 4
 
 
-NODES = (
-    13  # number of variances in the grid, evenly spaced in their logarithm, in units of the noise
-)
-_LOG_RANGE = (-6.0, 14.0)
-_LEAST_WEIGHT = 1e-9  # weight below which a node adds nothing to a probability that is printed
+GRID_NODES = 13  # variances, evenly spaced in their logarithm, in units of the noise
+_LOG_RANGE = (-6.0, 14.0)  # of these variances
+_MIN_NODE_WEIGHT = 1e-9  # a node with less adds nothing to a probability that is printed
 HYPOTHESES = ("line", "random walk", "line and random walk", "still")
-#: Their probability beforehand, times 11: with these, 95 % intervals hold about 95 % in each kind
-#: of life that can be told from the others. Without ``still``, those of a stable sensor are too
-#: wide; a line that is as probable as a walk is believed too soon of three or four points of a
-#: walk.
-BEFOREHAND = (1.0, 4.0, 4.0, 2.0)
+#: Prior probabilities of the hypotheses, times 11: with these, 95 % intervals contain about 95 % in
+#: each distinguishable kind of life. Without ``still``, the intervals of a stable sensor are too
+#: wide; with a line as probable as a walk, three or four points of a walk are taken for a line.
+PRIOR_WEIGHTS = (1.0, 4.0, 4.0, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """For each of m nodes, with covariance Σ and design X of shape (n, p)."""
+    """Solution at each of m nodes, with covariance Σ and design X of shape (n, p)."""
 
-    gain: FloatArray  # G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p): Gᵀy is the estimate of what is free
-    back: FloatArray  # its covariance, shape (m, p, p)
+    gain: FloatArray  # G = Σ⁻¹X(XᵀΣ⁻¹X)⁻¹, shape (m, n, p): Gᵀy estimates the free coefficients
+    back: FloatArray  # covariance of that estimate, shape (m, p, p)
     projector: FloatArray  # Σ⁻¹ − G XᵀΣ⁻¹, shape (m, n, n)
     likelihood: FloatArray  # logarithm of the REML likelihood, but for a constant, shape (m,)
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """The drift of a sensor from its calibrations; times in years, values and their covariance in one unit."""
+    """Drift of a sensor from its calibrations; times in years, all else in one unit."""
 
     time: FloatArray  # of each calibration, shape (n,), ascending
     value: FloatArray  # shape (n,)
     covariance: FloatArray  # of the errors, shape (n, n)
-    group: NDArray[
-        np.int_
-    ]  # number of the series that each belongs to, shape (n,); the last is the present one
+    # number of the series of each calibration, shape (n,); the last is the present one
+    group: NDArray[np.int_]
 
     @property
     def determined(self) -> bool:
-        """Whether any series has two calibrations at different times, so that drift can be estimated."""
+        """Return whether a series has calibrations at two times, as a drift needs."""
         return any(np.ptp(self.time[self.group == g]) > 0 for g in np.unique(self.group))
 
     @cached_property
     def noise(self) -> float:
-        """Variance of the noise of one calibration, from differences within a series."""
+        """Return the variance of the noise of one calibration, from differences within a series."""
         levels = self._levels
-        left = np.eye(self.time.size) - levels @ np.linalg.pinv(levels)
+        projector = np.eye(self.time.size) - levels @ np.linalg.pinv(levels)
         freedom = max(self.time.size - levels.shape[1], 1)
         size = float(np.mean(np.diag(self.covariance)))
-        return max(float(np.trace(left @ self.covariance)) / freedom, 1e-13 * size, 1e-300)
+        return max(float(np.trace(projector @ self.covariance)) / freedom, 1e-13 * size, 1e-300)
 
     @cached_property
     def _levels(self) -> FloatArray:
-        """Indicators of the series, shape (n, series)."""
+        """Return indicators of the series, shape (n, series)."""
         return (self.group[:, None] == np.unique(self.group)).astype(float)
 
     @cached_property
@@ -130,24 +131,31 @@ class Drift:
 
     @cached_property
     def _variances(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
-        """β² and q of each node, its weight beforehand, and its hypothesis; each of shape (m,)."""
-        logarithm = np.linspace(*_LOG_RANGE, NODES)
+        """Return β² and q of each node, its prior weight and hypothesis, each of shape (m,)."""
+        logarithm = np.linspace(*_LOG_RANGE, GRID_NODES)
         v = np.exp(logarithm)
         prior = v / (1 + v)  # of log v
         prior = prior / prior.sum()
-        none = np.zeros(NODES)
-        line = np.concatenate([v, none, np.repeat(v, NODES), [0.0]]) * self.noise / self._span**2
-        walk = np.concatenate([none, v, np.tile(v, NODES), [0.0]]) * self.noise / self._span
-        kind = np.repeat([0, 1, 2, 3], [NODES, NODES, NODES**2, 1])
+        none = np.zeros(GRID_NODES)
+        line = (
+            np.concatenate([v, none, np.repeat(v, GRID_NODES), [0.0]]) * self.noise / self._span**2
+        )
+        walk = np.concatenate([none, v, np.tile(v, GRID_NODES), [0.0]]) * self.noise / self._span
+        kind = np.repeat([0, 1, 2, 3], [GRID_NODES, GRID_NODES, GRID_NODES**2, 1])
         within = np.concatenate([prior, prior, np.outer(prior, prior).ravel(), [1.0]])
-        return line, walk, within * np.array(BEFOREHAND)[kind] / sum(BEFOREHAND), kind
+        return line, walk, within * np.array(PRIOR_WEIGHTS)[kind] / sum(PRIOR_WEIGHTS), kind
 
-    def _process(self, one: FloatArray, other: FloatArray, same: NDArray[np.bool_]) -> FloatArray:
-        """Covariance of the drift between two sets of times, shape (m, len(one), len(other))."""
+    def _process(
+        self, rows: FloatArray, columns: FloatArray, same: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Return the covariance of the drift between two sets of times.
+
+        Its shape is (m, len(rows), len(columns)).
+        """
         line, walk, _, _ = self._variances
         start = self.time[0]
-        straight = np.where(same, np.outer(one - start, other - start), 0.0)
-        wandering = np.where(same, np.minimum.outer(one, other) - start, 0.0)
+        straight = np.where(same, np.outer(rows - start, columns - start), 0.0)
+        wandering = np.where(same, np.minimum.outer(rows, columns) - start, 0.0)
         return line[:, None, None] * straight + walk[:, None, None] * wandering
 
     @cached_property
@@ -155,24 +163,27 @@ class Drift:
         return self._solve(self._levels)
 
     def _solve(self, design: FloatArray) -> _Solved:
-        """Generalised least squares at each node, with ``design``, shape (n, p), for what is free."""
+        """Solve generalised least squares at each node.
+
+        ``design``: of the free coefficients, shape (n, p).
+        """
         same = self.group[:, None] == self.group
         sigma = self._process(self.time, self.time, same) + self.covariance
         sigma = sigma + 1e-12 * self.noise * np.eye(self.time.size)
         # By contrasts, in which the free constant and the shared errors cancel: Σ itself may be
         # almost singular.
         contrasts = np.linalg.svd(design)[0][:, design.shape[1] :]
-        own = np.asarray(contrasts.T @ sigma @ contrasts, dtype=float)
-        projector = np.asarray(contrasts @ np.linalg.inv(own) @ contrasts.T, dtype=float)
+        spread = np.asarray(contrasts.T @ sigma @ contrasts, dtype=float)
+        projector = np.asarray(contrasts @ np.linalg.inv(spread) @ contrasts.T, dtype=float)
         plain = np.linalg.pinv(design).T
         gain = plain - projector @ (sigma @ plain)
         back = np.asarray(np.swapaxes(gain, 1, 2) @ sigma @ gain, dtype=float)
         misfit = projector @ self.value @ self.value
-        return _Solved(gain, back, projector, -0.5 * (misfit + np.linalg.slogdet(own)[1]))
+        return _Solved(gain, back, projector, -0.5 * (misfit + np.linalg.slogdet(spread)[1]))
 
     @cached_property
     def weight(self) -> FloatArray:
-        """Probability of each node, shape (m,)."""
+        """Return the probability of each node, shape (m,)."""
         return self._weighed(self._solved)
 
     def _weighed(self, solved: _Solved) -> FloatArray:
@@ -182,24 +193,29 @@ class Drift:
 
     @property
     def probability(self) -> dict[str, float]:
-        """Of each hypothesis."""
+        """Return the probability of each hypothesis."""
         kind = self._variances[3]
         return {name: float(self.weight[kind == i].sum()) for i, name in enumerate(HYPOTHESES)}
 
     def sensitivity(self, time: float) -> Mixture:
-        """The value of the sensor itself at a time, in its present series."""
+        """Return the value of the sensor itself at a time, in its present series."""
         return self._mixture(time, np.zeros(self.time.size), 0.0)
 
     def reading(self, time: float, shared: FloatArray, u: float) -> Mixture:
-        """Prediction for a calibration at a time.
+        """Return the prediction for a calibration at a time.
 
-        ``time``: in years; ``shared``: covariance of its error with those of the calibrations
-        before, shape (n,); ``u``: its standard uncertainty.
+        Args:
+            time: in years.
+            shared: covariance of its error with those of the earlier calibrations, shape (n,).
+            u: its standard uncertainty.
         """
         return self._mixture(time, shared, u**2)
 
     def outside(self, time: FloatArray, low: float, high: float) -> FloatArray:
-        """Probability that the sensor is outside limits, at each of the times, shape (len(time),)."""
+        """Return the probability that the sensor is outside limits at the times.
+
+        Its shape is (len(time),).
+        """
         mean, deviation = self._predicted(time, np.zeros(self.time.size), 0.0)
         beyond = ndtr((low - mean) / deviation) + ndtr((mean - high) / deviation)
         return self.weight[self._weighty] @ beyond
@@ -211,13 +227,16 @@ class Drift:
 
     @cached_property
     def _weighty(self) -> NDArray[np.int_]:
-        """Nodes with a weight that is not negligible."""
-        return np.flatnonzero(self.weight > _LEAST_WEIGHT)
+        """Return the nodes with a weight that is not negligible."""
+        return np.flatnonzero(self.weight > _MIN_NODE_WEIGHT)
 
     def _predicted(
         self, time: FloatArray, shared: FloatArray, variance: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation at each node and time, each of shape (such nodes, len(time))."""
+        """Return mean and standard deviation at each node and time.
+
+        Each has the shape (nodes that are not negligible, len(time)).
+        """
         solved = self._solved
         weighty = self._weighty
         line, walk = (kind[weighty, None] for kind in self._variances[:2])
@@ -227,21 +246,21 @@ class Drift:
         present = self.group == self.group[-1]
         k = self._process(self.time, time, present[:, None])[weighty] + shared[:, None]
         elapsed = time - self.time[0]
-        own = line * elapsed**2 + walk * elapsed + variance
+        variances = line * elapsed**2 + walk * elapsed + variance
         level = self._levels[-1]  # of the present series
         explained = projector @ k
         carried = (gain @ level)[:, None, :]
         mean = self.value @ explained + carried @ self.value
         spread = (
-            own
+            variances
             - np.sum(k * explained, axis=1)
             + (back @ level @ level)[:, None]
             - 2 * (carried @ k)[:, 0]
         )
-        return mean, np.sqrt(np.maximum(spread, _LEAST_WEIGHT * self.noise))
+        return mean, np.sqrt(np.maximum(spread, _MIN_NODE_WEIGHT * self.noise))
 
     def rate(self) -> Mixture:
-        """The steady drift b a year of the present series, if there is one: the hypotheses with a line."""
+        """Return the steady drift b a year of the present series, by the hypotheses with a line."""
         line = self._variances[0]
         present = (self.group == self.group[-1]).astype(float)
         k = line[:, None] * present * (self.time - self.time[0])
@@ -250,20 +269,26 @@ class Drift:
         spread = line - np.einsum("mi,mij,mj->m", k, projector, k)
         steady = line > 0.0
         weight = self.weight[steady] / self.weight[steady].sum()
-        least = _LEAST_WEIGHT * self.noise / self._span**2
-        return Mixture(weight, mean[steady], np.sqrt(np.maximum(spread[steady], least)))
+        smallest = _MIN_NODE_WEIGHT * self.noise / self._span**2
+        return Mixture(weight, mean[steady], np.sqrt(np.maximum(spread[steady], smallest)))
 
     def wandering(self) -> float:
-        """Square root of q, by the largest likelihood of the random walk alone: the change to expect in a year."""
+        """Return the square root of q, the change to expect in a year.
+
+        It has the largest likelihood of the random walk alone.
+        """
         _, walk, _, kind = self._variances
         alone = np.where(kind == HYPOTHESES.index("random walk"), self._solved.likelihood, -np.inf)
         best = int(np.argmax(alone))
-        return 0.0 if best == NODES else float(np.sqrt(walk[best]))
+        return 0.0 if best == GRID_NODES else float(np.sqrt(walk[best]))
 
     def step(self, after: int) -> Mixture:
-        """The step between calibration ``after`` − 1 and ``after`` of one series, in excess of the drift."""
+        """Return the step from calibration ``after`` − 1 to ``after``, in excess of the drift.
+
+        Both are of one series.
+        """
         step = (np.arange(self.time.size) >= after).astype(float)
         design = np.column_stack([self._levels, step])
         solved = self._solve(design)
-        spread = np.sqrt(np.maximum(solved.back[:, -1, -1], _LEAST_WEIGHT * self.noise))
+        spread = np.sqrt(np.maximum(solved.back[:, -1, -1], _MIN_NODE_WEIGHT * self.noise))
         return Mixture(self._weighed(solved), solved.gain[:, :, -1] @ self.value, spread)

@@ -1,4 +1,4 @@
-"""When the next calibration is due: by the risk of being outside a tolerance, and by the staircase of ILAC-G24."""
+"""Due date of a calibration: by the risk of being outside a tolerance, and by ILAC-G24."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibrident.lab.history.life import DAYS_A_YEAR, Life
 
 RISK = 0.05  # probability of being outside the tolerance at which a calibration is due
 FARTHEST_YEARS = 20.0  # latest date considered, in years after the last calibration
-_LOOKS = 24  # number of coarse dates at which the risk is computed, before the date is found between two of them
+_LOOKS = 24  # coarse dates at which the risk is computed, between two of which the date is refined
 #: ILAC-G24 / OIML D 10, method 1: found within this part of the tolerance, the interval is
 #: extended, else reduced.
 STAIRCASE_PART = 0.8
@@ -28,14 +28,14 @@ class Tolerance:
     nominal: float | None = None  # the value it is used with; None for that of its last calibration
 
     def limits(self, life: Life) -> tuple[float, float]:
-        """Lower and upper limit, in the quantity's unit."""
+        """Return lower and upper limit, in the quantity's unit."""
         centre = self.nominal if self.nominal is not None else float(life.value[-1])
         return centre - self.relative * abs(centre), centre + self.relative * abs(centre)
 
 
 @dataclass(frozen=True)
 class Due:
-    """When a sensor is due."""
+    """Due date of a sensor, with its reasons."""
 
     # by the risk; None if that stays below ``RISK`` for ``FARTHEST_YEARS``, or for the reason in
     # ``why``
@@ -54,7 +54,7 @@ class Due:
 def due(
     life: Life, tolerance: Tolerance, interval_years: float | None, today: datetime.date
 ) -> Due:
-    """When the next calibration is due, for a life with at least one.
+    """Return when the next calibration is due, for a life with at least one.
 
     ``interval_years``: in force; None for the time between the last two calibrations, a year if
     there is only one.
@@ -67,24 +67,27 @@ def due(
     if why := life.recalled or life.without_drift:
         return Due(None, why, None, None, force, by_interval, stairs, by_stairs)
     now, end = (risk(life, tolerance, date) for date in (max(today, last), by_interval))
-    found = _first_date(life, tolerance)
+    by_risk = _first_date(life, tolerance)
     why = (
         ""
-        if found is not None
+        if by_risk is not None
         else f"the risk stays below {100 * RISK:g} % for {FARTHEST_YEARS:g} years"
     )
-    return Due(found, why, now, end, force, by_interval, stairs, by_stairs)
+    return Due(by_risk, why, now, end, force, by_interval, stairs, by_stairs)
 
 
 def risk(life: Life, tolerance: Tolerance, date: datetime.date) -> float:
-    """Probability that the sensor is outside the tolerance at a date."""
+    """Return the probability that the sensor is outside the tolerance at a date."""
     assert life.drift is not None
     at = np.array([life.years[-1] + (date - life.entries[-1].date).days / DAYS_A_YEAR])
     return float(life.drift.outside(at, *tolerance.limits(life))[0])
 
 
 def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
-    """First date at which the risk reaches its limit: the day of the calibration if it is reached already."""
+    """Return the first date at which the risk reaches its limit, or None.
+
+    It is the day of the calibration if the limit is reached already.
+    """
     assert life.drift is not None
     looks = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)])
     limits = tolerance.limits(life)
@@ -99,23 +102,31 @@ def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
 
 
 def interval_in_force(life: Life) -> float:
-    """Time between the last two dates of calibration, to a tenth of a year; a year where there is only one."""
+    """Return the time between the last two dates of calibration, to a tenth of a year.
+
+    It is a year where there is only one date.
+    """
     gaps = np.diff(np.unique(life.years))
     return max(round(float(gaps[-1]), 1), 0.1) if gaps.size else 1.0
 
 
 def staircase(life: Life, tolerance: Tolerance, interval_years: float) -> float | None:
-    """The next interval by ILAC-G24's staircase, from how far the sensor was found from the value it was used with."""
+    """Return the next interval by ILAC-G24's staircase, or None.
+
+    It follows from the deviation of the sensor from the value it was used with.
+    """
     before = np.flatnonzero((life.years < life.years[-1]) & (life.group == life.group[-1]))
     if not before.size:
         return None
     used = tolerance.nominal if tolerance.nominal is not None else float(life.value[before[-1]])
-    found = abs(float(life.value[-1]) / used - 1.0) if used else math.inf
-    factor = STAIRCASE_LONGER if found <= STAIRCASE_PART * tolerance.relative else STAIRCASE_SHORTER
+    deviation = abs(float(life.value[-1]) / used - 1.0) if used else math.inf
+    factor = (
+        STAIRCASE_LONGER if deviation <= STAIRCASE_PART * tolerance.relative else STAIRCASE_SHORTER
+    )
     return factor * interval_years
 
 
 def later(date: datetime.date, years: float) -> datetime.date:
-    """A date so many years later, at most the last one that Python can represent."""
+    """Return a date so many years later, at most the last one that Python can represent."""
     days = min(round(years * DAYS_A_YEAR), (datetime.date.max - date).days)
     return date + datetime.timedelta(days=days)

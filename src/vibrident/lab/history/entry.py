@@ -1,16 +1,12 @@
-"""The rows that the store keeps of a result, and how results are added: each whole or not at all, and only once."""
+"""Additions to the store: results, each once, and events."""
 
 from __future__ import annotations
 
 import datetime
 import getpass
-import hashlib
 import itertools
 import json
-import math
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import sqlalchemy as sa
@@ -18,180 +14,22 @@ import sqlalchemy as sa
 from vibrident.base.errors import InputError
 from vibrident.lab.history import query, schema
 from vibrident.lab.history.query import StoredSensor
+from vibrident.lab.history.result_rows import (
+    SENSOR_KEYS,
+    DatabaseRow,
+    ResultRows,
+    identity,
+    rows_of,
+)
 from vibrident.lab.history.schema import calibration
 from vibrident.lab.history.store import Store
 from vibrident.result import Result
-from vibrident.result.document import plain
-from vibrident.show.history import date_of
-from vibrident.show.numbers import unit_of_sensitivity
-from vibrident.show.points import nominal_points, reference_point
-from vibrident.use.comparison import shared_sources
 
 _AT_ONCE = 20  # results in one transaction: few, so that other writers wait for milliseconds only
-_FILE_DIGITS = (
-    20  # digits kept of the SHA-256 of a data file: enough to recognise results of the same data
-)
-_SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
-
-DatabaseRow = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class ResultRows:
-    """A result as rows by table, without the keys that the database gives."""
-
-    sensor: DatabaseRow
-    calibration: DatabaseRow
-    parameters: list[DatabaseRow]
-    points: list[DatabaseRow]
-
-
-def rows_of(
-    result: Result, serial_number: str | None = None, date: datetime.date | None = None
-) -> ResultRows:
-    """The rows of a result.
-
-    ``result``: the result; ``serial_number``: if the result states no serial number; ``date``: of
-    the calibration, if the result states no date.
-
-    Raises:
-        InputError: the serial number or the date is in neither the result nor the arguments.
-    """
-    sensor = {key: str(result.sensor.get(key) or "").strip() for key in _SENSOR_KEYS}
-    sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
-    stated = result.certificate.get("date_of_calibration")
-    when = date_of(result)
-    if stated is not None and when is not None and date not in (None, when):
-        raise InputError(
-            "The date is not that of the result.",
-            expected=f"{when}, as its certificate states",
-            found=str(date),
-            where="⟦history.date⟧",
-            remedy=(
-                "leave it out, or correct date_of_calibration in the calibration file and "
-                "identify again"
-            ),
-        )
-    when = when if date is None else date
-    if when is None:
-        key = '[certificate] date_of_calibration = "2025-03-31"'
-        raise _missing(
-            "date of its calibration",
-            key,
-            "⟦history.date⟧",
-            "none" if stated is None else repr(stated),
-        )
-    calibration = {
-        "sha256": identity(result),
-        "date": when,
-        "date_stated": stated is not None or date is not None,
-        "model": result.model,
-        "estimator": result.estimator,
-        "adequate": result.fit.adequate,
-        "chi2_reduced": plain(result.fit.chi2_reduced),
-        "warnings": json.dumps(result.warning_codes),
-        "laboratory": str(result.certificate.get("laboratory") or ""),
-        "certificate_number": str(result.certificate.get("number") or ""),
-        "data_files": json.dumps(_data_files(result)),
-        "document": zlib.compress(result.to_json().encode()),
-    }
-    return ResultRows(sensor, calibration, _parameters(result), _points(result))
-
-
-def identity(result: Result) -> str:
-    """Return the SHA-256 of what a result says; neither its layout nor its excerpts are part of it."""
-    document = {name: value for name, value in result.to_dict().items() if name != "signals"}
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _serial_number(stated: str, given: str | None) -> str:
-    given = (given or "").strip()
-    if given and stated and given != stated:
-        raise InputError(
-            "The serial number is not that of the result.",
-            expected=f"{stated}, as the result states",
-            found=given,
-            where="⟦history.serial_number⟧",
-            remedy="leave the option away, or give the result of that sensor",
-        )
-    if not (stated or given):
-        raise _missing(
-            "serial number", '[sensor] serial_number = "4711"', "⟦history.serial_number⟧"
-        )
-    return stated or given
-
-
-def _missing(what: str, key: str, option: str, found: str = "none") -> InputError:
-    return InputError(
-        f"The result does not state the {what}, so it cannot be added to a history.",
-        expected=key.split(" ", 1)[1].partition(" =")[0],
-        found=found,
-        where="result.json, sensor and certificate",
-        remedy=f"state {key} in the calibration file, or give {option}",
-    )
-
-
-def _data_files(result: Result) -> list[str]:
-    hashes = (str(entry.get("sha256") or "") for entry in result.provenance.get("files") or ())
-    return sorted({text[:_FILE_DIGITS] for text in hashes if text})
-
-
-def _parameters(result: Result) -> list[DatabaseRow]:
-    """The magnitude of the sensitivity at the reference frequency, if it is known, and the parameters."""
-
-    def row(
-        name: str,
-        value: float,
-        u: float | None,
-        unit: str,
-        shared: Mapping[str, float],
-        **more: Any,
-    ) -> DatabaseRow:
-        numbers = {"value": plain(value), "standard_uncertainty": plain(u)}
-        return {
-            "name": name,
-            **numbers,
-            "unit": unit,
-            "frequency_hz": None,
-            "shared": json.dumps(shared),
-            **more,
-        }
-
-    rows = []
-    at = None if result.is_tracked else reference_point(result)[0]
-    if at is not None and math.isfinite(at.magnitude):
-        shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
-        unit = unit_of_sensitivity(result)
-        more = {"identifiable": True, "derived": True}
-        known = at.magnitude, at.magnitude_uncertainty, unit, shared
-        rows.append(row(schema.REFERENCE_SENSITIVITY, *known, **more, frequency_hz=at.frequency_hz))
-    for name, one in result.parameters.items():
-        shared = shared_sources(result, parameter=name)
-        more = {"identifiable": one.identifiable, "derived": one.derived}
-        rows.append(row(name, one.value, one.standard_uncertainty, one.unit, shared, **more))
-    return rows
-
-
-def _points(result: Result) -> list[DatabaseRow]:
-    """Return the nominal points of a calibration; a tracked result is none."""
-    points = () if result.is_tracked else nominal_points(result)
-    return [
-        {
-            "nominal_hz": float(point.nominal),
-            "frequency_hz": point.frequency_hz,
-            "magnitude": point.magnitude,
-            "magnitude_uncertainty": plain(point.magnitude_uncertainty),
-            "phase_deg": plain(point.phase_deg),
-            "phase_deg_uncertainty": plain(point.phase_deg_uncertainty),
-        }
-        for point in points
-        if math.isfinite(point.magnitude)
-    ]
 
 
 class Added(NamedTuple):
-    """What came of adding a result."""
+    """Outcome of adding a result."""
 
     new: bool  # False for one that the store holds already
     number: int  # of the calibration in the store
@@ -206,7 +44,7 @@ def add_all(
     serial_number: str | None = None,
     date: datetime.date | None = None,
 ) -> Iterator[Added]:
-    """Add results, and yield what came of each.
+    """Add results, and yield the outcome of each.
 
     A result that the store holds already stays as it is. Where a ``date`` is given that is not the
     one in the store, the event ``redated`` corrects it.
@@ -240,9 +78,11 @@ def _insert(
     ).scalar_one_or_none()
     if key is None:  # another writer was faster
         return _insert(store, connection, rows, date)
-    for table, found in ((schema.parameter, rows.parameters), (schema.point, rows.points)):
-        if found:
-            connection.execute(sa.insert(table), [row | {"calibration_id": key} for row in found])
+    for table, rows_of_table in ((schema.parameter, rows.parameters), (schema.point, rows.points)):
+        if rows_of_table:
+            connection.execute(
+                sa.insert(table), [row | {"calibration_id": key} for row in rows_of_table]
+            )
     record(connection, {"sensor_id": sensor_id, "calibration_id": key, "kind": "added"})
     return Added(True, key)
 
@@ -278,15 +118,15 @@ def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> 
     columns = calibration.c
     if not known["certificate_number"]:
         return
-    asked = (
+    query_of_number = (
         sa.select(columns.id, columns.data_files, *schema.sensor.c)
         .join(schema.sensor, columns.sensor_id == schema.sensor.c.id)
         .where(columns.certificate_number == known["certificate_number"])
         .where(columns.laboratory == known["laboratory"])
     )
     files = set(json.loads(known["data_files"]))
-    for row in connection.execute(asked).mappings():
-        same_device = all(row[key] == rows.sensor[key] for key in _SENSOR_KEYS if key != "axis")
+    for row in connection.execute(query_of_number).mappings():
+        same_device = all(row[key] == rows.sensor[key] for key in SENSOR_KEYS if key != "axis")
         other_axis = same_device and row["axis"] != rows.sensor["axis"]
         if other_axis or files & set(json.loads(row["data_files"])):
             continue
@@ -305,9 +145,12 @@ def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> 
 def _redate(
     connection: sa.Connection, sensor_id: int, number: int, date: datetime.date
 ) -> datetime.date | None:
-    """Correct the date of a calibration by an event; return the former one, None if it is the same."""
-    asked = sa.select(query.corrected_date()).where(calibration.c.id == number)
-    former = connection.execute(asked).scalar_one()
+    """Correct the date of a calibration by an event; return the former date.
+
+    None if it is the same.
+    """
+    query_of_date = sa.select(query.corrected_date()).where(calibration.c.id == number)
+    former = connection.execute(query_of_date).scalar_one()
     if former == date:
         return None
     note = f"the date was {former}"
@@ -328,17 +171,17 @@ def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, s
     wanted = sa.select(schema.sensor.c.id).where(
         sa.and_(*(schema.sensor.c[key] == value for key, value in identity.items()))
     )
-    found = connection.execute(wanted).scalar_one_or_none()
-    if found is not None:
-        return found
+    sensor_id = connection.execute(wanted).scalar_one_or_none()
+    if sensor_id is not None:
+        return sensor_id
     new = (
         store.insert(schema.sensor)
         .values(identity)
         .on_conflict_do_nothing()
         .returning(schema.sensor.c.id)
     )
-    found = connection.execute(new).scalar_one_or_none()
-    return connection.execute(wanted).scalar_one() if found is None else found
+    sensor_id = connection.execute(new).scalar_one_or_none()
+    return connection.execute(wanted).scalar_one() if sensor_id is None else sensor_id
 
 
 def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
@@ -356,7 +199,7 @@ def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
 
 
 def user() -> str:
-    """Name of the account that runs the program; empty if the system gives no name."""
+    """Return the name of the account that runs the program; empty if the system gives none."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):
@@ -399,15 +242,15 @@ def add_event(
         )
     with store.writing() as connection:
         if calibration_id is not None:
-            asked = sa.select(calibration.c.id).where(
+            query_of_calibration = sa.select(calibration.c.id).where(
                 calibration.c.id == calibration_id, calibration.c.sensor_id == sensor.id
             )
-            if connection.execute(asked).scalar_one_or_none() is None:
+            if connection.execute(query_of_calibration).scalar_one_or_none() is None:
                 raise query.no_calibration(store, calibration_id)
-        told = {
+        values = {
             "sensor_id": sensor.id,
             "calibration_id": calibration_id,
             "kind": kind,
             "date": date,
         }
-        record(connection, told | {"by": by, "note": note})
+        record(connection, values | {"by": by, "note": note})

@@ -1,4 +1,4 @@
-"""One quantity over a sensor's life: the valid calibrations, the shared part of their errors, and the series."""
+"""Life of a sensor in one quantity: its valid calibrations, their shared errors, and its series."""
 
 from __future__ import annotations
 
@@ -26,17 +26,15 @@ from vibrident.use.comparison import (
 )
 
 DAYS_A_YEAR = 365.25
-STEP_AT_REPAIR = 0.05  # probability below which a step at a repair begins a new series
-STEP_UNTOLD = (
-    1e-3  # probability, over all calibrations of a sensor without a jump, that a jump is reported
-)
-_MOST_SHARED = (
-    1.0 - 1e-9
-)  # largest shared part of a value's variance: rounding must not make the remainder negative
+MAX_REPAIR_STEP_PROBABILITY = 0.05  # of a step at a repair that begins a new series
+#: Probability that a jump is reported, over all calibrations of a sensor without a jump.
+MAX_STEP_PROBABILITY = 1e-3
+#: Largest shared part of a value's variance: rounding must not make the remainder negative.
+_MAX_SHARED_PART = 1.0 - 1e-9
 
 
 class Entry(NamedTuple):
-    """One quantity of one calibration; a tuple, because a store gives ten thousand at a time."""
+    """Quantity of a calibration; a tuple, because a store gives ten thousand at a time."""
 
     id: int  # number of the calibration in the store
     date: datetime.date  # of the calibration
@@ -52,7 +50,7 @@ class Entry(NamedTuple):
 
     @property
     def u_own(self) -> float | None:
-        """Standard uncertainty without the sources that other calibrations may share."""
+        """Return the standard uncertainty without the sources that calibrations may share."""
         if self.u is None:
             return None
         return math.sqrt(max(self.u**2 - sum(u**2 for u in self.shared.values()), 0.0))
@@ -60,7 +58,7 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a sensor, or of one of its calibrations."""
+    """Event of a sensor, or of one of its calibrations."""
 
     id: int
     kind: str
@@ -85,7 +83,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Break:
-    """The beginning of a new series: the index of its first calibration, and the reason in words."""
+    """Beginning of a new series: the index of its first calibration, and the reason in words."""
 
     index: int
     why: str
@@ -93,7 +91,7 @@ class Break:
 
 @dataclass(frozen=True, eq=False)
 class Life:
-    """The valid calibrations of a sensor, in the order of their dates, and the others."""
+    """Valid calibrations of a sensor, in the order of their dates, and those left out."""
 
     entries: tuple[Entry, ...]  # with value and uncertainty, in one unit, no two of the same data
     left_out: tuple[tuple[Entry, str], ...]  # entry and reason, in words
@@ -101,63 +99,69 @@ class Life:
 
     @cached_property
     def years(self) -> FloatArray:
-        """Time of each calibration from the first, in years of 365.25 days."""
+        """Return the time of each calibration from the first, in years of 365.25 days."""
         return np.array([years_between(self.entries[0].date, entry.date) for entry in self.entries])
 
     @cached_property
     def value(self) -> FloatArray:
-        """Shape (n,)."""
+        """Return the values, shape (n,)."""
         return np.array([entry.value for entry in self.entries], dtype=float)
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Of the errors of the calibrations, shape (n, n)."""
+        """Return the covariance of the errors of the calibrations, shape (n, n)."""
         return np.array([[covariance(a, b) for b in self.entries] for a in self.entries])
 
     @cached_property
     def identified_covariance(self) -> FloatArray:
-        """Of the errors where only sources that an instrument identifies are shared, shape (n, n)."""
+        """Return the covariance with shared sources of identified instruments alone.
+
+        Its shape is (n, n).
+        """
         few = [entry._replace(shared=stated_sources(entry.shared)) for entry in self.entries]
         return np.array([[covariance(a, b) for b in few] for a in few])
 
     @cached_property
     def assumed(self) -> tuple[str, ...]:
-        """The words of the sources that neighbours in time share by assumption."""
+        """Return the words of the sources that neighbours in time share by assumption."""
         pairs = itertools.pairwise(self.entries)
-        words = (assumed_sources(one.shared, other.shared) for one, other in pairs)
+        words = (assumed_sources(earlier.shared, later.shared) for earlier, later in pairs)
         return tuple(dict.fromkeys(itertools.chain.from_iterable(words)))
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
-        """The beginning of each series but the first."""
-        found: list[Break] = []
+        """Return the beginning of each series but the first."""
+        breaks: list[Break] = []
         for index in self._repaired():
-            if self._step_probability(found, index) < STEP_AT_REPAIR:
-                found.append(Break(index, "repaired, and the value stepped"))
-        while (untold := self._untold(found)) is not None:
-            found.append(untold)
-        return tuple(sorted(found, key=lambda item: item.index))
+            if self._step_probability(breaks, index) < MAX_REPAIR_STEP_PROBABILITY:
+                breaks.append(Break(index, "repaired, and the value stepped"))
+        while (step := self._unexplained_step(breaks)) is not None:
+            breaks.append(step)
+        return tuple(sorted(breaks, key=lambda item: item.index))
 
     def _repaired(self) -> list[int]:
-        """Index of the first calibration after each repair that has calibrations on both sides."""
+        """Return the first calibration after each repair that has calibrations on both sides."""
         days = [event.date for event in self.events if event.kind == "repaired"]
         dates = [entry.date for entry in self.entries]
         firsts = {next((i for i, date in enumerate(dates) if date >= day), 0) for day in days}
         return sorted(firsts - {0})
 
-    def _untold(self, known: Sequence[Break]) -> Break | None:
-        """The most significant step without an event, if its probability is below the limit; else None."""
+    def _unexplained_step(self, known: Sequence[Break]) -> Break | None:
+        """Return the most significant step without an event, or None.
+
+        Its probability must be below the limit.
+        """
         group = self._groups(known)
         gaps = [i for i in range(1, len(self.entries)) if group[i] == group[i - 1]]
         suspects = [i for i in gaps if abs(self.agreement(i).correlated or 0.0) > 1.0]
-        found = {i: self._step_probability(known, i) for i in suspects}
-        best = min(found, key=lambda i: found[i], default=0)
-        if best and found[best] < STEP_UNTOLD / (len(self.entries) - 1):
+        probabilities = {i: self._step_probability(known, i) for i in suspects}
+        best = min(probabilities, key=lambda i: probabilities[i], default=0)
+        if best and probabilities[best] < MAX_STEP_PROBABILITY / (len(self.entries) - 1):
             return Break(best, "the value stepped, and no event explains it")
         return None
 
     def _step_probability(self, known: Sequence[Break], index: int) -> float:
-        """Probability of a step as large as found if the sensor has not changed."""
+        """Return the probability of a step as large if the sensor has not changed."""
         group = self._groups(known)
         drift = Drift(self.years, self.value, self.covariance, group)
         if group[index] != group[index - 1]:
@@ -171,12 +175,12 @@ class Life:
 
     @cached_property
     def group(self) -> NDArray[np.int_]:
-        """Number of the series of each calibration, from 0."""
+        """Return the number of the series of each calibration, from 0."""
         return self._groups(self.breaks)
 
     @cached_property
     def drift(self) -> Drift | None:
-        """The drift; None if no series has two calibrations at different dates."""
+        """Return the drift; None if no series has two calibrations at different dates."""
         if len(self.entries) < 2:
             return None
         drift = Drift(self.years, self.value, self.covariance, self.group)
@@ -184,7 +188,7 @@ class Life:
 
     @property
     def without_drift(self) -> str:
-        """The reason why no drift is known; empty if it is."""
+        """Return the reason why no drift is known; empty if it is."""
         if self.drift is not None:
             return ""
         return (
@@ -195,44 +199,48 @@ class Life:
 
     @property
     def recalled(self) -> str:
-        """Since when the sensor is withdrawn, in words; empty if it was calibrated or repaired since."""
-        told = [
+        """Return the date of the sensor's recall in words.
+
+        It is empty if the sensor was calibrated or repaired since.
+        """
+        changes = [
             event
             for event in self.events
             if event.kind in ("recalled", "repaired") and event.calibration_id is None
         ]
-        withdrawn = told and told[-1].kind == "recalled" and told[-1].date >= self.entries[-1].date
-        return f"recalled on {told[-1].date}" if withdrawn else ""
+        withdrawn = (
+            changes and changes[-1].kind == "recalled" and changes[-1].date >= self.entries[-1].date
+        )
+        return f"recalled on {changes[-1].date}" if withdrawn else ""
 
     def agreement(self, index: int) -> Agreement:
-        """E_n of calibration ``index`` and the one before it."""
+        """Return E_n of calibration ``index`` and the one before it."""
         return agreement(self.entries[index], self.entries[index - 1])
 
 
 def life(entries: Sequence[Entry], events: Sequence[Event]) -> Life:
-    """A life from all entries and events of a sensor, in any order."""
-    kept = []
+    """Return a life from all entries and events of a sensor, in any order."""
+    valid = []
     left_out = []
     ordered = sorted(entries, key=lambda entry: (entry.date, entry.id))
     files = [(entry, frozenset(json.loads(entry.data_files))) for entry in ordered]
-    present = next(
-        (entry for entry in reversed(ordered) if _standing_in_the_way(entry) == ""), None
-    )
+    present = next((entry for entry in reversed(ordered) if exclude_reason(entry) == ""), None)
     for entry in ordered:
         reason = (
-            _standing_in_the_way(entry)
-            or _another_quantity(entry, present)
-            or _another_of_its_data(entry, files)
+            exclude_reason(entry)
+            or other_quantity_reason(entry, present)
+            or same_data_reason(entry, files)
         )
         if reason:
             left_out.append((entry, reason))
         else:
-            kept.append(_with_room(entry))
+            valid.append(_with_limited_sharing(entry))
     ordered_events = sorted(events, key=lambda event: (event.date, event.id))
-    return Life(tuple(kept), tuple(left_out), tuple(ordered_events))
+    return Life(tuple(valid), tuple(left_out), tuple(ordered_events))
 
 
-def _standing_in_the_way(entry: Entry) -> str:
+def exclude_reason(entry: Entry) -> str:
+    """Return the reason why an entry does not count by itself; empty if it counts."""
     if entry.standing in ("recalled", "superseded"):
         return entry.standing
     if entry.value is None or not math.isfinite(entry.value):
@@ -242,7 +250,8 @@ def _standing_in_the_way(entry: Entry) -> str:
     return ""
 
 
-def _another_quantity(entry: Entry, present: Entry | None) -> str:
+def other_quantity_reason(entry: Entry, present: Entry | None) -> str:
+    """Return the reason why an entry is of another quantity than the present one."""
     if present is None or entry.unit != present.unit:
         return f"in {entry.unit}"
     if entry.frequency_hz is None or present.frequency_hz is None:
@@ -251,57 +260,56 @@ def _another_quantity(entry: Entry, present: Entry | None) -> str:
     return "" if same else f"at {entry.frequency_hz:.6g} Hz"
 
 
-def _another_of_its_data(entry: Entry, files: Sequence[tuple[Entry, frozenset[str]]]) -> str:
-    """Of several evaluations of one measurement, keep one: the approved one, else the newest."""
-    own = next(found for one, found in files if one is entry)
-    for other, found in files:
-        if other is not entry and own & found and not _standing_in_the_way(other):
-            first, second = ((e.standing == "approved", e.id) for e in (entry, other))
+def same_data_reason(entry: Entry, files: Sequence[tuple[Entry, frozenset[str]]]) -> str:
+    """Return the reason why another evaluation of the same measurement counts instead.
+
+    Of several evaluations the approved one counts, else the newest.
+    """
+    of_entry = next(hashes for each, hashes in files if each is entry)
+    for rival, hashes in files:
+        if rival is not entry and of_entry & hashes and not exclude_reason(rival):
+            first, second = ((e.standing == "approved", e.id) for e in (entry, rival))
             if second > first:
-                return f"the same data as calibration {other.id}"
+                return f"the same data as calibration {rival.id}"
     return ""
 
 
-def _with_room(entry: Entry) -> Entry:
-    """Limit the shared part to the whole uncertainty."""
+def _with_limited_sharing(entry: Entry) -> Entry:
+    """Limit the shared part to the total uncertainty."""
     square = sum(u**2 for u in entry.shared.values())
-    whole = _MOST_SHARED * float(entry.u or 0.0) ** 2
-    if square <= whole:
+    limit = _MAX_SHARED_PART * float(entry.u or 0.0) ** 2
+    if square <= limit:
         return entry
-    factor = math.sqrt(whole / square)
+    factor = math.sqrt(limit / square)
     return entry._replace(shared={key: factor * u for key, u in entry.shared.items()})
 
 
-def covariance(one: Entry, other: Entry) -> float:
-    """Covariance of the errors of two calibrations."""
-    return (
-        float(one.u or 0.0) ** 2
-        if one.id == other.id
-        else shared_covariance(one.shared, other.shared)
-    )
+def covariance(a: Entry, b: Entry) -> float:
+    """Return the covariance of the errors of two calibrations."""
+    return float(a.u or 0.0) ** 2 if a.id == b.id else shared_covariance(a.shared, b.shared)
 
 
-def agreement(one: Entry, other: Entry) -> Agreement:
-    """E_n of two calibrations, with and without the shared part of their errors (U, k = 2)."""
-    u_one = float(one.u or 0.0)
-    u_other = float(other.u or 0.0)
-    both = covariance(one, other)
-    identified = shared_covariance(stated_sources(one.shared), other.shared)
+def agreement(entry: Entry, before: Entry) -> Agreement:
+    """Return E_n of two calibrations, with and without shared errors (U, k = 2)."""
+    u = float(entry.u or 0.0)
+    u_before = float(before.u or 0.0)
+    both = covariance(entry, before)
+    identified = shared_covariance(stated_sources(entry.shared), before.shared)
     arguments = (
-        float(one.value or 0.0),
-        COVERAGE_FACTOR * u_one,
-        float(other.value or 0.0),
-        COVERAGE_FACTOR * u_other,
+        float(entry.value or 0.0),
+        COVERAGE_FACTOR * u,
+        float(before.value or 0.0),
+        COVERAGE_FACTOR * u_before,
     )
     return Agreement(
         normalized_error(*arguments),
         normalized_error(*arguments, both),
         normalized_error(*arguments, identified),
-        assumed_sources(one.shared, other.shared),
-        both / (u_one * u_other) if u_one * u_other > 0 else 0.0,
+        assumed_sources(entry.shared, before.shared),
+        both / (u * u_before) if u * u_before > 0 else 0.0,
     )
 
 
 def years_between(first: datetime.date, last: datetime.date) -> float:
-    """Years of 365.25 days."""
+    """Return the years of 365.25 days between two dates."""
     return (last - first).days / DAYS_A_YEAR

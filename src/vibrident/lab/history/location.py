@@ -1,4 +1,4 @@
-"""Where the store is: its URL, checked before any database library is loaded, and printable without its password."""
+"""Location of the store: its URL, checked before a database library is loaded."""
 
 from __future__ import annotations
 
@@ -25,25 +25,27 @@ _ACCOUNT = re.compile(r"(?<=://)(.*)@")
 _SECRET_KEYS = re.compile(r"(?i)((?:^|[?&\s])(?:password|passfile|sslpassword)=)[^&\s]*")
 
 
-def chosen(given: str | None) -> str:
-    """The store's URL: as given, else from the environment, else a SQLite file in the user's data folder.
+def chosen(url: str | None) -> str:
+    """Return the store's URL.
+
+    It is the argument, else that of the environment, else a SQLite file in the user's data folder.
 
     Raises:
         InputError: the URL or path cannot be used for a store.
     """
-    text = (given if given is not None else os.environ.get(VARIABLE, "")).strip()
-    where = "⟦history.store⟧" if given is not None else f"environment, ⟦environment.{VARIABLE}⟧"
-    if not text and given is None:
+    text = (url if url is not None else os.environ.get(VARIABLE, "")).strip()
+    where = "⟦history.store⟧" if url is not None else f"environment, ⟦environment.{VARIABLE}⟧"
+    if not text and url is None:
         return sqlite_url(data_folder() / "history.sqlite")
-    scheme, separator, rest = text.partition("://")
+    scheme, separator, address = text.partition("://")
     if not separator:
         if Path(text).suffix.lower() in _FILE_ENDINGS:
             return sqlite_url(Path(text))
         raise _unusable("The store's URL cannot be read.", printable(text) or "nothing", where)
     if scheme in _POSTGRESQL:
-        return f"{_DRIVER}://{rest}"
+        return f"{_DRIVER}://{address}"
     if scheme in ("sqlite", "sqlite+pysqlite"):
-        if rest in ("", "/", "/:memory:") or not rest.startswith("/"):
+        if address in ("", "/", "/:memory:") or not address.startswith("/"):
             raise _unusable(
                 "This URL names no file, and a store in memory would be lost at the end.",
                 printable(text),
@@ -56,18 +58,18 @@ def chosen(given: str | None) -> str:
 
 
 def sqlite_url(file: Path) -> str:
-    """URL of a SQLite file; characters with a meaning in URLs are escaped."""
+    """Return the URL of a SQLite file; characters with a meaning in URLs are escaped."""
     return f"sqlite:///{quote(file.absolute().as_posix(), safe='/:')}"
 
 
 def sqlite_file(url: str) -> Path | None:
-    """The file of a SQLite URL; None for another database."""
-    scheme, _, rest = url.partition("://")
-    return Path(unquote(rest.removeprefix("/"))) if scheme.startswith("sqlite") else None
+    """Return the file of a SQLite URL; None for another database."""
+    scheme, _, address = url.partition("://")
+    return Path(unquote(address.removeprefix("/"))) if scheme.startswith("sqlite") else None
 
 
 def data_folder() -> Path:
-    """Folder for the user's data by the convention of the operating system."""
+    """Return the folder for the user's data by the convention of the operating system."""
     if sys.platform == "win32":
         return (
             Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "vibrident"
@@ -78,13 +80,13 @@ def data_folder() -> Path:
 
 
 def printable(url: str) -> str:
-    """The URL without any password, for messages."""
+    """Return the URL without any password, for messages."""
     text = _ACCOUNT.sub(_without_password, url)
     return _SECRET_KEYS.sub(r"\1***", text)
 
 
 def without_secrets(text: str, url: str) -> str:
-    """A driver's message without the password of the URL, in escaped and plain form."""
+    """Return a driver's message without the password of the URL, escaped or plain."""
     account = _ACCOUNT.search(url)
     secrets = [account.group(1).partition(":")[2]] if account else []
     secrets += [match.group(0).split("=", 1)[1] for match in _SECRET_KEYS.finditer(url)]
@@ -98,7 +100,7 @@ def _without_password(match: re.Match[str]) -> str:
     return f"{user}{':***' if colon else ''}@"
 
 
-def _unusable(problem: str, found: str, where: str) -> InputError:
+def _unusable(problem: str, value: str, where: str) -> InputError:
     return InputError(
-        problem, expected=FORMS, found=found, where=where, remedy="docs/history.md shows each form"
+        problem, expected=FORMS, found=value, where=where, remedy="docs/history.md shows each form"
     )

@@ -1,4 +1,4 @@
-"""What is shown of a sensor's history, on pages and on a terminal, made from its document alone."""
+"""Page of a sensor's history, for pages and a terminal, from its document alone."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from vibrident.show.views import (
 
 
 def report(life: Mapping[str, Any]) -> Document:
-    """The content of the page."""
+    """Return the page of a sensor's history."""
     return document(f"History of {sensor_name(life['sensor'])}", (), sections(life))
 
 
 def sections(life: Mapping[str, Any]) -> list[Section]:
-    """The parts of the page, for other pages too."""
+    """Return the sections of the page, for other pages too."""
     name = tables.quantity_name(life)
     return [
         section(
@@ -54,7 +54,7 @@ def sections(life: Mapping[str, Any]) -> list[Section]:
 
 
 def printed(life: Mapping[str, Any]) -> tuple[Block | None, ...]:
-    """The same for a terminal, with a chart of letters in place of pictures."""
+    """Return the history for a terminal, with a chart of letters in place of pictures."""
     title = f"{sensor_name(life['sensor'])}: {tables.quantity_name(life)}"
     calibrations = replace(tables.calibrations(life), title=title)
     events = tables.events(life)
@@ -79,7 +79,10 @@ _TOLERANCE = Look(GREEN, "dashed", 1.2)
 
 
 def picture(document: Mapping[str, Any]) -> Figure:
-    """Values and control charts in one figure, for a history with at least one valid calibration."""
+    """Draw values and control charts in one figure.
+
+    The history needs at least one valid calibration.
+    """
     charts = document["control"]["charts"] if document["control"] else ()
     panels = (_values(document), *(_control(chart, document) for chart in charts))
     title = f"History: {quantity_name(document)}"
@@ -109,7 +112,7 @@ def _values(document: Mapping[str, Any]) -> Panel:
     x = _dates(document)
     series = _expected(document, factor)
     counted = [row for row in document["calibrations"] if row["counts"]]
-    own = 2 * factor * _column(counted, "u_own")
+    unshared = 2 * factor * _column(counted, "u_own")
     series.append(
         Series(
             _days(counted),
@@ -117,7 +120,7 @@ def _values(document: Mapping[str, Any]) -> Panel:
             "",
             Look(VERMILION, width=4.0),
             "points",
-            own,
+            unshared,
         )
     )
     for number in sorted({row["series"] for row in counted}):
@@ -140,7 +143,9 @@ def _values(document: Mapping[str, Any]) -> Panel:
     for limit in (document["due"] or {}).get("limits", ()):
         series.append(Series(np.array([x.low, x.high]), np.full(2, limit * factor), "", _TOLERANCE))
     ends = [
-        one.y + sign * (0.0 if one.half is None else one.half) for one in series for sign in (-1, 1)
+        curve.y + sign * (0.0 if curve.half is None else curve.half)
+        for curve in series
+        for sign in (-1, 1)
     ]
     y_axis = axes.linear(
         f"{quantity_name(document)}\nin {pretty(scale_of(document).unit)}", np.concatenate(ends)
@@ -183,7 +188,9 @@ def _control(chart: Mapping[str, Any], document: Mapping[str, Any]) -> Panel:
         series.append(Series(days[alarm], y[alarm], "", Look(VERMILION, marker="D"), "points"))
     series += [Series(days, sign * limit, "", _LIMIT) for sign in (1, -1)]
     y_axis = axes.linear(
-        "in standard\ndeviations", np.concatenate([np.zeros(1), *(one.y for one in series)]), most=4
+        "in standard\ndeviations",
+        np.concatenate([np.zeros(1), *(curve.y for curve in series)]),
+        most=4,
     )
     return Panel(_dates(document), y_axis, tuple(series), 1.2, chart["name"], rules=(0.0,))
 

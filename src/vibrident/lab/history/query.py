@@ -1,22 +1,18 @@
-"""Queries of the store: sensors, the calibrations and events of one or of all, a stored result; and all as a table."""
+"""Queries of the store: sensors, calibrations, events and results; and all as a table."""
 
 from __future__ import annotations
 
-import csv
 import datetime
 import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 
 from vibrident.base.errors import InputError, did_you_mean
-from vibrident.base.escaping import csv_cell
-from vibrident.base.extras import library
 from vibrident.base.nominal import SAME
 from vibrident.lab.history.life import Entry, Event
 from vibrident.lab.history.schema import (
@@ -39,7 +35,7 @@ _STANDINGS = ("approved", "superseded", "recalled")
 
 @dataclass(frozen=True)
 class StoredSensor:
-    """A sensor, as its results name it."""
+    """Sensor, as its results name it."""
 
     id: int
     manufacturer: str
@@ -49,21 +45,21 @@ class StoredSensor:
 
     @property
     def name(self) -> str:
-        """Manufacturer, type, serial number and axis in one line."""
+        """Return manufacturer, type, serial number and axis in one line."""
         name = sensor_name(
             {key: getattr(self, key) for key in ("manufacturer", "type", "serial_number")}
         )
         return f"{name}, axis {self.axis}" if self.axis else name
 
     def as_dict(self) -> dict[str, str]:
-        """As a result has it."""
+        """Return the sensor as a result states it."""
         named = ("manufacturer", "type", "serial_number", "axis")
         return {key: getattr(self, key) for key in named if getattr(self, key)}
 
 
 @dataclass(frozen=True)
 class Overview:
-    """A sensor in the list of all: how often it was calibrated and when last."""
+    """Sensor in the list of all: number of its calibrations, and the first and last date."""
 
     sensor: StoredSensor
     calibrations: int
@@ -72,12 +68,12 @@ class Overview:
 
 
 def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
-    """All sensors, by type and serial number."""
+    """Return all sensors, by type and serial number."""
     columns = sensor.c
     date = corrected_date()
     date_min = sa.func.min(date)
     date_max = sa.func.max(date)
-    asked = (
+    query = (
         sa.select(
             *columns,
             sa.func.count().label("times"),
@@ -89,11 +85,11 @@ def overviews(store: Store, type_name: str | None = None) -> list[Overview]:
         .order_by(columns.type, columns.serial_number, columns.manufacturer, columns.axis)
     )
     if type_name is not None:
-        asked = asked.where(columns.type == type_name)
+        query = query.where(columns.type == type_name)
     with store.reading() as connection:
         return [
             Overview(_sensor(row), row.times, row.first, row.last)
-            for row in connection.execute(asked)
+            for row in connection.execute(query)
         ]
 
 
@@ -104,30 +100,30 @@ def find(
     axis: str | None = None,
     manufacturer: str | None = None,
 ) -> StoredSensor:
-    """The sensor of a serial number; of several by type, axis and manufacturer.
+    """Return the sensor of a serial number; of several by type, axis and manufacturer.
 
     Raises:
         InputError: no sensor has this serial number, or more than one has it.
     """
-    asked = sa.select(sensor).where(sensor.c.serial_number == serial_number.strip())
+    query = sa.select(sensor).where(sensor.c.serial_number == serial_number.strip())
     named = (
         (sensor.c.type, type_name),
         (sensor.c.axis, axis),
         (sensor.c.manufacturer, manufacturer),
     )
     for column, wanted in named:
-        asked = asked if wanted is None else asked.where(column == wanted)
+        query = query if wanted is None else query.where(column == wanted)
     with store.reading() as connection:
-        found = [_sensor(row) for row in connection.execute(asked)]
-        if len(found) == 1:
-            return found[0]
+        sensors = [_sensor(row) for row in connection.execute(query)]
+        if len(sensors) == 1:
+            return sensors[0]
         known = (
-            [] if found else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
+            [] if sensors else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
         )
-    if found:
+    if sensors:
         raise InputError(
-            f"{len(found)} sensors have this serial number.",
-            expected="one of " + "; ".join(one.name for one in found),
+            f"{len(sensors)} sensors have this serial number.",
+            expected="one of " + "; ".join(each.name for each in sensors),
             found=serial_number,
             where=store.shown,
             remedy="give ⟦history.type_name⟧, ⟦history.axis⟧ or ⟦history.manufacturer⟧ as well",
@@ -141,10 +137,10 @@ def find(
     )
 
 
-def known(store: Store, told: Mapping[str, object]) -> StoredSensor | None:
-    """The sensor that a result names; None if the store holds no calibration of it."""
+def known(store: Store, stated: Mapping[str, object]) -> StoredSensor | None:
+    """Return the sensor that a result states; None if the store holds no calibration of it."""
     named = [
-        column == str(told.get(column.name) or "").strip()
+        column == str(stated.get(column.name) or "").strip()
         for column in sensor.c
         if column.name != "id"
     ]
@@ -163,21 +159,28 @@ def entries(
     quantity: str = REFERENCE_SENSITIVITY,
     frequency_hz: float | None = None,
 ) -> dict[int, list[Entry]]:
-    """The calibrations of a sensor with all their columns, or of all sensors without these; by sensor.
+    """Return the calibrations of a sensor with all columns, or of all sensors with few, by sensor.
 
-    ``quantity``: name of the parameter whose value and uncertainty they hold; ``frequency_hz``:
-    nominal frequency, for the magnitude of the sensitivity there instead.
+    Args:
+        store: the store.
+        sensor_id: of the sensor; None: all.
+        quantity: name of the parameter whose value and uncertainty the entries hold.
+        frequency_hz: nominal frequency, for the magnitude of the sensitivity there instead.
     """
-    asked = _asked(quantity, frequency_hz, told=sensor_id is not None)
-    asked = asked if sensor_id is None else asked.where(calibration.c.sensor_id == sensor_id)
+    query = _query(quantity, frequency_hz, with_facts=sensor_id is not None)
+    query = query if sensor_id is None else query.where(calibration.c.sensor_id == sensor_id)
     standings = _standings(store, sensor_id)
-    found: dict[int, list[Entry]] = {}
+    entries_of: dict[int, list[Entry]] = {}
     with store.reading() as connection:
-        for row in map(tuple, connection.execute(asked).all()):
-            sensor_key, key, date, files, value, u, unit, frequency, shared, base, *told = row
-            facts: dict[str, object] = dict(zip(_TOLD, told, strict=True)) if told else {}
-            if told:
-                facts["warnings"] = json.loads(told[-1])
+        for row in map(tuple, connection.execute(query).all()):
+            sensor_key, key, date, files, value, u, unit, frequency, shared, base, *fact_values = (
+                row
+            )
+            facts: dict[str, object] = (
+                dict(zip(_FACT_COLUMNS, fact_values, strict=True)) if fact_values else {}
+            )
+            if fact_values:
+                facts["warnings"] = json.loads(fact_values[-1])
             sources = _shared(shared or "{}")
             if base != value and base and value is not None:  # relative contributions are equal
                 sources = {name: abs(size * value / base) for name, size in sources.items()}
@@ -185,12 +188,15 @@ def entries(
             entry = Entry(
                 key, date, value, u, unit or "", frequency, sources, files, standing, facts
             )
-            found.setdefault(sensor_key, []).append(entry)
-    return found
+            entries_of.setdefault(sensor_key, []).append(entry)
+    return entries_of
 
 
 def corrected_date() -> Any:
-    """Return the date of a calibration, for a query of its table: that of the newest event that corrects it."""
+    """Return a query's column of the date of a calibration.
+
+    It is that of the newest event that corrects it.
+    """
     return sa.func.coalesce(_correction(), calibration.c.date, type_=sa.Date())
 
 
@@ -203,11 +209,13 @@ def _correction() -> Any:
 
 def _drawn_number() -> Any:
     """Return the number that a draft of a calibration was given; null without one."""
-    asked = sa.select(certificate_number.c.number).join(
+    numbers = sa.select(certificate_number.c.number).join(
         draft, draft.c.id == certificate_number.c.draft_id
     )
     newest = (
-        asked.where(draft.c.calibration_id == calibration.c.id).order_by(draft.c.id.desc()).limit(1)
+        numbers.where(draft.c.calibration_id == calibration.c.id)
+        .order_by(draft.c.id.desc())
+        .limit(1)
     )
     return newest.correlate(calibration).scalar_subquery()
 
@@ -224,8 +232,8 @@ def _facts(names: Sequence[str]) -> list[Any]:
     return [corrected.get(name, c[name]) for name in names]
 
 
-def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
-    """Each calibration with value and uncertainty, its sources, and the value to which these refer."""
+def _query(quantity: str, frequency_hz: float | None, *, with_facts: bool) -> Any:
+    """Return a query of each calibration: value, uncertainty, sources, and the sources' value."""
     c = calibration.c
     p = parameter.c
     at = point.c
@@ -235,8 +243,8 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         near = at.nominal_hz.between(frequency_hz * (1 - SAME), frequency_hz * (1 + SAME))
         joined = joined.outerjoin(point, sa.and_(at.calibration_id == c.id, near))
         values = [at.magnitude, at.magnitude_uncertainty, p.unit, at.frequency_hz]
-    more = _facts(_TOLD) if told else []
-    kept = [
+    more = _facts(_FACT_COLUMNS) if with_facts else []
+    selected = [
         c.sensor_id,
         c.id,
         *_facts(["date", "data_files"]),
@@ -245,10 +253,10 @@ def _asked(quantity: str, frequency_hz: float | None, *, told: bool) -> Any:
         p.value.label("base"),
         *more,
     ]
-    return sa.select(*kept).select_from(joined)
+    return sa.select(*selected).select_from(joined)
 
 
-_TOLD = (
+_FACT_COLUMNS = (
     "sha256",
     "date_stated",
     "model",
@@ -266,54 +274,56 @@ def _shared(text: str) -> Mapping[str, float]:
 
 
 def _standings(store: Store, sensor_id: int | None) -> dict[int, str]:
-    """The newest event that decides whether a calibration is valid, by calibration."""
-    asked = sa.select(event.c.calibration_id, event.c.kind).where(
+    """Return the newest event that decides whether a calibration is valid, by calibration."""
+    query = sa.select(event.c.calibration_id, event.c.kind).where(
         event.c.kind.in_(_STANDINGS), event.c.calibration_id.is_not(None)
     )
-    asked = asked if sensor_id is None else asked.where(event.c.sensor_id == sensor_id)
+    query = query if sensor_id is None else query.where(event.c.sensor_id == sensor_id)
     with store.reading() as connection:
         return {
-            row.calibration_id: row.kind for row in connection.execute(asked.order_by(event.c.id))
+            row.calibration_id: row.kind for row in connection.execute(query.order_by(event.c.id))
         }
 
 
 def events(store: Store, sensor_id: int | None = None) -> dict[int, list[Event]]:
-    """The events of a sensor, or of all; by sensor."""
-    asked = sa.select(event).order_by(event.c.date, event.c.id)
+    """Return the events of a sensor, or of all, by sensor."""
+    query = sa.select(event).order_by(event.c.date, event.c.id)
     if sensor_id is None:
-        asked = asked.where(
-            event.c.kind != "added"
-        )  # as many as calibrations, and nothing follows from them
+        # as many as calibrations, and nothing follows from them
+        query = query.where(event.c.kind != "added")
     else:
-        asked = asked.where(event.c.sensor_id == sensor_id)
-    found: dict[int, list[Event]] = {}
+        query = query.where(event.c.sensor_id == sensor_id)
+    events_of: dict[int, list[Event]] = {}
     with store.reading() as connection:
-        for row in connection.execute(asked):
-            told = Event(
+        for row in connection.execute(query):
+            entry = Event(
                 row.id, row.kind, row.date, row.calibration_id, row.by, row.note, row.recorded
             )
-            found.setdefault(row.sensor_id, []).append(told)
-    return found
+            events_of.setdefault(row.sensor_id, []).append(entry)
+    return events_of
 
 
 def known_values(store: Store, sensor_id: int, column: Any) -> list[Any]:
-    """What the calibrations of a sensor have in a column of ``parameter`` or ``point``, in order."""
-    asked = (
+    """Return the values of a sensor's calibrations in a column, sorted.
+
+    ``column``: of ``parameter`` or ``point``.
+    """
+    query = (
         sa.select(column).join(calibration).where(calibration.c.sensor_id == sensor_id).distinct()
     )
     with store.reading() as connection:
-        return sorted(connection.execute(asked).scalars())
+        return sorted(connection.execute(query).scalars())
 
 
 def result(store: Store, calibration_id: int) -> Result:
-    """A stored result, whole.
+    """Return a stored result.
 
     Raises:
         InputError: no calibration has this number.
     """
-    asked = sa.select(calibration.c.document).where(calibration.c.id == calibration_id)
+    query = sa.select(calibration.c.document).where(calibration.c.id == calibration_id)
     with store.reading() as connection:
-        packed = connection.execute(asked).scalar_one_or_none()
+        packed = connection.execute(query).scalar_one_or_none()
     if packed is None:
         raise no_calibration(store, calibration_id)
     return unpacked(packed)
@@ -325,7 +335,7 @@ def unpacked(document: bytes) -> Result:
 
 
 def no_calibration(store: Store, calibration_id: int) -> InputError:
-    """The error for a number without a calibration."""
+    """Return the error for a number without a calibration."""
     return InputError(
         "The store holds no such calibration.",
         expected="the number of a calibration",
@@ -336,10 +346,13 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
 
 
 def rows(store: Store) -> Iterator[dict[str, Any]]:
-    """One row per calibration for export: sensor, calibration, and every parameter as NAME and NAME_u."""
+    """Yield a row a calibration for export.
+
+    It holds sensor, calibration, and parameters as NAME and NAME_u.
+    """
     c = calibration.c
     s = sensor.c
-    kept = _facts(
+    facts = _facts(
         [column.name for column in c if column.name not in ("document", "data_files", "sensor_id")]
     )
     named = [s.manufacturer, s.type, s.serial_number, s.axis]
@@ -347,56 +360,18 @@ def rows(store: Store) -> Iterator[dict[str, Any]]:
     with store.reading() as connection:
         values: dict[int, dict[str, Any]] = {}
         for row in connection.execute(sa.select(parameter)):
-            found = values.setdefault(row.calibration_id, {})
-            found |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}
+            numbers = values.setdefault(row.calibration_id, {})
+            numbers |= {row.name: row.value, f"{row.name}_u": row.standard_uncertainty}
             if row.frequency_hz is not None:
-                found["reference_frequency_hz"] = row.frequency_hz
-        asked = (
-            sa.select(*named, *kept)
+                numbers["reference_frequency_hz"] = row.frequency_hz
+        query = (
+            sa.select(*named, *facts)
             .join(calibration, c.sensor_id == s.id)
             .order_by(s.serial_number, corrected_date(), c.id)
         )
-        for row in connection.execute(asked).mappings():
+        for row in connection.execute(query).mappings():
             warnings = {
                 "warnings": json.loads(row["warnings"]),
                 "standing": standings.get(row["id"], "added"),
             }
             yield dict(row) | warnings | values.get(row["id"], {})
-
-
-def write(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
-    """Write rows, each with the columns it has, to a file that ends in ``.parquet`` or ``.csv``.
-
-    Raises:
-        InputError: Parquet is asked for, and pyarrow is not installed.
-    """
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    if file.suffix.lower() == ".csv":
-        with file.open("w", newline="", encoding="utf-8") as stream:
-            table = csv.writer(stream)
-            table.writerow(names)
-            table.writerows([[_cell(row.get(name)) for name in names] for row in rows])
-        return
-    missing = "A table in Parquet needs pyarrow, which is not installed; in CSV it does not."
-    arrow = library("pyarrow", "parquet", missing, str(file))
-    parquet = library("pyarrow.parquet", "parquet", missing, str(file))
-    columns = {
-        name: arrow.array([row.get(name) for row in rows], type=_type(arrow, rows, name))
-        for name in names
-    }
-    parquet.write_table(arrow.table(columns), file)
-
-
-def _type(arrow: Any, rows: Sequence[Mapping[str, Any]], name: str) -> Any:
-    """The column's type from its values; numeric if there are no values, as most columns are numeric."""
-    value = next((row[name] for row in rows if row.get(name) is not None), None)
-    if isinstance(value, list):
-        return arrow.list_(arrow.string())
-    kinds = {bool: arrow.bool_, int: arrow.int64, str: arrow.string, datetime.date: arrow.date32}
-    return kinds.get(type(value), arrow.float64)()
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, list):
-        return " ".join(str(item) for item in value)
-    return csv_cell(value) if isinstance(value, str) else value

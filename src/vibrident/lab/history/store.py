@@ -94,12 +94,12 @@ class Store:
 
     @property
     def shown(self) -> str:
-        """The store for print: the path of a file, else the URL without a password."""
+        """Return the store for print: the path of a file, else the URL without a password."""
         return str(self._file) if self._file else printable(self.url)
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sa.Connection]:
-        """A connection that reads one consistent state of the store.
+        """Open a connection that reads one consistent state of the store.
 
         Raises:
             InputError: there is no store, its schema is another version's, or the database fails.
@@ -110,7 +110,7 @@ class Store:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[sa.Connection]:
-        """A connection whose changes are all committed at the end, or all rolled back.
+        """Open a connection whose changes are all committed at the end, or all rolled back.
 
         Raises:
             InputError: there is no store, its schema is another version's, or the database fails.
@@ -128,11 +128,11 @@ class Store:
                 yield connection
 
     def insert(self, table: sa.Table) -> Any:
-        """An INSERT in this database's dialect, with a clause for existing rows."""
+        """Return an INSERT in this database's dialect, with a clause for existing rows."""
         return sqlite.insert(table) if self._file else postgresql.insert(table)
 
     def revision(self) -> str | None:
-        """The migration that the store is at; None if there is no store."""
+        """Return the migration that the store is at; None if there is no store."""
         with self._explained():
             if self._file and not self._file.exists():
                 return None
@@ -162,7 +162,7 @@ class Store:
                     )
                 before = _revision(connection)
                 if before is not None and before > schema.REVISION:
-                    raise self._other(before)
+                    raise self._other_version(before)
                 if before is None or before < revision:
                     _migrate(connection, revision)
                 return before, _revision(connection) or ""
@@ -179,11 +179,11 @@ class Store:
     def _require_revision(self, connection: sa.Connection) -> None:
         if self._checked:
             return
-        found = _revision(connection)
-        if found is None:
+        revision = _revision(connection)
+        if revision is None:
             raise self._absent()
-        if found != schema.REVISION:
-            raise self._other(found)
+        if revision != schema.REVISION:
+            raise self._other_version(revision)
         self._checked = True
 
     def _absent(self) -> InputError:
@@ -195,21 +195,21 @@ class Store:
             remedy="check ⟦history.store⟧, or add a result: ⟦command = history add result.json⟧",
         )
 
-    def _other(self, found: str) -> InputError:
-        newer = found > schema.REVISION
+    def _other_version(self, revision: str) -> InputError:
+        newer = revision > schema.REVISION
         upgrade = "⟦command = history upgrade⟧; keep a copy of the store before"
         remedy = "install the newer version" if newer else upgrade
         return InputError(
             f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
             expected=f"schema {schema.REVISION}",
-            found=f"schema {found}",
+            found=f"schema {revision}",
             where=self.shown,
             remedy=remedy,
         )
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
-        """An error of the database or its driver, as a message for the user."""
+        """Turn an error of the database or its driver into a message for the user."""
         try:
             yield
         except exc.DataError as error:
@@ -217,15 +217,15 @@ class Store:
                 "A text cannot be kept in this database.", error.orig, "shorten or correct it"
             ) from None
         except exc.DBAPIError as error:
-            said = str(error.orig).lower()
+            text = str(error.orig).lower()
             problem, remedy = next(
-                told for words, *told in _CAUSES if any(word in said for word in words)
+                advice for words, *advice in _CAUSES if any(word in text for word in words)
             )
             raise self._failed(problem, error.orig, remedy) from None
 
     def _failed(self, problem: str, error: object, remedy: str) -> InputError:
-        found = " ".join(without_secrets(str(error), self.url).split())[:300]
-        return InputError(problem, expected=FORMS, found=found, where=self.shown, remedy=remedy)
+        detail = " ".join(without_secrets(str(error), self.url).split())[:300]
+        return InputError(problem, expected=FORMS, found=detail, where=self.shown, remedy=remedy)
 
 
 def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
@@ -238,7 +238,10 @@ def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -
 
 
 def _prepare_sqlite(connection: Any, _: Any) -> None:
-    """Set SQLite to allow readers beside a writer, to enforce foreign keys, and to begin transactions explicitly."""
+    """Set SQLite to allow readers while writing, and to enforce foreign keys.
+
+    Transactions are begun explicitly.
+    """
     connection.isolation_level = None
     with contextlib.suppress(sqlite3.OperationalError):  # of a file that can only be read
         connection.execute("PRAGMA journal_mode = WAL")
@@ -247,7 +250,10 @@ def _prepare_sqlite(connection: Any, _: Any) -> None:
 
 
 def _begin_sqlite(connection: sa.Connection) -> None:
-    """Take the lock for writing at the beginning: two writers that read first would block each other."""
+    """Take the lock for writing at the beginning of a transaction that writes.
+
+    Two writers that read first would block each other.
+    """
     connection.exec_driver_sql(
         "BEGIN IMMEDIATE" if connection.get_execution_options().get("writes") else "BEGIN"
     )

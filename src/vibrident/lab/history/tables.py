@@ -1,4 +1,4 @@
-"""A history as tables, lists and sentences, made from its document alone."""
+"""Tables, lists and sentences of a history, from its document alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Document = Mapping[str, Any]
 
 
 def quantity_name(document: Document) -> str:
-    """The quantity in words, with its frequency."""
+    """Return the quantity in words, with its frequency."""
     quantity = document["quantity"]
     if quantity["frequency_hz"] is None:
         return in_words(quantity["name"])
@@ -26,7 +26,7 @@ def quantity_name(document: Document) -> str:
 
 
 def scale_of(document: Document) -> UnitScale:
-    """The scale from the quantity's unit to one with a suitable prefix."""
+    """Return the scale from the quantity's unit to one with a suitable prefix."""
     unit = document["quantity"]["unit"]
     sizes = [
         abs(row["value"])
@@ -37,7 +37,10 @@ def scale_of(document: Document) -> UnitScale:
 
 
 def calibrations(document: Document) -> Table:
-    """Every calibration with U and E_n to the one before; those that are not valid with the reason."""
+    """Return a table of all calibrations with U and E_n to the one before.
+
+    Calibrations that are not valid stand with the reason.
+    """
     scale = scale_of(document)
     rows = []
     for row in document["calibrations"]:
@@ -78,7 +81,10 @@ def calibrations(document: Document) -> Table:
 
 
 def chart(document: Document, width: int = 54) -> Facts | None:
-    """The values as text, by date: the unshared part of U as a bar, and the prediction; None for a single value."""
+    """Return the values as text, by date; None for a single value.
+
+    A bar shows the unshared part of U, and the last line the prediction.
+    """
     rows = [
         (row["date"], row["value"], K * (row["u_own"] or row["u"]))
         for row in document["calibrations"]
@@ -97,19 +103,19 @@ def chart(document: Document, width: int = 54) -> Facts | None:
 
     lines = []
     for date, value, half in rows:
-        left = place(value - half)
-        middle = place(value)
-        right = place(value + half)
-        bar = ["─" if left <= i <= right else " " for i in range(width)]
-        bar[left] = "├"
-        bar[right] = "┤"
-        bar[middle] = "●"
+        start = place(value - half)
+        centre = place(value)
+        end = place(value + half)
+        bar = ["─" if start <= i <= end else " " for i in range(width)]
+        bar[start] = "├"
+        bar[end] = "┤"
+        bar[centre] = "●"
         lines.append((date, "".join(bar).rstrip()))
     return Facts(tuple(lines), "Each with the part of U that it does not share")
 
 
 def series(document: Document) -> list[Sentence]:
-    """A sentence for each series after the first."""
+    """Return a sentence for each series after the first."""
     rows = document["series"][1:]
     return [
         Sentence(f"Series {row['series']} begins on {row['from']}: {row['why']}.") for row in rows
@@ -117,22 +123,22 @@ def series(document: Document) -> list[Sentence]:
 
 
 def drift(document: Document) -> Facts:
-    """The drift, and the prediction."""
-    found = document["drift"]
+    """Return the drift, and the prediction."""
+    values = document["drift"]
     scale = scale_of(document)
-    if found["why"]:
-        return Facts((("drift", f"not known: {found['why']}"),), "Drift")
-    rate = found["rate_per_year"]
-    prediction = found["prediction"]
+    if values["why"]:
+        return Facts((("drift", f"not known: {values['why']}"),), "Drift")
+    rate = values["rate_per_year"]
+    prediction = values["prediction"]
     percent = "; ({} ± {}) %/a".format(*pair(100 * rate["relative"], 200 * rate["relative_u"]))
     likely = ", ".join(
-        f"{name} {100 * share:.0f} %" for name, share in found["probability"].items()
+        f"{name} {100 * share:.0f} %" for name, share in values["probability"].items()
     )
     rows = (
         ("steady drift, if there is one", f"{_with_u(rate, scale, '/a')}{percent}"),
         (
             "random walk, if it is one",
-            f"{plain(found['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a",
+            f"{plain(values['random_walk_per_root_year'] * scale.factor, 2)} {scale.unit}/√a",
         ),
         ("probability", likely),
         (f"sensor on {prediction['date']}", _with_u(prediction, scale)),
@@ -151,20 +157,21 @@ def _with_u(values: Mapping[str, Any], scale: UnitScale, per: str = "") -> str:
 
 
 def control(document: Document) -> Facts | None:
-    """What the control charts say; None without charts."""
-    found = document["control"]
-    if found is None:
+    """Return the alarms of the control charts; None without charts."""
+    values = document["control"]
+    if values is None:
         return None
     over = (
-        f"{100 * found['false_alarm_probability']:g} % over {found['false_alarm_over']} comparisons"
+        f"{100 * values['false_alarm_probability']:g} % over {values['false_alarm_over']} "
+        "comparisons"
     )
     rows = []
-    for chart in found["charts"]:
+    for chart in values["charts"]:
         length = f"mean {chart['average_run_length']:.0f} to a false alarm"
-        said = _alarms(chart["alarm_dates"])
-        rows.append((chart["name"], f"{said} (false alarms: {over}; {length})"))
+        alarms = _alarms(chart["alarm_dates"])
+        rows.append((chart["name"], f"{alarms} (false alarms: {over}; {length})"))
         if chart["if_new"] not in (None, chart["alarm_dates"]):
-            sources = ", ".join(found["assumed"])
+            sources = ", ".join(values["assumed"])
             rows.append((f"{chart['name']}, if not the same: {sources}", _alarms(chart["if_new"])))
     return Facts(tuple(rows), "Control charts")
 
@@ -174,24 +181,30 @@ def _alarms(dates: Sequence[str]) -> str:
 
 
 def due(document: Document) -> Facts | None:
-    """The due date; None where none was asked for."""
-    found = document["due"]
+    """Return the due date; None where none was asked for."""
+    values = document["due"]
     scale = scale_of(document)
-    if found is None:
+    if values is None:
         return None
-    low, high = (plain(limit * scale.factor, 6) for limit in found["limits"])
+    low, high = (plain(limit * scale.factor, 6) for limit in values["limits"])
     rows = [
-        ("tolerance", f"±{100 * found['tolerance']:g} %: {low} to {high} {scale.unit}"),
-        (f"due by a risk of {100 * found['risk']:g} %", found["date"] or found["why"]),
-        ("due by the interval in force", f"{found['by_interval']} ({found['interval_years']:g} a)"),
+        ("tolerance", f"±{100 * values['tolerance']:g} %: {low} to {high} {scale.unit}"),
+        (f"due by a risk of {100 * values['risk']:g} %", values["date"] or values["why"]),
+        (
+            "due by the interval in force",
+            f"{values['by_interval']} ({values['interval_years']:g} a)",
+        ),
     ]
-    if found["by_staircase"]:
+    if values["by_staircase"]:
         rows.append(
-            ("due by the staircase", f"{found['by_staircase']} ({found['staircase_years']:.3g} a)")
+            (
+                "due by the staircase",
+                f"{values['by_staircase']} ({values['staircase_years']:.3g} a)",
+            )
         )
-    if found["risk_today"] is not None:
-        rows.append(("risk today", _percent(found["risk_today"])))
-        rows.append((f"risk on {found['by_interval']}", _percent(found["risk_at_end"])))
+    if values["risk_today"] is not None:
+        rows.append(("risk today", _percent(values["risk_today"])))
+        rows.append((f"risk on {values['by_interval']}", _percent(values["risk_at_end"])))
     return Facts(tuple(rows), "Next calibration")
 
 
@@ -208,7 +221,7 @@ def _percent(value: float | None) -> str:
 
 
 def events(document: Document) -> Table | None:
-    """The events, except added calibrations."""
+    """Return the events, except added calibrations."""
     rows = tuple(
         (
             event["date"],
@@ -224,7 +237,7 @@ def events(document: Document) -> Table | None:
 
 
 def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The due dates of many sensors."""
+    """Return the due dates of many sensors."""
     heads = columns("last", "due by risk", "by interval", "by staircase", "risk today")
     cells = (
         (
@@ -240,7 +253,7 @@ def all_due(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The sensors of a store."""
+    """Return the sensors of a store."""
     return _sensors(
         rows,
         ("type", "manufacturer"),
@@ -251,20 +264,20 @@ def listed(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def _sensors(
     rows: Sequence[Mapping[str, Any]],
-    told: tuple[str, ...],
+    keys: tuple[str, ...],
     heads: tuple[Column, ...],
     cells: Iterable[tuple[str, ...]],
 ) -> Table:
-    """A row a sensor: what it is, its number of calibrations, and further cells."""
+    """Return a table with a row a sensor: its names, number of calibrations, and further cells."""
     body = (
         (
             f"{row['serial_number']} {row.get('axis', '')}".rstrip(),
-            *(row.get(key, "") for key in told),
+            *(row.get(key, "") for key in keys),
             str(row["calibrations"]),
             *more,
         )
         for row, more in zip(rows, cells, strict=True)
     )
     return Table(
-        (*columns("serial number", *told), Column("calibrations", "number"), *heads), tuple(body)
+        (*columns("serial number", *keys), Column("calibrations", "number"), *heads), tuple(body)
     )

@@ -1,4 +1,4 @@
-"""From a draft certificate to an issued one: review by a second account, number, signatures, verification.
+"""Issue of certificates: drafts, review by a second account, number, signatures, verification.
 
 Drafts, reviews and what was issued are rows of the history's store, which only grows.
 """

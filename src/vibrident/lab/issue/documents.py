@@ -18,7 +18,7 @@ from vibrident.show.report import name_of_sensor
 
 @dataclass(frozen=True)
 class Content:
-    """What a draft holds."""
+    """Content of a draft."""
 
     result: Result
     issue: Issue  # without the template

@@ -192,13 +192,13 @@ def content(store: Store, draft_id: int) -> Content:
     """
     with store.reading() as connection:
         read_draft(connection, store, draft_id)
-        kept = draft.c.logo, draft.c.template, draft.c.before, draft.c.fonts
-        asked = (
-            sa.select(calibration.c.document, *kept)
+        files = draft.c.logo, draft.c.template, draft.c.before, draft.c.fonts
+        selection = (
+            sa.select(calibration.c.document, *files)
             .join(calibration, calibration.c.id == draft.c.calibration_id)
             .where(draft.c.id == draft_id)
         )
-        row = connection.execute(asked).one()
+        row = connection.execute(selection).one()
     before = None if row.before is None else query.unpacked(row.before)
     fonts = tuple(Path(folder) for folder in json.loads(row.fonts))
     issue = Issue(before, row.logo, fonts=fonts)
@@ -211,9 +211,9 @@ def stamp(by: str | None) -> dict[str, str]:
     return {"by": user() if by is None else by, "recorded": now.isoformat(timespec="seconds")}
 
 
-def same_account(one: str, other: str) -> bool:
+def same_account(a: str, b: str) -> bool:
     """Return whether two names may be of one account; an empty one may be anybody's."""
-    return not other.strip() or one.strip().casefold() == other.strip().casefold()
+    return not b.strip() or a.strip().casefold() == b.strip().casefold()
 
 
 def _issued_already(store: Store, known: Draft) -> InputError:
@@ -226,7 +226,7 @@ def _issued_already(store: Store, known: Draft) -> InputError:
     )
 
 
-def _read(connection: sa.Connection, which: Any) -> list[Draft]:
+def _read(connection: sa.Connection, condition: Any) -> list[Draft]:
     newest = (
         sa.select(sa.func.max(review.c.id))
         .where(review.c.draft_id == draft.c.id)
@@ -240,7 +240,7 @@ def _read(connection: sa.Connection, which: Any) -> list[Draft]:
         .outerjoin(certificate_number, certificate_number.c.draft_id == draft.c.id)
         .outerjoin(certificate, certificate.c.draft_id == draft.c.id)
     )
-    asked = (
+    selection = (
         sa.select(
             *(draft.c.id, draft.c.calibration_id, draft.c.by, draft.c.recorded),
             *(sensor.c.manufacturer, sensor.c.type, sensor.c.serial_number),
@@ -249,10 +249,10 @@ def _read(connection: sa.Connection, which: Any) -> list[Draft]:
             *(certificate_number.c.replaces, certificate.c.by.label("issuer")),
         )
         .select_from(joined)
-        .where(which)
+        .where(condition)
         .order_by(draft.c.id.desc())
     )
-    return [_draft(row) for row in connection.execute(asked).mappings()]
+    return [_draft(row) for row in connection.execute(selection).mappings()]
 
 
 def _draft(row: Mapping[Any, Any]) -> Draft:

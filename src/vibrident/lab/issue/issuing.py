@@ -124,8 +124,8 @@ def _next_sequence(connection: sa.Connection, year: int) -> int:
     stated = sa.select(calibration.c.certificate_number).where(
         calibration.c.certificate_number.startswith(f"{year}-")
     )
-    taken = set(connection.execute(stated).scalars())
-    while f"{year}-{sequence:04d}" in taken:
+    numbers = set(connection.execute(stated).scalars())
+    while f"{year}-{sequence:04d}" in numbers:
         sequence += 1
     return sequence
 
@@ -154,8 +154,8 @@ def _check_replaces(
             that it names is of another sensor or was replaced before.
     """
     columns = calibration.c
-    asked = sa.select(columns.sensor_id).where(columns.id == known.calibration_id)
-    sensor_id = connection.execute(asked).scalar_one()
+    selection = sa.select(columns.sensor_id).where(columns.id == known.calibration_id)
+    sensor_id = connection.execute(selection).scalar_one()
     valid = list[str]()
     data = _data(connection, known.calibration_id)
     for row in connection.execute(_certificates(sensor_id, replaces)):
@@ -179,8 +179,8 @@ def _check_replaces(
 
 def _data(connection: sa.Connection, calibration_id: int) -> set[str]:
     """Return what the data files of a calibration are known by."""
-    asked = sa.select(calibration.c.data_files).where(calibration.c.id == calibration_id)
-    return set(json.loads(connection.execute(asked).scalar_one()))
+    selection = sa.select(calibration.c.data_files).where(calibration.c.id == calibration_id)
+    return set(json.loads(connection.execute(selection).scalar_one()))
 
 
 def _certificates(sensor_id: int, number: str | None) -> Any:
@@ -200,11 +200,11 @@ def _certificates(sensor_id: int, number: str | None) -> Any:
     )
 
 
-def _wrong_amendment(store: Store, number: str, found: str) -> InputError:
+def _wrong_amendment(store: Store, number: str, amended: str) -> InputError:
     return InputError(
         "The draft cannot replace this certificate.",
         expected="the valid certificate of the same sensor",
-        found=found,
+        found=amended,
         where=f'[certificate] replaces = "{number}", {store.shown}',
         remedy="correct [certificate] replaces, and hand it in again",
     )

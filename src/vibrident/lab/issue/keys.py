@@ -102,14 +102,14 @@ def holder(certificate: Any) -> str:
     return ", ".join(dict.fromkeys(map(str, names))) or certificate.subject.rfc4514_string()
 
 
-def _unusable(problem: str, file: Path, found: object) -> InputError:
+def _unusable(problem: str, file: Path, value: object) -> InputError:
     return InputError(
         problem,
         expected=(
             f"PKCS#12 with an RSA key of {_MIN_RSA_BITS} bits or more, or one of {_CURVES[0]}, its "
             "certificate, and the right pass phrase"
         ),
-        found=one_line(found)[:200],
+        found=one_line(value)[:200],
         where=str(file),
         remedy="correct ⟦issue.key⟧ or the pass phrase",
     )

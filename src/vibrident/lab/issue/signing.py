@@ -55,8 +55,8 @@ def signed_xml(text: bytes, key: SigningKey) -> bytes:
         c14n_algorithm=library("signxml").CanonicalizationMethod.CANONICAL_XML_1_0,
     )
     root = etree.fromstring(text, etree.XMLParser(resolve_entities=False, no_network=True))
-    made = signer.sign(root, key=key.private, cert=[key.certificate, *key.chain])
-    return etree.tostring(made, xml_declaration=True, encoding="UTF-8")
+    signed = signer.sign(root, key=key.private, cert=[key.certificate, *key.chain])
+    return etree.tostring(signed, xml_declaration=True, encoding="UTF-8")
 
 
 def detached_signature(content: bytes, key: SigningKey) -> bytes:
@@ -65,8 +65,10 @@ def detached_signature(content: bytes, key: SigningKey) -> bytes:
     stated = attributes(signing_time=datetime.datetime.now(datetime.UTC))
 
     def sign() -> bytes:
-        made = _signer(key).async_sign_general_data(content, "sha256", signed_attr_settings=stated)
-        return asyncio.run(made).dump()
+        signature = _signer(key).async_sign_general_data(
+            content, "sha256", signed_attr_settings=stated
+        )
+        return asyncio.run(signature).dump()
 
     return without_loop(sign)
 

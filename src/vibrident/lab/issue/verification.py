@@ -1,4 +1,4 @@
-"""Whether a certificate is as the laboratory signed it: PDF, DCC, or any file with its ``.p7s``.
+"""Verification of a certificate's signature: PDF, DCC, or any file with its ``.p7s``.
 
 A signature is valid if the file has not changed since, if it covers the whole file, and if the
 signer's certificate was valid at the time that the signer states. Whose certificate it is, the
@@ -42,7 +42,7 @@ class Signed:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Signature:
     """A signature that holds mathematically."""
 
     certificate: Any
@@ -66,27 +66,29 @@ def verify(file: Path, trusted: Path | None = None) -> Signed:
     file = file.with_suffix("") if file.suffix == SIGNATURE else file
     content = _read(file)
     if content.startswith(b"%PDF-"):
-        found = _verified_pdf(content, file)
+        signature = _verified_pdf(content, file)
     elif content.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        found = _verified_xml(content, file)
+        signature = _verified_xml(content, file)
     else:
-        found = _verified_detached(content, file)
-    _require_valid_then(found, file)
-    fingerprint = found.certificate.fingerprint(
+        signature = _verified_detached(content, file)
+    _require_valid_then(signature, file)
+    fingerprint = signature.certificate.fingerprint(
         library("cryptography.hazmat.primitives.hashes").SHA256()
     )
-    name = holder(found.certificate)
-    known = None if anchors is None else _is_trusted(found.certificate, found.chain, anchors)
+    name = holder(signature.certificate)
+    known = (
+        None if anchors is None else _is_trusted(signature.certificate, signature.chain, anchors)
+    )
     if known is False:
         raise _invalid(
             file,
             f"{name}, certificate SHA-256 {fingerprint.hex()}",
             expected=f"a signature by a certificate of {trusted}, or one that it issued",
         )
-    return Signed(name, fingerprint.hex(), found.time, known)
+    return Signed(name, fingerprint.hex(), signature.time, known)
 
 
-def _verified_pdf(content: bytes, file: Path) -> _Found:
+def _verified_pdf(content: bytes, file: Path) -> _Signature:
     reader = library("pyhanko.pdf_utils.reader").PdfFileReader
     validation = library("pyhanko.sign.validation")
     status = library("pyhanko.sign.validation.status")
@@ -109,11 +111,11 @@ def _verified_pdf(content: bytes, file: Path) -> _Found:
     newest = checked[-1]
     if newest.coverage != status.SignatureCoverageLevel.ENTIRE_FILE or not newest.docmdp_ok:
         raise _invalid(file, "additions after signing")
-    chain = [_x509(other.dump()) for other in signatures[-1].other_embedded_certs]
-    return _Found(_x509(newest.signing_cert.dump()), chain, newest.signer_reported_dt)
+    chain = [_x509(each.dump()) for each in signatures[-1].other_embedded_certs]
+    return _Signature(_x509(newest.signing_cert.dump()), chain, newest.signer_reported_dt)
 
 
-def _verified_xml(content: bytes, file: Path) -> _Found:
+def _verified_xml(content: bytes, file: Path) -> _Signature:
     etree = library("lxml.etree")
     signxml = library("signxml")
     xades = library("signxml.xades")
@@ -138,14 +140,14 @@ def _verified_xml(content: bytes, file: Path) -> _Found:
         default_reference_c14n_method=signxml.CanonicalizationMethod.CANONICAL_XML_1_0,
     )
     try:
-        made = verifier.verify(content, x509_cert=chain[0], expect_config=expected)
+        results = verifier.verify(content, x509_cert=chain[0], expect_config=expected)
     except Exception as error:  # of the digest, the key, the schema, and what the parser refuses
         raise _invalid(
             file, f"a file that was changed after signing ({one_line(error)[:_MAX_SAID]})"
         ) from error
-    made = made if isinstance(made, list) else [made]
+    results = results if isinstance(results, list) else [results]
     signatures[0].getparent().remove(signatures[0])
-    parts = [each.signed_xml for each in made if each.signed_xml is not None]
+    parts = [each.signed_xml for each in results if each.signed_xml is not None]
     if etree.tostring(root, method="c14n") not in [
         etree.tostring(part, method="c14n") for part in parts
     ]:
@@ -154,17 +156,17 @@ def _verified_xml(content: bytes, file: Path) -> _Found:
     stated = next((text for text in times if text), None)
     with _readable(file):
         time = None if stated is None else datetime.datetime.fromisoformat(stated)
-    return _Found(chain[0], chain[1:], time)
+    return _Signature(chain[0], chain[1:], time)
 
 
-def _verified_detached(content: bytes, file: Path) -> _Found:
-    beside = file.with_name(file.name + SIGNATURE)
-    if not beside.is_file():
+def _verified_detached(content: bytes, file: Path) -> _Signature:
+    signature_file = file.with_name(file.name + SIGNATURE)
+    if not signature_file.is_file():
         raise _unsigned(file)
     cms = library("asn1crypto.cms")
     validation = library("pyhanko.sign.validation")
-    with _readable(beside):
-        signed = cms.ContentInfo.load(_read(beside))["content"]
+    with _readable(signature_file):
+        signed = cms.ContentInfo.load(_read(signature_file))["content"]
         embedded = [_x509(each.chosen.dump()) for each in signed["certificates"]]
         serial = signed["signer_infos"][0]["sid"].chosen["serial_number"].native
         signer = next(each for each in embedded if each.serial_number == serial)
@@ -173,19 +175,19 @@ def _verified_detached(content: bytes, file: Path) -> _Found:
         trust = _no_trust(_asn1(signer))
         return asyncio.run(validation.async_validate_detached_cms(content, signed, trust))
 
-    with _readable(beside), _quiet():
+    with _readable(signature_file), _quiet():
         status = without_loop(check)
     if not (status.intact and status.valid):
         raise _invalid(file, "a file that was changed after signing")
     chain = [each for each in embedded if each is not signer]
-    return _Found(signer, chain, status.signer_reported_dt)
+    return _Signature(signer, chain, status.signer_reported_dt)
 
 
-def _require_valid_then(found: _Found, file: Path) -> None:
+def _require_valid_then(signature: _Signature, file: Path) -> None:
     """Refuse a signature by a certificate that was not valid at the stated time."""
-    begin = found.certificate.not_valid_before_utc
-    end = found.certificate.not_valid_after_utc
-    when = found.time
+    begin = signature.certificate.not_valid_before_utc
+    end = signature.certificate.not_valid_after_utc
+    when = signature.time
     if when is not None and not begin <= when.astimezone(datetime.UTC) <= end:
         raise _invalid(
             file,
@@ -200,11 +202,11 @@ def _require_valid_then(found: _Found, file: Path) -> None:
 def _is_trusted(certificate: Any, chain: Sequence[Any], anchors: Sequence[Any]) -> bool:
     """Return whether a certificate is an anchor's own, or was issued under one of them."""
     issuers = [*chain, *anchors]
-    seen: list[Any] = []
+    visited: list[Any] = []
     while certificate not in anchors:
-        seen.append(certificate)
+        visited.append(certificate)
         issuer = next(
-            (each for each in issuers if each not in seen and _issued(each, certificate)), None
+            (each for each in issuers if each not in visited and _issued(each, certificate)), None
         )
         if issuer is None:
             return False
@@ -257,7 +259,7 @@ def _asn1(certificate: Any) -> Any:
 
 
 def _no_trust(certificate: Any) -> Any:
-    """Return a context that looks nothing up; whom to trust is decided here, for all forms alike."""
+    """Return a context that looks nothing up; trust is decided here, for all forms alike."""
     context = library("pyhanko_certvalidator").ValidationContext
     return context(trust_roots=[certificate], allow_fetching=False)
 
@@ -310,11 +312,11 @@ def _unsigned(file: Path) -> InputError:
     )
 
 
-def _invalid(file: Path, found: str, expected: str = _AS_SIGNED) -> InputError:
+def _invalid(file: Path, problem: str, expected: str = _AS_SIGNED) -> InputError:
     return InputError(
         "The signature is not valid.",
         expected=expected,
-        found=found,
+        found=problem,
         where=str(file),
         remedy="ask the laboratory for the certificate, and do not use this file",
     )

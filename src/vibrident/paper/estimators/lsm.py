@@ -139,7 +139,11 @@ def inverse_residual(
     method simple.
     """
     frequency, response, weight = data
-    model, slopes = response_and_slopes(coordinates.model, coordinates.values(z), frequency, quantity)
+    model, slopes = response_and_slopes(
+        coordinates.model, coordinates.values(z), frequency, quantity
+    )
     residual = weight * (1.0 / model - 1.0 / response)
     jacobian = -(weight / model**2)[:, None] * slopes.T * coordinates.slopes(z)
-    return np.concatenate([residual.real, residual.imag]), np.concatenate([jacobian.real, jacobian.imag])
+    return np.concatenate([residual.real, residual.imag]), np.concatenate(
+        [jacobian.real, jacobian.imag]
+    )

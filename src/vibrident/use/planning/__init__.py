@@ -1,4 +1,4 @@
-"""Planning a calibration: the expected uncertainty, and the best frequencies for a given number of them."""
+"""Planning a calibration: the expected uncertainty, and the best choice of frequencies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The expected uncertainty of a planned calibration, and the best frequencies for a given number of them."""
+"""Expected uncertainty of a planned calibration, and the best choice of its frequencies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.base.memory import in_one_thread
-from vibrident.data.records import QUANTITIES, STANDARD_GRAVITY, FloatArray, Quantity
+from vibrident.data.records import STANDARD_GRAVITY, FloatArray, Quantity
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.uncertainty import (
     correlation,
@@ -22,35 +22,45 @@ from vibrident.fit.uncertainty import (
 )
 from vibrident.fit.uncertainty.curve import with_resonances
 from vibrident.fit.uncertainty.parameters import fields_of_units, sizes_of
-from vibrident.physics.models import parse
-from vibrident.physics.models.sensor_model import SensorModel
 from vibrident.result import Correlation, Curve, Parameter, Result
 from vibrident.result.document import plain
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.planning.design import CRITERIA, Criterion, best_points, efficiency, total
-from vibrident.use.planning.points import PlannedPoints, Recording, Subject, of_records, of_table
+from vibrident.use.planning.inputs import (
+    model_and_values,
+    one_a_frequency,
+    planned_frequencies,
+    reference_quantity,
+    require_points,
+)
+from vibrident.use.planning.points import (
+    PlannedPoints,
+    Recording,
+    Subject,
+    points_of_records,
+    points_of_table,
+)
 
 #: Neighbours on either side over which the noise of a result's own points is averaged: it is
 #: estimated, and the choice must not favour points with a low estimate.
 NEIGHBOURS = 2
 CURVE_POINTS = 101  # points of the sensitivity curve
-LEAST_SIZE = 1e-3  # of a coordinate, where its uncertainty is taken relative to it
+MIN_COORDINATE_SIZE = 1e-3  # of a coordinate, where its uncertainty is taken relative to it
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The expected outcome of a planned calibration."""
+    """Expected outcome of a planned calibration."""
 
     model: str  # name of the sensor model
     frequency_hz: FloatArray  # of the points, shape (n,)
     uses: tuple[int, ...]  # how often each is measured, shape (n,)
-    relative_deviation: (
-        FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
-    )
+    # standard deviation of each point's sensitivity over its size, shape (n,)
+    relative_deviation: FloatArray
     parameters: Mapping[str, Parameter]  # with expected standard uncertainty, estimated and derived
     correlation: Correlation  # of the estimated parameters
-    response: Curve  # the sensitivity curve with its uncertainty
-    warnings: tuple[str, ...]  # as of an identification, and doubts about the plan
+    response: Curve  # sensitivity curve with its uncertainty
+    warnings: tuple[str, ...]  # of an identification, and doubts about the plan
     criterion: Criterion | None  # of the choice; None if all are measured
     candidates_hz: FloatArray  # from which the points were chosen
     # of the choice, relative to the best design of the same measuring time; None if all are
@@ -128,34 +138,34 @@ def plan(
     """
     if not isinstance(sensor, str) or sensor.lower().endswith(".json"):
         sensor = as_result(sensor)
-    model, values = _sensor(sensor, parameters)
+    model, values = model_and_values(sensor, parameters)
     source = sensor if isinstance(sensor, Result) else None
-    frequency = _frequencies(frequencies_hz, source)
-    subject = Subject(model, values, _quantity(quantity, source), frequency)
-    peaks = _each("amplitude", amplitude, frequency)
+    frequency = planned_frequencies(frequencies_hz, source)
+    subject = Subject(model, values, reference_quantity(quantity, source), frequency)
+    peaks = one_a_frequency("amplitude", amplitude, frequency)
     magnitude, phase = (
-        None if u is None else _each(label, u, frequency)
+        None if u is None else one_a_frequency(label, u, frequency)
         for label, u in (
             ("magnitude uncertainty", magnitude_uncertainty),
             ("phase uncertainty", phase_uncertainty_rad),
         )
     )
     if recording is not None and magnitude is None:
-        points = of_records(subject, peaks, recording)
+        points = points_of_records(subject, peaks, recording)
     elif magnitude is not None and recording is None:
-        points = of_table(subject, magnitude, phase)
+        points = points_of_table(subject, magnitude, phase)
     else:
-        points = _of_result(subject, source, times_as_long, twice=recording is not None)
+        points = _points_of_result(subject, source, times_as_long, twice=recording is not None)
     if criterion not in CRITERIA:
         raise unknown("The criterion is not known.", criterion, CRITERIA, "plan, criterion")
-    _enough(
+    require_points(
         points,
         best if best is not None else frequency.size,
         repeats=repeats,
         chosen=best is not None,
     )
     unit = source.response_unit if source is not None else response_unit
-    gain, findings = _systematic(source)
+    gain, findings = _systematic_part(source)
     points = replace(points, findings=points.findings + findings)
     systematic = gain if reference_uncertainty is None else reference_uncertainty
     return _plan(points, systematic, unit, source, best, criterion, repeats)
@@ -175,7 +185,7 @@ def _plan(
     frequency = points.subject.frequency_hz
     count = frequency.size
     model = coordinates.model
-    scale = sizes_of(coordinates.model, points.coordinates.first, LEAST_SIZE, ratios=True)
+    scale = sizes_of(coordinates.model, points.coordinates.first, MIN_COORDINATE_SIZE, ratios=True)
     uses = np.ones(count, dtype=int)
     reached = None
     spread = {}
@@ -197,12 +207,12 @@ def _plan(
     high = float(frequency.max())
     band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])
     band = with_resonances(band, model.rational(coordinates.values(z)))
-    kept = np.flatnonzero(uses)
+    chosen = np.flatnonzero(uses)
     return Plan(
         model.name,
-        frequency[kept],
-        tuple(int(n) for n in uses[kept]),
-        points.relative_deviation[kept],
+        frequency[chosen],
+        tuple(int(n) for n in uses[chosen]),
+        points.relative_deviation[chosen],
         table,
         correlation(model, covariance),
         curve(coordinates, z, covariance, points.subject.quantity, band),
@@ -215,28 +225,31 @@ def _plan(
     )
 
 
-def _systematic(source: Result | None) -> tuple[float, tuple[str, ...]]:
-    """Relative standard uncertainty of a result's gains, common to all points, and what of it the plan leaves out."""
+def _systematic_part(source: Result | None) -> tuple[float, tuple[str, ...]]:
+    """Return the relative u of a result's gains, and the findings of what is left out.
+
+    The gains are common to all points.
+    """
     if source is None:
         return 0.0, ()
     rows = source.settings.get("uncertainty_budget", ())
     gains = [row["standard_uncertainty"] for row in rows if row["kind"] == "gain"]
-    others = [row["source"] for row in rows if row["type"] == "B" and row["kind"] != "gain"]
-    said = (
-        [f"The plan leaves out systematic effects of the calibration: {', '.join(others)}."]
-        if others
+    effects = [row["source"] for row in rows if row["type"] == "B" and row["kind"] != "gain"]
+    findings = (
+        [f"The plan leaves out systematic effects of the calibration: {', '.join(effects)}."]
+        if effects
         else []
     )
     if not source.fit.adequate:
-        said.append(
+        findings.append(
             "The calibration rejected the model: the plan is of noise alone, its misfit is left "
             "out."
         )
-    return float(np.linalg.norm(gains)), tuple(said)
+    return float(np.linalg.norm(gains)), tuple(findings)
 
 
 def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, float]:
-    """Covariance of z and degrees of freedom, as of the estimator ``ml``."""
+    """Return the covariance of z and its degrees of freedom, as of the estimator ``ml``."""
     freedom = np.repeat(points.freedom, uses)
     known = float(np.mean(1.0 + 4.0 / freedom))  # the weights are estimated too
     return inverse_normal(total(uses, points.information)) * known, float(np.sum(freedom))
@@ -245,7 +258,7 @@ def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, fl
 def _deviations(
     points: PlannedPoints, uses: np.ndarray, reference_uncertainty: float
 ) -> dict[str, float]:
-    """Standard uncertainty of each estimated parameter, physical units."""
+    """Return the standard uncertainty of each estimated parameter, physical units."""
     coordinates = points.coordinates
     z = points.coordinates.first
     covariance, freedom = _covariance(points, uses)
@@ -259,89 +272,10 @@ def _deviations(
     }
 
 
-def _sensor(
-    sensor: str | Result, parameters: Mapping[str, float] | None
-) -> tuple[SensorModel, dict[str, float]]:
-    if isinstance(sensor, Result) and parameters is None:
-        sensor.require_linear()
-        known = sensor.to_sensor("a plan")
-        return known.model, dict(known.values)
-    name = sensor.model if isinstance(sensor, Result) else sensor
-    model = parse(name)
-    given = dict(parameters or {})
-    names = model.parameter_names
-    linear = model.is_linear
-    usable = set(given) == set(names) and all(np.isfinite(value) for value in given.values())
-    positive = usable and all(
-        given[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration")
-    )
-    if not (linear and positive and given[model.gain_name] != 0):
-        raise InputError(
-            "The sensor cannot be planned for."
-            if linear
-            else "A nonlinear sensor has no transfer function to plan with.",
-            expected=(
-                f"for {model.name!r}: finite {', '.join(names)}; frequencies above 0, a gain that "
-                "is not 0"
-            ),
-            found=", ".join(f"{key} = {value:g}" for key, value in given.items())
-            or "no parameters",
-            where="plan, parameters",
-            remedy="give every parameter of the model, and no other"
-            if linear
-            else "plan without 'cubic'",
-        )
-    return model, {name: float(given[name]) for name in names}
-
-
-def _quantity(quantity: Quantity | None, source: Result | None) -> Quantity:
-    found: Any = (
-        quantity
-        or (source.reference.get("quantity") if source is not None else None)
-        or "acceleration"
-    )
-    if found not in QUANTITIES:
-        raise unknown("The reference quantity is not known.", found, QUANTITIES, "plan, quantity")
-    return found
-
-
-def _frequencies(given: Sequence[float] | FloatArray | None, source: Result | None) -> FloatArray:
-    if given is None and source is not None:
-        given = np.unique(source.measured.frequency_hz)
-    frequency = np.atleast_1d(np.asarray([] if given is None else given, dtype=float))
-    if not (
-        frequency.ndim == 1
-        and frequency.size
-        and np.isfinite(frequency).all()
-        and (frequency > 0).all()
-    ):
-        raise InputError(
-            "There are no frequencies to plan with.",
-            expected="at least one finite frequency above 0 Hz",
-            found=f"{frequency.tolist()}"[:80],
-            where="plan, frequencies",
-            remedy="give frequencies, or a result that has measured points",
-        )
-    return np.sort(frequency)
-
-
-def _each(label: str, value: float | Sequence[float], frequency: FloatArray) -> FloatArray:
-    values = np.asarray(value, dtype=float)
-    if values.ndim > 1 or (values.ndim == 1 and values.size != frequency.size):
-        raise InputError(
-            f"The {label} does not fit the frequencies.",
-            expected=f"one number, or {frequency.size}, in ascending order of frequency",
-            found=f"shape {values.shape}",
-            where=f"plan, {label}",
-            remedy="give one number, or one a frequency",
-        )
-    return np.broadcast_to(values, frequency.shape).astype(float)
-
-
-def _of_result(
+def _points_of_result(
     subject: Subject, source: Result | None, times_as_long: float, *, twice: bool
 ) -> PlannedPoints:
-    """Points as good as those of a result."""
+    """Return points as good as those of a result."""
     if twice or source is None or not source.measured.frequency_hz.size or times_as_long <= 0:
         raise InputError(
             "The uncertainty of the points is not given, or given twice.",
@@ -354,17 +288,21 @@ def _of_result(
             where="plan",
             remedy="give one of them",
         )
-    magnitude, phase = _like_before(source, subject, times_as_long)
-    return of_table(subject, magnitude, phase)
+    magnitude, phase = _noise_of_result(source, subject, times_as_long)
+    return points_of_table(subject, magnitude, phase)
 
 
-def _like_before(
+def _noise_of_result(
     source: Result, subject: Subject, longer: float
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Noise of a result's own points, smoothed, interpolated and scaled to the records' length."""
-    # Noise of a channel falls with the gain, over it, within a resonance or a high-pass. Smoothed
-    # is what the line log u = c + b log |H| leaves over: b is 0 of noise in proportion, and −1 of
-    # noise of one level.
+    """Return the noise of a result's points, smoothed, interpolated and scaled to the length.
+
+    ``longer``: factor of the records' length. Returns the relative u of the magnitude and the u of
+    the phase, rad, or None without a phase.
+    """
+    # Within a resonance or a high-pass the noise relative to the response falls with the gain. What
+    # is smoothed is the deviation from the line log u = c + b log |H|: b is 0 of noise in
+    # proportion to the response, and −1 of noise of one level.
     measured = source.measured
     frequency = subject.frequency_hz
     order = np.argsort(measured.frequency_hz, kind="stable")
@@ -398,27 +336,8 @@ def _like_before(
     return at(u), None if np.isnan(phase).any() else phase
 
 
-def _enough(points: PlannedPoints, count: int, *, repeats: bool, chosen: bool) -> None:
-    needed = len(points.coordinates.model.parameters)
-    most = points.subject.frequency_hz.size
-    if count >= 1 and (repeats or count <= most) and count * points.equations >= needed:
-        return
-    raise InputError(
-        "So many points cannot determine the parameters."
-        if count <= most or repeats
-        else "There are too few candidates.",
-        expected=(
-            f"at least {-(-needed // points.equations)} points for {needed} parameters, of {most} "
-            "candidates"
-        ),
-        found=f"{count} points",
-        where="plan, best" if chosen else "plan, frequencies",
-        remedy="choose another number, or give more frequencies",
-    )
-
-
 def plan_document(planned: Plan) -> dict[str, Any]:
-    """The content of ``plan.json``: plain values."""
+    """Return the plain values of ``plan.json``."""
     points = zip(
         planned.frequency_hz.tolist(),
         planned.uses,

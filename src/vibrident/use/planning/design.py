@@ -20,13 +20,13 @@ from vibrident.fit.information import inverse_normal
 Criterion = Literal["D", "A"]
 CRITERIA: tuple[str, ...] = ("D", "A")
 
-STARTS = 20  # random starts of the exchange, beside the greedy one
-MOST_ITERATIONS = 20_000  # most iterations of the multiplicative algorithm
-SETTLED = 1e-6  # tolerance of the equivalence theorem
+RANDOM_STARTS = 20  # of the exchange, in addition to the greedy start
+MAX_ITERATIONS = 20_000  # of the multiplicative algorithm
+EQUIVALENCE_TOLERANCE = 1e-6  # of the condition of the equivalence theorem
 
 
 def loss(matrix: FloatArray, criterion: Criterion, scale: FloatArray) -> float:
-    """Criterion of a design, smaller is better: D: −log det M / p; A: Σ (u/scale)²."""
+    """Return the criterion of a design, smaller is better: D: −log det M / p; A: Σ (u/scale)²."""
     if criterion == "D":
         size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         values = np.linalg.eigvalsh(matrix / size[:, None] / size)
@@ -42,30 +42,33 @@ def best_points(
     *,
     repeats: bool = False,
 ) -> np.ndarray:
-    """Uses of each point, shape (n,): ``count`` in all, each at most once unless ``repeats``.
+    """Return the uses of each point, shape (n,): ``count`` in all.
 
-    ``information``: of each point, shape (n, p, p); ``scale``: of each parameter, for the criterion
-    A, shape (p,).
+    Each is used at most once unless ``repeats``. ``information``: of each point, shape (n, p, p);
+    ``scale``: of each parameter, for the criterion A, shape (p,).
     """
     rng = np.random.default_rng(0)
     points = information.shape[0]
-    starts = [_greedy(information, count, criterion, scale, repeats=repeats)]
-    for _ in range(STARTS):
+    starts = [_greedy_uses(information, count, criterion, scale, repeats=repeats)]
+    for _ in range(RANDOM_STARTS):
         picks = rng.choice(points, count, replace=repeats)
         starts.append(np.bincount(picks, minlength=points))
-    found = [_exchanged(uses, information, criterion, scale, repeats=repeats) for uses in starts]
-    return min(found, key=lambda uses: loss(total(uses, information), criterion, scale))
+    designs = [_exchange(uses, information, criterion, scale, repeats=repeats) for uses in starts]
+    return min(designs, key=lambda uses: loss(total(uses, information), criterion, scale))
 
 
 def total(uses: np.ndarray, information: FloatArray) -> FloatArray:
-    """Information of points of which each is used so many times, shape (p, p)."""
+    """Return the information of points, each used so many times, shape (p, p)."""
     return np.einsum("k,kij->ij", uses.astype(float), information)
 
 
-def _greedy(
+def _greedy_uses(
     information: FloatArray, count: int, criterion: Criterion, scale: FloatArray, *, repeats: bool
 ) -> np.ndarray:
-    """One point after the other, on a small part of all of them, so that the first matrix is regular."""
+    """Choose one point after the other.
+
+    The start is a small part of all points, so that the first matrix is regular.
+    """
     uses = np.zeros(information.shape[0], dtype=int)
     matrix = 1e-6 * np.mean(information, axis=0)
     for _ in range(count):
@@ -77,7 +80,7 @@ def _greedy(
     return uses
 
 
-def _exchanged(
+def _exchange(
     uses: np.ndarray,
     information: FloatArray,
     criterion: Criterion,
@@ -105,11 +108,11 @@ def _exchanged(
 
 
 def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArray) -> FloatArray:
-    """Arbitrary weights of the best design, of total one, shape (n,)."""
+    """Return the weights of the best design, of total one, shape (n,)."""
     points = information.shape[0]
     order = information.shape[1]
     weights = np.full(points, 1.0 / points)
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         inverse = inverse_normal(total(weights, information))
         if criterion == "D":
             gain = np.einsum("kij,ji->k", information, inverse) / order
@@ -118,7 +121,7 @@ def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArra
             gain = np.einsum("kij,ji->k", information, middle) / np.trace(
                 inverse @ np.diag(scale**-2.0)
             )
-        if float(np.max(gain)) < 1.0 + SETTLED:
+        if float(np.max(gain)) < 1.0 + EQUIVALENCE_TOLERANCE:
             break
         weights = weights * (gain if criterion == "D" else np.sqrt(gain))
         weights /= weights.sum()
@@ -128,13 +131,13 @@ def best_weights(information: FloatArray, criterion: Criterion, scale: FloatArra
 def efficiency(
     uses: np.ndarray, information: FloatArray, criterion: Criterion, scale: FloatArray
 ) -> float:
-    """Efficiency of a choice relative to the best design of the same total, 0 to 1.
+    """Return the efficiency of a choice relative to the best design of the same total, 0 to 1.
 
     It is the part of the measuring time that the best design would need for the same criterion.
     """
     count = float(np.sum(uses))
     weights = best_weights(information, criterion, scale)
     ideal = count * total(weights, information)
-    own = loss(total(np.asarray(uses), information), criterion, scale)
+    achieved = loss(total(np.asarray(uses), information), criterion, scale)
     best = loss(ideal, criterion, scale)
-    return float(np.exp(best - own)) if criterion == "D" else best / own
+    return float(np.exp(best - achieved)) if criterion == "D" else best / achieved

@@ -1,4 +1,4 @@
-"""The information of each planned point: its residual's derivative by the parameters, weighted by the expected noise.
+"""Information of each planned point: its residual's derivative over the expected noise.
 
 The residual is that of the estimator `ml`: a plan differs from a calibration only in that its noise
 is predicted. A tone of amplitude X in N samples of white noise has real and imaginary part with
@@ -27,16 +27,14 @@ from vibrident.physics.models import SensorModel
 from vibrident.physics.models.base import DERIVATIVES
 from vibrident.physics.models.slopes import ComplexArray
 
-FEWEST_PERIODS = (
-    5.0  # fewest periods that separate a tone from offset, drift and the sensor's free motion
-)
-HIGHEST = 0.45  # highest frequency over the sampling rate
-RINGS = 1.1  # the free motion is reported beyond this factor on a tone's variance
+MIN_PERIODS = 5.0  # that separate a tone from offset, drift and the sensor's free motion
+MAX_FREQUENCY_OF_RATE = 0.45  # in units of the sampling rate
+MIN_REPORTED_RATIO = 1.1  # factor of free motion on a tone's variance that is reported
 
 
 @dataclass(frozen=True)
 class Recording:
-    """How every sine is recorded.
+    """Recording of every sine.
 
     Examples:
         >>> import vibrident
@@ -52,9 +50,8 @@ class Recording:
     samples: int  # of every record
     response_noise: float = 0.0  # white, as a fraction of the response's rms in each record
     response_noise_rms: float = 0.0  # white, in the response unit; added to the former
-    reference_noise: float = (
-        0.0  # white, as a fraction of the reference's rms, not motion of the sensor
-    )
+    # white, as a fraction of the reference's rms, not motion of the sensor
+    reference_noise: float = 0.0
     reference_noise_rms: float = 0.0  # white, in the reference's unit; added to the former
 
     def __post_init__(self) -> None:
@@ -88,7 +85,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The sensor that is planned for, and where."""
+    """Sensor that is planned for, and the planned frequencies."""
 
     model: SensorModel  # linear
     values: Mapping[str, float]  # of its parameters, SI units, frequencies in Hz
@@ -96,7 +93,7 @@ class Subject:
     frequency_hz: FloatArray  # ascending, shape (n,)
 
     def response(self) -> ComplexArray:
-        """Complex response per unit of the reference, shape (n,)."""
+        """Return the complex response per unit of the reference, shape (n,)."""
         return np.asarray(
             self.model.frequency_response(self.values, self.frequency_hz, self.quantity),
             dtype=complex,
@@ -107,12 +104,11 @@ class Subject:
 class PlannedPoints:
     """Planned points and their information."""
 
-    coordinates: Coordinates  # the map from z to parameters; the sensor is at its first
+    coordinates: Coordinates  # map from z to parameters; the sensor is at their ``first``
     subject: Subject  # sensor and frequencies
     information: FloatArray  # JᵀJ of each point, shape (n, p, p)
-    relative_deviation: (
-        FloatArray  # standard deviation of each point's sensitivity over its size, shape (n,)
-    )
+    # standard deviation of each point's sensitivity over its size, shape (n,)
+    relative_deviation: FloatArray
     # degrees of freedom of each point's noise estimate, infinite where uncertainties are stated;
     # shape (n,)
     freedom: FloatArray
@@ -120,14 +116,21 @@ class PlannedPoints:
     findings: tuple[str, ...] = ()  # doubts in words
 
 
-def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) -> PlannedPoints:
-    """Points of sine records; ``amplitude`` is the peak of the acceleration at each, m/s², shape (n,).
+def points_of_records(
+    subject: Subject, amplitude: FloatArray, recording: Recording
+) -> PlannedPoints:
+    """Return points of sine records.
+
+    Args:
+        subject: sensor and frequencies.
+        amplitude: peak of the acceleration at each frequency, m/s², shape (n,).
+        recording: of every sine.
 
     Raises:
         InputError: a frequency or an amplitude cannot be recorded.
     """
     frequency_hz = subject.frequency_hz
-    highest = HIGHEST * recording.sampling_rate_hz
+    highest = MAX_FREQUENCY_OF_RATE * recording.sampling_rate_hz
     if not (
         (amplitude > 0).all()
         and np.isfinite(amplitude).all()
@@ -139,7 +142,9 @@ def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) ->
                 f"amplitudes above 0, and frequencies up to {highest:g} Hz (0.45 of the sampling "
                 "rate)"
             ),
-            found=f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz",
+            found=(
+                f"amplitudes from {amplitude.min():g}, frequencies up to {frequency_hz.max():g} Hz"
+            ),
             where="plan",
             remedy="correct the amplitude, lower the frequency, or raise the sampling rate",
         )
@@ -148,33 +153,35 @@ def of_records(subject: Subject, amplitude: FloatArray, recording: Recording) ->
     response = np.abs(gain) * reference
     noise_y = (recording.response_noise * response) ** 2 / 2.0 + recording.response_noise_rms**2
     noise_x = (recording.reference_noise * reference) ** 2 / 2.0 + recording.reference_noise_rms**2
-    beside = np.array([_beside_free_motion(subject, f, recording) for f in frequency_hz])
-    deviation = np.sqrt(2.0 / recording.samples * (beside * noise_y + np.abs(gain) ** 2 * noise_x))
+    ratio = np.array([_free_motion_ratio(subject, f, recording) for f in frequency_hz])
+    deviation = np.sqrt(2.0 / recording.samples * (ratio * noise_y + np.abs(gain) ** 2 * noise_x))
     freedom = np.array([_freedom(f, recording) for f in frequency_hz])
     duration = recording.samples / recording.sampling_rate_hz
-    few = frequency_hz[frequency_hz * duration < FEWEST_PERIODS]
+    few = frequency_hz[frequency_hz * duration < MIN_PERIODS]
     findings: tuple[str, ...] = ()
     if few.size:
         findings = (
             (
-                f"{few.size} records hold fewer than {FEWEST_PERIODS:g} periods (up to "
+                f"{few.size} records hold fewer than {MIN_PERIODS:g} periods (up to "
                 f"{few.max():.4g} Hz): offset, drift and the sensor's free motion will increase "
                 "their uncertainty beyond this plan."
             ),
         )
-    findings += _sharp(subject, beside)
+    findings += _resonance_findings(subject, ratio)
     data = (frequency_hz, reference.astype(complex), gain * reference, deviation)
     return _points(subject, data, False, True, deviation / response, freedom, findings)
 
 
-def of_table(
+def points_of_table(
     subject: Subject, magnitude: FloatArray, phase_rad: FloatArray | None
 ) -> PlannedPoints:
-    """Points with stated uncertainties.
+    """Return points with stated uncertainties.
 
-    ``magnitude``: relative standard uncertainty of the magnitude at each, shape (n,);
-    ``phase_rad``: standard uncertainty of the phase at each, rad, shape (n,); None: no phase is
-    measured.
+    Args:
+        subject: sensor and frequencies.
+        magnitude: relative standard uncertainty of the magnitude at each frequency, shape (n,).
+        phase_rad: standard uncertainty of the phase at each frequency, rad, shape (n,); None: no
+            phase is measured.
 
     Raises:
         InputError: an uncertainty is not above zero.
@@ -221,8 +228,8 @@ def _points(
     )
 
 
-def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
-    """Effects of a sharp resonance that a plan does not include."""
+def _resonance_findings(subject: Subject, ratio: FloatArray) -> tuple[str, ...]:
+    """Return the effects of a sharp resonance that a plan does not include."""
     oscillator = subject.model.core.oscillator
     frequency_hz = subject.frequency_hz
     if oscillator is None:
@@ -231,7 +238,7 @@ def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
     width = 2.0 * damping * natural
     lasts = 1.0 / (np.pi * width) if width > 0 else np.inf
     findings = []
-    if np.any(beside > RINGS):
+    if np.any(ratio > MIN_REPORTED_RATIO):
         findings.append(
             f"The sensor rings on for {lasts:.3g} s (to 1/e) after a record begins, which near "
             f"{natural:.4g} Hz is hardly separable from the tone: estimates may scatter up to "
@@ -249,8 +256,11 @@ def _sharp(subject: Subject, beside: FloatArray) -> tuple[str, ...]:
     return tuple(findings)
 
 
-def _beside_free_motion(subject: Subject, frequency: float, recording: Recording) -> float:
-    """Variance of a tone beside the free motion and an offset over that of a tone alone, mean of its two parts."""
+def _free_motion_ratio(subject: Subject, frequency: float, recording: Recording) -> float:
+    """Return the factor by which free motion and an offset increase a tone's variance.
+
+    It is the mean of the tone's two parts.
+    """
     time = np.arange(recording.samples) / recording.sampling_rate_hz
     angle = 2.0 * np.pi * frequency * time
     tone = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -261,13 +271,13 @@ def _beside_free_motion(subject: Subject, frequency: float, recording: Recording
         natural, damping = (subject.values[name] for name in oscillator)
         motion = free_motion(natural, max(damping, 0.0), time)
     free, _ = np.linalg.qr(np.concatenate([motion, np.ones((time.size, 1))], axis=1))
-    left = tone - free @ (free.T @ tone)
-    inverse = np.linalg.inv(left.T @ left)
+    projected = tone - free @ (free.T @ tone)
+    inverse = np.linalg.inv(projected.T @ projected)
     return float(np.trace(inverse) / 2.0 * recording.samples / 2.0)
 
 
 def _freedom(frequency: float, recording: Recording) -> float:
-    """Degrees of freedom of the noise in the sine fit of such a record: from the fit itself."""
+    """Return the degrees of freedom of the noise in the sine fit of such a record."""
     time = np.arange(recording.samples) / recording.sampling_rate_hz
     noise = np.random.default_rng(0).standard_normal((2, recording.samples))
     tone = np.sin(2.0 * np.pi * frequency * time)

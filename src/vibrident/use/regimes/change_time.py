@@ -1,7 +1,7 @@
-"""The time at which one regime ends and the next begins, by least squares.
+"""Time at which one regime ends and the next begins, by least squares.
 
-Before it the response is the sensor's of the first regime, after it that of the second, beside
-free motion from wherever the change finds the mass.
+Before it the response is that of the first regime's sensor, after it that of the second's, plus
+free motion from the state at the change.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ def change_sample(record: Record, quantity: Quantity, before: Piece, behind: Pie
 
 
 def _squares(place: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:
-    """Return what a change at a sample leaves of the response, squared."""
+    """Return the sum of squares of the residual with a change at a sample."""
     before, behind = residuals
-    rest = behind[place:]
-    columns = free[:, : len(rest)]
-    amounts = np.linalg.lstsq(columns @ columns.T, columns @ rest, rcond=None)[0]
-    left = rest - amounts @ columns
+    after = behind[place:]
+    columns = free[:, : len(after)]
+    amounts = np.linalg.lstsq(columns @ columns.T, columns @ after, rcond=None)[0]
+    residual = after - amounts @ columns
     start = before[:place]
-    return float(start @ start + left @ left)
+    return float(start @ start + residual @ residual)
 
 
 def _residual(record: Record, quantity: Quantity, regime: Piece) -> FloatArray:

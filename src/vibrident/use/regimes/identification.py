@@ -1,4 +1,4 @@
-"""The result of a record whose sensor changed: that of its longest regime, beside the others."""
+"""Result of a record whose sensor changed: that of its longest regime, with all regimes."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ def with_regimes(
             regimes = list(joined(regimes))
             continue
         try:
-            found = _Regimes.fitted(calibration, regimes, edges, fit)
+            fitted_regimes = _Regimes.fitted(calibration, regimes, edges, fit)
         except VibridentError:
             return result
-        regimes = list(joined(found.pieces))
-        if len(regimes) == len(found.fits):
-            return _result(found, scope) if found.explain_the_record else result
+        regimes = list(joined(fitted_regimes.pieces))
+        if len(regimes) == len(fitted_regimes.fits):
+            return _result(fitted_regimes, scope) if fitted_regimes.explain_the_record else result
     return result
 
 
@@ -137,19 +137,19 @@ def _may_have_changed(calibration: Calibration, result: Result) -> bool:
     return bool(DOUBTS & set(result.warning_codes)) and records[0].optical is None
 
 
-def _result(found: _Regimes, scope: Uncertainty) -> Result:
+def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:
     """Return the result of the longest regime, and the others beside it."""
-    fits = found.fits
-    edges = found.edges
-    shared = share(found.pieces)
+    fits = fitted_regimes.fits
+    edges = fitted_regimes.edges
+    shared = share(fitted_regimes.pieces)
     longest = int(np.argmax(np.diff(edges)))
     fitted = fits[longest]
     names = fitted.evidence.model.parameter_names
     coordinates = fitted.estimate.coordinates
     z = coordinates.place(dict(zip(names, shared.values[longest].tolist(), strict=True)))
     slopes = coordinates.slopes(z)
-    over = np.divide(1.0, slopes, out=np.zeros_like(slopes), where=slopes != 0.0)
-    covariance = shared.covariances[longest] * np.outer(over, over)
+    inverse_slopes = np.divide(1.0, slopes, out=np.zeros_like(slopes), where=slopes != 0.0)
+    covariance = shared.covariances[longest] * np.outer(inverse_slopes, inverse_slopes)
     fitted = fitted.at(replace(fitted.estimate, z=z, covariance=covariance, predicted=None))
     result = document(fitted, budget_of(fitted, scope))
     record = fitted.evidence.calibration.records[0]
@@ -179,7 +179,7 @@ def _result(found: _Regimes, scope: Uncertainty) -> Result:
             f"{record.name}: The sensor changed at {plain(regime['from_s'], 5)} s.",
         )
         for regime, (before, behind) in zip(
-            regimes[1:], itertools.pairwise(found.pieces), strict=True
+            regimes[1:], itertools.pairwise(fitted_regimes.pieces), strict=True
         )
     )
     return replace(

@@ -27,9 +27,9 @@ MAX_PIECES = 12
 MIN_PIECES = 4
 #: Fewest samples of a piece.
 MIN_PIECE_SAMPLES = 512
-#: Chance that noise parts two pieces of one regime.
+#: Chance that noise separates two pieces of one regime.
 FALSE_CHANGE = 1e-6
-#: More regimes than these are a sensor that keeps changing, which has none.
+#: With more regimes the sensor changes all the time, and has none.
 MAX_REGIMES = 6
 
 
@@ -62,26 +62,26 @@ class Piece:
         values = np.array(list(fitted.values.values()))
         return cls(fitted.evidence.model, span, values, covariance)
 
-    def agrees_with(self, other: Piece) -> bool:
+    def agrees_with(self, piece: Piece) -> bool:
         """Return whether noise explains how far the parameters of two pieces are apart."""
-        return self.chance_beside(other) > FALSE_CHANGE
+        return self.chance_beside(piece) > FALSE_CHANGE
 
-    def chance_beside(self, other: Piece) -> float:
-        """Return the chance that noise parts the parameters of two pieces as far."""
-        size = np.maximum(np.abs(self.values), np.abs(other.values))
+    def chance_beside(self, piece: Piece) -> float:
+        """Return the chance that noise separates the parameters of two pieces as far."""
+        size = np.maximum(np.abs(self.values), np.abs(piece.values))
         scale = np.where(size > 0.0, size, 1.0)
-        difference = (self.values - other.values) / scale
-        covariance = (self.covariance + other.covariance) / np.outer(scale, scale)
+        difference = (self.values - piece.values) / scale
+        covariance = (self.covariance + piece.covariance) / np.outer(scale, scale)
         squares = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
         return chi2_tail(float(difference.size), squares)
 
-    def joined_with(self, other: Piece) -> Piece:
+    def joined_with(self, piece: Piece) -> Piece:
         """Return both as one, by their weighted mean."""
-        own = np.linalg.pinv(self.covariance, hermitian=True)
-        others = np.linalg.pinv(other.covariance, hermitian=True)
-        covariance = np.linalg.pinv(own + others, hermitian=True)
-        values = covariance @ (own @ self.values + others @ other.values)
-        span = slice(self.span.start, other.span.stop)
+        information = np.linalg.pinv(self.covariance, hermitian=True)
+        added = np.linalg.pinv(piece.covariance, hermitian=True)
+        covariance = np.linalg.pinv(information + added, hermitian=True)
+        values = covariance @ (information @ self.values + added @ piece.values)
+        span = slice(self.span.start, piece.span.stop)
         return replace(self, span=span, values=values, covariance=covariance)
 
 

@@ -70,12 +70,14 @@ def _alike(values: FloatArray, covariances: FloatArray) -> BoolArray:
 
 
 def _design(regimes: int, is_shared: BoolArray) -> FloatArray:
-    """Return what makes the parameters of all regimes of the unknowns, shape (L P, unknowns)."""
-    own = np.flatnonzero(~is_shared)
+    """Return the matrix from unknowns to the parameters of all regimes, shape (L P, unknowns)."""
+    separate = np.flatnonzero(~is_shared)
     common = np.flatnonzero(is_shared)
     count = len(is_shared)
-    design = np.zeros((regimes, count, len(common) + regimes * len(own)))
+    design = np.zeros((regimes, count, len(common) + regimes * len(separate)))
     for number in range(regimes):
         design[number, common, np.arange(len(common))] = 1.0
-        design[number, own, len(common) + number * len(own) + np.arange(len(own))] = 1.0
+        design[
+            number, separate, len(common) + number * len(separate) + np.arange(len(separate))
+        ] = 1.0
     return design.reshape(regimes * count, -1)

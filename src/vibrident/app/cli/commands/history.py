@@ -293,13 +293,13 @@ def export(
     target: Path = argument("FILE.parquet|FILE.csv", "File to write."), store: str | None = _STORE
 ) -> None:
     """Write one row a calibration, with every parameter and its standard uncertainty."""
-    from vibrident.lab.history import query
+    from vibrident.lab.history import query, table_file
 
     one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
     with _opened(store) as opened:
         rows = list(query.rows(opened))
     with written_whole(target.parent) as output:
-        query.write(rows, output.path / target.name)
+        table_file.write(rows, output.path / target.name)
     show_written(output.files)
 
 

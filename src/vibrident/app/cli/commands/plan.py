@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 _SENSOR = "Sensor"
 _points = partial(option, panel="Points")
 _CHOICE = "Choice of frequencies"
-_PARAMETER = "A parameter of the model in SI units, such as natural_frequency=1000 (Hz); repeat for each."
+_PARAMETER = (
+    "A parameter of the model in SI units, such as natural_frequency=1000 (Hz); repeat for each."
+)
 _QUANTITY = choice(
     "--quantity",
     options.QUANTITIES,

@@ -1,1 +1,1 @@
-"""Alembic's migrations of the store, one file a revision; run by ``history upgrade`` and for a new store."""
+"""Migrations of the store by Alembic, one file a revision, run by ``history upgrade``."""

@@ -1,4 +1,7 @@
-"""Points, shared sources of uncertainty and the reference sensitivity, from the stored results; rows are read-only."""
+"""Points, shared sources and the reference sensitivity, from the stored results.
+
+Rows are read-only.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ def upgrade() -> None:
 
 def _fill(connection: sa.Connection) -> None:
     """Fill the new columns and tables for existing calibrations."""
-    from vibrident.lab.history.entry import rows_of
+    from vibrident.lab.history.result_rows import rows_of
     from vibrident.result import Result
     from vibrident.show.history import date_of
 
@@ -57,17 +60,22 @@ def _fill(connection: sa.Connection) -> None:
         unnamed = (
             None if result.sensor.get("serial_number") else "unnamed"
         )  # name and date may have been given with it
-        found = rows_of(result, unnamed, datetime.date.min if date_of(result) is None else None)
-        files = {"data_files": found.calibration["data_files"]}
+        rows_of_result = rows_of(
+            result, unnamed, datetime.date.min if date_of(result) is None else None
+        )
+        files = {"data_files": rows_of_result.calibration["data_files"]}
         connection.execute(sa.update(calibration).where(calibration.c.id == key).values(files))
         connection.execute(sa.delete(parameter).where(parameter.c.calibration_id == key))
-        for name, rows in (("parameter", found.parameters), ("point", found.points)):
-            kept = [
+        for name, rows in (
+            ("parameter", rows_of_result.parameters),
+            ("point", rows_of_result.points),
+        ):
+            new_rows = [
                 {k: row[k] for k in _COLUMNS[name] if k in row} | {"calibration_id": key}
                 for row in rows
             ]
-            if kept:
-                connection.execute(sa.insert(table[name]), kept)
+            if new_rows:
+                connection.execute(sa.insert(table[name]), new_rows)
 
 
 _PARAMETER = (

@@ -1,4 +1,4 @@
-"""Drafts of certificates, their reviews, the numbers drawn, and what was issued; rows are read-only."""
+"""Drafts of certificates, their reviews, numbers and certificates; rows are read-only."""
 
 from __future__ import annotations
 

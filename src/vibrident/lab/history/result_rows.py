@@ -1,0 +1,192 @@
+"""Rows that the store keeps of a result."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vibrident.base.errors import InputError
+from vibrident.lab.history import schema
+from vibrident.result import Result
+from vibrident.result.document import plain
+from vibrident.show.history import date_of
+from vibrident.show.numbers import unit_of_sensitivity
+from vibrident.show.points import nominal_points, reference_point
+from vibrident.use.comparison import shared_sources
+
+#: Digits kept of the SHA-256 of a data file: enough to recognise results of the same data.
+_FILE_DIGITS = 20
+SENSOR_KEYS = ("manufacturer", "type", "serial_number", "axis")
+
+DatabaseRow = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ResultRows:
+    """Result as rows by table, without the keys that the database gives."""
+
+    sensor: DatabaseRow
+    calibration: DatabaseRow
+    parameters: list[DatabaseRow]
+    points: list[DatabaseRow]
+
+
+def rows_of(
+    result: Result, serial_number: str | None = None, date: datetime.date | None = None
+) -> ResultRows:
+    """Return the rows of a result.
+
+    Args:
+        result: the result.
+        serial_number: of the sensor, if the result states none.
+        date: of the calibration, if the result states none.
+
+    Raises:
+        InputError: the serial number or the date is in neither the result nor the arguments.
+    """
+    sensor = {key: str(result.sensor.get(key) or "").strip() for key in SENSOR_KEYS}
+    sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
+    stated = result.certificate.get("date_of_calibration")
+    when = date_of(result)
+    if stated is not None and when is not None and date not in (None, when):
+        raise InputError(
+            "The date is not that of the result.",
+            expected=f"{when}, as its certificate states",
+            found=str(date),
+            where="⟦history.date⟧",
+            remedy=(
+                "leave it out, or correct date_of_calibration in the calibration file and "
+                "identify again"
+            ),
+        )
+    when = when if date is None else date
+    if when is None:
+        key = '[certificate] date_of_calibration = "2025-03-31"'
+        raise _missing(
+            "date of its calibration",
+            key,
+            "⟦history.date⟧",
+            "none" if stated is None else repr(stated),
+        )
+    calibration = {
+        "sha256": identity(result),
+        "date": when,
+        "date_stated": stated is not None or date is not None,
+        "model": result.model,
+        "estimator": result.estimator,
+        "adequate": result.fit.adequate,
+        "chi2_reduced": plain(result.fit.chi2_reduced),
+        "warnings": json.dumps(result.warning_codes),
+        "laboratory": str(result.certificate.get("laboratory") or ""),
+        "certificate_number": str(result.certificate.get("number") or ""),
+        "data_files": json.dumps(_data_files(result)),
+        "document": zlib.compress(result.to_json().encode()),
+    }
+    return ResultRows(sensor, calibration, _parameters(result), _points(result))
+
+
+def identity(result: Result) -> str:
+    """Return the SHA-256 of a result's values, without its layout and its excerpts."""
+    document = {name: value for name, value in result.to_dict().items() if name != "signals"}
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _serial_number(stated: str, argument: str | None) -> str:
+    argument = (argument or "").strip()
+    if argument and stated and argument != stated:
+        raise InputError(
+            "The serial number is not that of the result.",
+            expected=f"{stated}, as the result states",
+            found=argument,
+            where="⟦history.serial_number⟧",
+            remedy="leave the option away, or give the result of that sensor",
+        )
+    if not (stated or argument):
+        raise _missing(
+            "serial number", '[sensor] serial_number = "4711"', "⟦history.serial_number⟧"
+        )
+    return stated or argument
+
+
+def _missing(what: str, key: str, option: str, value: str = "none") -> InputError:
+    return InputError(
+        f"The result does not state the {what}, so it cannot be added to a history.",
+        expected=key.split(" ", 1)[1].partition(" =")[0],
+        found=value,
+        where="result.json, sensor and certificate",
+        remedy=f"state {key} in the calibration file, or give {option}",
+    )
+
+
+def _data_files(result: Result) -> list[str]:
+    hashes = (str(entry.get("sha256") or "") for entry in result.provenance.get("files") or ())
+    return sorted({text[:_FILE_DIGITS] for text in hashes if text})
+
+
+def _parameters(result: Result) -> list[DatabaseRow]:
+    """Return the rows of the parameters, and of the sensitivity at the reference frequency."""
+
+    def row(
+        name: str,
+        value: float,
+        u: float | None,
+        unit: str,
+        shared: Mapping[str, float],
+        **more: Any,
+    ) -> DatabaseRow:
+        numbers = {"value": plain(value), "standard_uncertainty": plain(u)}
+        return {
+            "name": name,
+            **numbers,
+            "unit": unit,
+            "frequency_hz": None,
+            "shared": json.dumps(shared),
+            **more,
+        }
+
+    rows = []
+    at = None if result.is_tracked else reference_point(result)[0]
+    if at is not None and math.isfinite(at.magnitude):
+        shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
+        unit = unit_of_sensitivity(result)
+        more = {"identifiable": True, "derived": True}
+        known = at.magnitude, at.magnitude_uncertainty, unit, shared
+        rows.append(row(schema.REFERENCE_SENSITIVITY, *known, **more, frequency_hz=at.frequency_hz))
+    for name, parameter in result.parameters.items():
+        shared = shared_sources(result, parameter=name)
+        more = {"identifiable": parameter.identifiable, "derived": parameter.derived}
+        rows.append(
+            row(
+                name,
+                parameter.value,
+                parameter.standard_uncertainty,
+                parameter.unit,
+                shared,
+                **more,
+            )
+        )
+    return rows
+
+
+def _points(result: Result) -> list[DatabaseRow]:
+    """Return the nominal points of a calibration; a tracked result is none."""
+    points = () if result.is_tracked else nominal_points(result)
+    return [
+        {
+            "nominal_hz": float(point.nominal),
+            "frequency_hz": point.frequency_hz,
+            "magnitude": point.magnitude,
+            "magnitude_uncertainty": plain(point.magnitude_uncertainty),
+            "phase_deg": plain(point.phase_deg),
+            "phase_deg_uncertainty": plain(point.phase_deg_uncertainty),
+        }
+        for point in points
+        if math.isfinite(point.magnitude)
+    ]
