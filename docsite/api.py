@@ -19,8 +19,13 @@ def api() -> str:
         if inspect.isfunction(value):
             groups["Functions"].append(_entry(name, value))
         elif inspect.isclass(value):
-            groups["Errors" if issubclass(value, Exception) else "Classes"].append(_entry(name, value))
-    parts = ["# Python interface", "All of these are names of `vibrident` itself: `vibrident.read`, and so on."]
+            groups["Errors" if issubclass(value, Exception) else "Classes"].append(
+                _entry(name, value)
+            )
+    parts = [
+        "# Python interface",
+        "All of these are names of `vibrident` itself: `vibrident.read`, and so on.",
+    ]
     for title, entries in groups.items():
         parts += [f"## {title}", *entries]
     parts.append(STABILITY.read_text(encoding="utf-8").rstrip())

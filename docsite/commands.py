@@ -28,10 +28,17 @@ def commands() -> str:
 def _command(command: Any, name: str, context: Any, mark: str) -> list[str]:
     """A section of a command; of a group, then one of each of its commands."""
     inner = click.Context(command, parent=context, info_name=name)
-    parts = [f"{mark} {name}", f"    {inner.command_path} {' '.join(command.collect_usage_pieces(inner))}"]
+    parts = [
+        f"{mark} {name}",
+        f"    {inner.command_path} {' '.join(command.collect_usage_pieces(inner))}",
+    ]
     parts.append(_prose(command.help))
     for kind, heads in _HEADS.items():
-        rows = [_row(parameter, inner) for parameter in command.get_params(inner) if _shown(parameter, kind)]
+        rows = [
+            _row(parameter, inner)
+            for parameter in command.get_params(inner)
+            if _shown(parameter, kind)
+        ]
         if rows:
             parts.append(table(heads, rows))
     for part in getattr(command, "commands", {}):

@@ -53,23 +53,57 @@ def _lines(low: float, high: float, spacing: float) -> tuple[float, ...]:
 
 
 MOTIONS = (
-    Motion("one sine (calibrator)", "0.16", (160.0,), "the sensitivity there: model `gain`", "gain"),
-    Motion("sines, slow shaker", "0.01 to 0.1", _thirds(10, 100), "the sensitivity, flat"),
-    Motion("sines to a third of fn", "0.01 to 0.3", _thirds(10, 315), "the sensitivity; fn by its rise"),
-    Motion("sines through resonance", "0.01 to 3", _thirds(10, 3150), "all of an oscillator"),
-    Motion("sines beside resonance", "0.6 to 1.6", _thirds(630, 1600), "fn and δ; add lower ones for the sensitivity"),
     Motion(
-        "sweep, random, multisine", "0.02 to 2", _lines(20, 2000, 5), "all, and what no model says", worse=LINE_WORSE
+        "one sine (calibrator)", "0.16", (160.0,), "the sensitivity there: model `gain`", "gain"
     ),
-    Motion("shock, short", "0.1 to 2", _lines(100, 2000, 20), "all, from few milliseconds", worse=LINE_WORSE),
-    Motion("shock, long", "0.02 to 0.5", _lines(20, 500, 20), "the sensitivity; fn roughly", worse=LINE_WORSE),
+    Motion("sines, slow shaker", "0.01 to 0.1", _thirds(10, 100), "the sensitivity, flat"),
+    Motion(
+        "sines to a third of fn", "0.01 to 0.3", _thirds(10, 315), "the sensitivity; fn by its rise"
+    ),
+    Motion("sines through resonance", "0.01 to 3", _thirds(10, 3150), "all of an oscillator"),
+    Motion(
+        "sines beside resonance",
+        "0.6 to 1.6",
+        _thirds(630, 1600),
+        "fn and δ; add lower ones for the sensitivity",
+    ),
+    Motion(
+        "sweep, random, multisine",
+        "0.02 to 2",
+        _lines(20, 2000, 5),
+        "all, and what no model says",
+        worse=LINE_WORSE,
+    ),
+    Motion(
+        "shock, short",
+        "0.1 to 2",
+        _lines(100, 2000, 20),
+        "all, from few milliseconds",
+        worse=LINE_WORSE,
+    ),
+    Motion(
+        "shock, long",
+        "0.02 to 0.5",
+        _lines(20, 500, 20),
+        "the sensitivity; fn roughly",
+        worse=LINE_WORSE,
+    ),
 )
 
 
 def excitations() -> str:
     """Return the page."""
     rows = [_row(motion) for motion in MOTIONS]
-    rows.append(("free decay, no reference", "1", "–", "see there", "see there", "fn and δ: [decays](decays.md)"))
+    rows.append(
+        (
+            "free decay, no reference",
+            "1",
+            "–",
+            "see there",
+            "see there",
+            "fn and δ: [decays](decays.md)",
+        )
+    )
     heads = ("motion", "f / fn", "u of the sensitivity", "u of fn", "u of δ", "good for")
     assumed = (
         f"An accelerometer of damping ratio {plain(SENSOR['damping_ratio'], 2)}; sines in one-third "

@@ -72,7 +72,10 @@ def run(program: Path) -> list[NotebookNode]:
     mpl.use("agg")
     names: dict[str, Any] = {"__name__": "notebook"}
     made = []
-    with tempfile.TemporaryDirectory(prefix="vibrident-notebook-") as folder, contextlib.chdir(folder):
+    with (
+        tempfile.TemporaryDirectory(prefix="vibrident-notebook-") as folder,
+        contextlib.chdir(folder),
+    ):
         for part in parts(program.read_text(encoding="utf-8")):
             if part.kind == "markdown":
                 made.append(new_markdown_cell(re.sub(r"^# ?", "", part.text, flags=re.MULTILINE)))
@@ -193,6 +196,10 @@ def notebook(cells: list[NotebookNode]) -> str:
         cell["id"] = f"cell-{number}"  # the same in each build
         if cell.cell_type == "markdown":
             cell["source"] = re.sub(_LINK, r"](../\1.html", cell.source)
-    made.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    made.metadata["kernelspec"] = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
     validate(made)
     return writes(made)

@@ -11,7 +11,15 @@ _LEFT_OUT = ("Tests and benchmarks", "License")
 
 def first_steps() -> str:
     """Return the README with its links turned to the pages of this site; other files are named without a link."""
-    title, *sections = re.split(r"^(?=## )", _README.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    kept = [section for section in sections if not section.startswith(tuple(f"## {name}" for name in _LEFT_OUT))]
+    title, *sections = re.split(
+        r"^(?=## )", _README.read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
+    kept = [
+        section
+        for section in sections
+        if not section.startswith(tuple(f"## {name}" for name in _LEFT_OUT))
+    ]
     within = re.sub(r"\]\(docs/", "](", title + "".join(kept))
-    return re.sub(r"\[([^\]]+)\]\((?!\w+:)[^)]+(?<!\.md)(?<!\.png)\)|\[(\S+\.md)\]\(\2\)", r"\1\2", within)
+    return re.sub(
+        r"\[([^\]]+)\]\((?!\w+:)[^)]+(?<!\.md)(?<!\.png)\)|\[(\S+\.md)\]\(\2\)", r"\1\2", within
+    )

@@ -36,12 +36,20 @@ SHOTS = (
             "demo/training.png": "The way of the optimiser.",
         },
     ),
-    Shot("inspect demo/calibration.toml --out look", {"look/inspect.png": "The data before any model."}),
-    Shot("plan --from demo/result.json --out plan", {"plan/plan.png": "The uncertainty to be expected of a plan."}),
+    Shot(
+        "inspect demo/calibration.toml --out look",
+        {"look/inspect.png": "The data before any model."},
+    ),
+    Shot(
+        "plan --from demo/result.json --out plan",
+        {"plan/plan.png": "The uncertainty to be expected of a plan."},
+    ),
     Shot("simulate --out shock --excitation shock --response-noise 0.001 --seed 1", {}),
     Shot(
         "correct demo/result.json shock/calibration.toml --out corrected",
-        {"corrected/correction.png": "The acceleration, restored from the response, with its uncertainty."},
+        {
+            "corrected/correction.png": "The acceleration, restored from the response, with its uncertainty."
+        },
     ),
 )
 
@@ -50,11 +58,17 @@ def write(folder: Path) -> None:
     """Run the commands and put their pictures and a page into the folder."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    parts = ["# Gallery", "Made by the commands shown, when this site was built. All data are simulated."]
+    parts = [
+        "# Gallery",
+        "Made by the commands shown, when this site was built. All data are simulated.",
+    ]
     with tempfile.TemporaryDirectory() as place:
         for shot in SHOTS:
             subprocess.run(
-                [sys.executable, "-c", _RUN, *shot.command.split()], cwd=place, check=True, stdout=subprocess.DEVNULL
+                [sys.executable, "-c", _RUN, *shot.command.split()],
+                cwd=place,
+                check=True,
+                stdout=subprocess.DEVNULL,
             )
             parts.append(f"    vibrident {shot.command}")
             for picture, caption in shot.pictures.items():

@@ -20,7 +20,9 @@ from docsite.executed import MAX_WIDTH
 
 TEMPLATES = Path(__file__).parent / "pages"
 PAGES = ("own-files.md",)
-_BLOCK = re.compile(r'^( *)```(python|toml|console)(?: title="([^"]+)")?\n(.*?)^\1```$', re.M | re.S)
+_BLOCK = re.compile(
+    r'^( *)```(python|toml|console)(?: title="([^"]+)")?\n(.*?)^\1```$', re.M | re.S
+)
 _PICTURE = re.compile(r"^!\[([^\]]+)\]\(([^)]+\.png)\)$", re.MULTILINE)
 
 
@@ -81,7 +83,9 @@ def _run(block: re.Match[str], session: Path, environment: dict[str, str]) -> st
         subprocess.run(arguments, cwd=session, env=environment, check=True, timeout=300)
     if language != "console":
         return block[0]
-    lines = [line for command in _commands(source) for line in _output(command, session, environment)]
+    lines = [
+        line for command in _commands(source) for line in _output(command, session, environment)
+    ]
     return textwrap.indent("\n".join(["```console", *lines, "```"]), indent)
 
 

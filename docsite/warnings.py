@@ -49,11 +49,19 @@ def page(code: str, folder: Path) -> str:
         source = f"# %% [markdown]\n{_commented(text)}\n# %% [check]\n{_preparation(causes)}\n# %%\n{example}"
         path.write_text(source, encoding="utf-8")
         cells = executed.run(path)
-    for output in (output for cell in cells for output in cell.get("outputs", ()) if "text" in output):
-        output["text"] = "\n".join(textwrap.fill(line, MAX_COLUMNS) for line in output["text"].splitlines())
-    printed = "".join(output.get("text", "") for cell in cells for output in cell.get("outputs", ()))
+    for output in (
+        output for cell in cells for output in cell.get("outputs", ()) if "text" in output
+    ):
+        output["text"] = "\n".join(
+            textwrap.fill(line, MAX_COLUMNS) for line in output["text"].splitlines()
+        )
+    printed = "".join(
+        output.get("text", "") for cell in cells for output in cell.get("outputs", ())
+    )
     if code not in printed:
-        raise ValueError(f"the example of {code} was expected to print this code; it printed {printed!r}")
+        raise ValueError(
+            f"the example of {code} was expected to print this code; it printed {printed!r}"
+        )
     made = executed.page(cells, folder, code)
     made = re.sub(r"^\*\[.*?\]\(.*?\.ipynb\)\*\n+", "", made, flags=re.MULTILINE)
     return f"{made.rstrip()}\n\n{after.strip()}".rstrip() + "\n"
@@ -68,7 +76,10 @@ def program(code: str) -> tuple[str, str, str]:
 def _preparation(causes: str) -> str:
     """Return the program that runs the commands shown before an example, quietly."""
     commands = [shlex.split(command.replace("\\\n", " ")) for command in _COMMANDS.findall(causes)]
-    calls = [f"subprocess.run([sys.executable, '-m', 'vibrident', *{words}], **quiet)" for words in commands]
+    calls = [
+        f"subprocess.run([sys.executable, '-m', 'vibrident', *{words}], **quiet)"
+        for words in commands
+    ]
     quiet = 'quiet = {"check": True, "stdout": subprocess.DEVNULL}'
     return "\n".join(["import subprocess, sys", quiet, *calls])
 

@@ -14,7 +14,9 @@ CONVECTIVE = Model(
     lambda s, sensitivity, cutoff_frequency: sensitivity / (1 + s / (2 * np.pi * cutoff_frequency)),
     [
         ParameterSpec("sensitivity", "{response}/({reference})", symbol="S0"),
-        ParameterSpec("cutoff_frequency", "Hz", words="cut-off frequency", symbol="fc", describes="oscillator"),
+        ParameterSpec(
+            "cutoff_frequency", "Hz", words="cut-off frequency", symbol="fc", describes="oscillator"
+        ),
     ],
     title="convective accelerometer (first order)",
     derived=(

@@ -35,7 +35,10 @@ class Huber(Estimator):
         """Fit the responses in frequency, again and again with weights that follow from the residual."""
         first = evidence.first_look
         if first is None:
-            raise ModelError("Huber's estimator needs sine records, or a table.", remedy="use the estimator 'auto'")
+            raise ModelError(
+                "Huber's estimator needs sine records, or a table.",
+                remedy="use the estimator 'auto'",
+            )
         begin = find_start(first, evidence.model)
         coordinates = Coordinates.at(evidence.model, begin.values, first.band_hz)
         z, weight = coordinates.first, np.ones(first.equations)
@@ -47,7 +50,11 @@ class Huber(Estimator):
         for _ in range(ROUNDS):
             trace = levenberg_marquardt(objective, z, weight, progress=progress)
             z = trace.last
-            weight = np.sqrt(np.minimum(1.0, self.limit / np.maximum(np.abs(first.residual(z, coordinates)), 1e-12)))
+            weight = np.sqrt(
+                np.minimum(
+                    1.0, self.limit / np.maximum(np.abs(first.residual(z, coordinates)), 1e-12)
+                )
+            )
         covariance = inverse_normal(objective(z, weight).matrix)
         return Estimate(
             self.name,

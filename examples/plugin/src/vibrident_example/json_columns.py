@@ -18,7 +18,9 @@ class JsonColumns(ColumnFile):
         try:
             require_room(path, path.stat().st_size // 2)
             document = json.loads(path.read_text(encoding="utf-8"))
-            self._columns = {name: np.array(values, dtype=float) for name, values in document["columns"].items()}
+            self._columns = {
+                name: np.array(values, dtype=float) for name, values in document["columns"].items()
+            }
             clock = Clock(float(document["rate_hz"]))
         except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise unreadable(str(path), error, "a JSON object with rate_hz and columns") from error

@@ -12,7 +12,9 @@ def write(sensor, folder, options):
     system, words = held(sensor)
     top, bottom = system.polynomials()
     path = folder / f"{options.name}.m"
-    lines = [f"% {line}" for line in (*identity(sensor), *words)]  # each is one line, whatever the result says
+    lines = [
+        f"% {line}" for line in (*identity(sensor), *words)
+    ]  # each is one line, whatever the result says
     lines.append(f"{options.name} = tf({list(map(float, top))}, {list(map(float, bottom))});")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return [path]

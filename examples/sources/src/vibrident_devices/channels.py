@@ -41,7 +41,9 @@ def check_rate(wanted: SourceRequest, rate_hz: float) -> None:
         )
 
 
-def chunk(wanted: SourceRequest, reference: np.ndarray, response: np.ndarray, *, separate: bool) -> Chunk:
+def chunk(
+    wanted: SourceRequest, reference: np.ndarray, response: np.ndarray, *, separate: bool
+) -> Chunk:
     """Samples of the device, shape (samples,) each, in physical units; ``separate``: some before them were lost."""
     to = wanted.calibration
     return Chunk(reference * to.reference.scale, response * to.response.scale, separate=separate)

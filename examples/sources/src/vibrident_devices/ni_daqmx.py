@@ -27,7 +27,10 @@ def _open(wanted: SourceRequest) -> Iterator[Chunk]:
         from nidaqmx.stream_readers import AnalogMultiChannelReader
     except ImportError as error:
         raise InputError(
-            "There is no NI-DAQmx.", expected="nidaqmx", found=str(error), remedy="pip install nidaqmx"
+            "There is no NI-DAQmx.",
+            expected="nidaqmx",
+            found=str(error),
+            remedy="pip install nidaqmx",
         ) from error
     places = numbers(wanted)
     try:
@@ -38,7 +41,9 @@ def _open(wanted: SourceRequest) -> Iterator[Chunk]:
         for place in places:
             task.ai_channels.add_ai_voltage_chan(f"{wanted.address or 'Dev1'}/ai{place - 1}")
         kept = round(BUFFER_S * wanted.rate_hz)
-        task.timing.cfg_samp_clk_timing(wanted.rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=kept)
+        task.timing.cfg_samp_clk_timing(
+            wanted.rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=kept
+        )
         check_rate(wanted, float(task.timing.samp_clk_rate))
         task.start()
     except Error as error:
@@ -60,7 +65,9 @@ def _read(wanted: SourceRequest, task, reader, failed: type[Exception]) -> Itera
                 yield chunk(wanted, samples[0], samples[1], separate=False)
         except KeyboardInterrupt:
             return
-        except failed as error:  # samples that were overwritten are lost: the driver says so and ends
+        except (
+            failed
+        ) as error:  # samples that were overwritten are lost: the driver says so and ends
             raise _refused(wanted, error) from error
 
 

@@ -29,7 +29,10 @@ def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     device = int(wanted.address) if wanted.address.isdecimal() else wanted.address or None
     try:
         stream = sounddevice.InputStream(
-            samplerate=wanted.rate_hz, device=device, channels=max(reference, response), dtype="float32"
+            samplerate=wanted.rate_hz,
+            device=device,
+            channels=max(reference, response),
+            dtype="float32",
         )
     except (sounddevice.PortAudioError, ValueError) as error:
         raise InputError(
