@@ -1,1 +1,4 @@
-"""Pages of the documentation that are made from the code, so that they cannot go stale: ``python -m docsite``."""
+"""Pages of the documentation that are made from the code: ``python -m docsite``.
+
+So they cannot go stale.
+"""

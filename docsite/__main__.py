@@ -1,4 +1,4 @@
-"""Write the made pages into docs/, where mkdocs finds them beside the written ones; git ignores them.
+"""Write the made pages into docs/, where mkdocs finds them; git ignores them.
 
 ``python -m docsite NAME…`` runs the tutorials of these names alone.
 """
@@ -15,7 +15,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main() -> None:
-    """Write every made page and schema, then pages with pictures: gallery, tutorials and warnings."""
+    """Write made pages and schemas, then pages with pictures: gallery, tutorials, warnings."""
     if names := sys.argv[1:]:
         executed.write(DOCS, names)
         return

@@ -33,7 +33,7 @@ def api() -> str:
 
 
 def _entry(name: str, value: object) -> str:
-    """Return the directive for a name, from where its value is defined, where that may be called otherwise."""
+    """Return the directive for a name, from where its value is defined."""
     place = f"{value.__module__}.{value.__qualname__}"  # type: ignore[attr-defined]
     heading = "" if place.endswith(f".{name}") else f"      heading: {name}\n"
     return f"::: {place}\n{_OPTIONS}{heading}"

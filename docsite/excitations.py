@@ -106,10 +106,12 @@ def excitations() -> str:
     )
     heads = ("motion", "f / fn", "u of the sensitivity", "u of fn", "u of δ", "good for")
     assumed = (
-        f"An accelerometer of damping ratio {plain(SENSOR['damping_ratio'], 2)}; sines in one-third "
-        f"octaves, each known to {plain(100.0 * MAGNITUDE_U, 2)} % and {plain(PHASE_U_DEG, 2)}°, and lines "
-        f"of the other motions {plain(LINE_WORSE, 2)} times worse. *Not told*: u is above "
-        f"{plain(100.0 * NOTHING, 2)} %. The uncertainty of the reference comes on top of the sensitivity's."
+        f"An accelerometer of damping ratio {plain(SENSOR['damping_ratio'], 2)}; sines in "
+        f"one-third octaves, each known to {plain(100.0 * MAGNITUDE_U, 2)} % and "
+        f"{plain(PHASE_U_DEG, 2)}°, and lines of the other motions "
+        f"{plain(LINE_WORSE, 2)} times worse. *Not told*: u is above "
+        f"{plain(100.0 * NOTHING, 2)} %. "
+        "The uncertainty of the reference comes on top of the sensitivity's."
     )
     return page("excitation.md", f"{table(heads, rows)}\n\n{assumed}")
 

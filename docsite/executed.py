@@ -1,11 +1,12 @@
-"""Programs that are pages of the documentation and notebooks to download: ``notebooks/NAME.py``, run once for both.
+"""Programs that are pages of the documentation and notebooks to download.
 
-A program has cells between ``# %%`` lines. A ``# %% [markdown]`` cell is text. Other cells are run as
-Jupyter does: what they print, the value of a last expression, and figures left open are shown below
-them. A ``# %% [folded] Title`` cell is run and shown as its title, which opens it: the data of a story
-are made there. A ``# %% [check]`` cell is run and not shown: it holds what must be true for the text
-to be true, so that a story that no longer holds ends the build. So does a line that a tutorial prints
-and that is too wide for the page.
+Each ``notebooks/NAME.py`` is run once for both.
+
+A program has cells between ``# %%`` lines. A ``# %% [markdown]`` cell is text. Other cells are run
+as Jupyter does: what they print, the value of a last expression, and open figures are shown below
+them. A ``# %% [folded] Title`` cell is run and shown as its title, which opens it: it simulates the
+data of a story. A ``# %% [check]`` cell is run and not shown: it asserts what the text claims, and
+the build ends where that is false. A printed line too wide for the page ends the build, too.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ MAX_WIDTH = 76
 
 @dataclass(frozen=True)
 class Part:
-    """A cell of a program: its kind (``markdown``, ``check``, ``folded`` or empty), title and text."""
+    """Cell of a program: kind (``markdown``, ``check``, ``folded`` or empty), title and text."""
 
     kind: str
     title: str
@@ -66,7 +67,7 @@ def write(docs: Path, names: Sequence[str] = ()) -> None:
 
 
 def run(program: Path) -> list[NotebookNode]:
-    """The program's cells with what they gave, run in a folder of their own that is removed afterwards."""
+    """Run a program's cells in a temporary folder and return them with their outputs."""
     import matplotlib as mpl
 
     mpl.use("agg")
@@ -190,7 +191,7 @@ def _shown_code(cell: NotebookNode) -> str:
 
 
 def notebook(cells: list[NotebookNode]) -> str:
-    """The same as the text of an .ipynb file; links lead to the pages of the site that it lies in."""
+    """Return the text of an .ipynb file, whose links lead to the pages of its site."""
     made = new_notebook(cells=[NotebookNode(cell) for cell in cells])
     for number, cell in enumerate(made.cells):
         cell["id"] = f"cell-{number}"  # the same in each build

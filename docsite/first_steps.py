@@ -10,7 +10,7 @@ _LEFT_OUT = ("Tests and benchmarks", "License")
 
 
 def first_steps() -> str:
-    """Return the README with its links turned to the pages of this site; other files are named without a link."""
+    """Return the README with links to pages of this site; other files have none."""
     title, *sections = re.split(
         r"^(?=## )", _README.read_text(encoding="utf-8"), flags=re.MULTILINE
     )

@@ -1,4 +1,4 @@
-"""The gallery: pictures that the commands themselves make, on simulated data, each under the command that made it."""
+"""Gallery of pictures that commands make of simulated data, each under its command."""
 
 from __future__ import annotations
 
@@ -47,9 +47,7 @@ SHOTS = (
     Shot("simulate --out shock --excitation shock --response-noise 0.001 --seed 1", {}),
     Shot(
         "correct demo/result.json shock/calibration.toml --out corrected",
-        {
-            "corrected/correction.png": "The acceleration, restored from the response, with its uncertainty."
-        },
+        {"corrected/correction.png": "The acceleration, restored from the response, with u."},
     ),
 )
 

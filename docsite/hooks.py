@@ -1,8 +1,8 @@
-"""Links of the written pages: they lead somewhere on GitHub, and stay within the site where it is built.
+"""Links of the written pages: they work on GitHub, and stay within the site where it is built.
 
-Made pages and copies of the studies are no files of the repository. So a written page names a made page without a link,
-``*the commands*<!-- commands.md -->``, and a study by its file. While mkdocs builds the site, both become links to
-pages of it, which mkdocs checks.
+Made pages and copies of the studies are no files of the repository. So a written page names a made
+page without a link, ``*the commands*<!-- commands.md -->``, and a study by its file. While mkdocs
+builds the site, both become links to pages of it, which mkdocs checks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""JSON Schemas of the calibration file and of ``result.json``, made from the code that checks them."""
+"""JSON Schemas of the calibration file and of ``result.json``, from the code that checks them."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def page(template: str, pictures: Path) -> str:
 
 
 def _environment(programs: Path) -> dict[str, str]:
-    """Return the environment of a session: this Python's ``vibrident``, at a terminal of the page's width."""
+    """Return the environment of a session: this Python's ``vibrident``, at the page's width."""
     programs.mkdir()
     command = programs / "vibrident"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m vibrident "$@"\n', encoding="utf-8")

@@ -1,7 +1,7 @@
-"""A page for each warning: what it means and what to do from the code, causes and an example from a template.
+"""A page for each warning: meaning and remedy from the code, causes and an example from a template.
 
-The example of ``pages/warnings/CODE.md`` is a program. It is run when the site is built, its output stands below it,
-and the build ends where that does not name the warning.
+The example of ``pages/warnings/CODE.md`` is a program. It is run when the site is built, its output
+is shown below it, and the build ends where that does not name the warning.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def page(code: str, folder: Path) -> str:
     text = f"# `{code}`\n\n**{title}.** {meaning}\n\n## What to do\n\n{action}\n\n{causes.strip()}"
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / f"{code}.py"
-        source = f"# %% [markdown]\n{_commented(text)}\n# %% [check]\n{_preparation(causes)}\n# %%\n{example}"
+        check = f"# %% [check]\n{_preparation(causes)}"
+        source = f"# %% [markdown]\n{_commented(text)}\n{check}\n# %%\n{example}"
         path.write_text(source, encoding="utf-8")
         cells = executed.run(path)
     for output in (

@@ -1,4 +1,4 @@
-"""The words of the sources: names that say what they hold, docstrings that stand alone."""
+"""Words of the sources: names that say what they hold, docstrings that stand alone."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 
 import pytest
-from tests.support.sources import SOURCES, modules, tree
+from tests.support.sources import modules, tree
 
 #: Names that a reader must look up: a variable, argument or function says what it holds or does.
 RIDDLES = frozenset(
@@ -26,8 +26,8 @@ FRAGMENT_OPENINGS = frozenset(
 #: Openings of constants' names that do not say which bound they are of which quantity.
 VAGUE_BOUNDS = ("MOST_", "LEAST_")
 MAX_LINE_LENGTH = 100
-#: Rooms whose words are mended.
-ROOMS = ("app", "data", "fit", "lab", "paper", "physics", "result", "show", "use")
+#: Riddles that users know: an input error says what was expected and what was found.
+KNOWN_TO_USERS = {("vibrident.base.errors", "found")}
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
@@ -41,9 +41,9 @@ def names_of(node: ast.AST) -> Iterator[str]:
         yield node.name
 
 
-def complaints_about(node: ast.AST) -> Iterator[str]:
+def complaints_about(module: str, node: ast.AST) -> Iterator[str]:
     for name in names_of(node):
-        if name.strip("_") in RIDDLES:
+        if name.strip("_") in RIDDLES and (module, name) not in KNOWN_TO_USERS:
             yield f"{name} does not say what it holds"
         if name.lstrip("_").startswith(VAGUE_BOUNDS):
             yield f"{name}: MAX_ or MIN_, the quantity and its unit"
@@ -57,15 +57,12 @@ def complaints_about(node: ast.AST) -> Iterator[str]:
             yield "two assignments in a line"
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_no_name_and_no_docstring_is_a_riddle(room):
+def test_no_name_and_no_docstring_is_a_riddle():
     complaints = []
     for module, path in modules().items():
-        if path.relative_to(SOURCES / "vibrident").parts[0] != room:
-            continue
         for node in ast.walk(tree(module)):
             line = getattr(node, "lineno", 1)
-            complaints += [f"{path}:{line}: {complaint}" for complaint in complaints_about(node)]
+            complaints += [f"{path}:{line}: {text}" for text in complaints_about(module, node)]
         for number, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             if len(text) > MAX_LINE_LENGTH:
                 complaints.append(f"{path}:{number}: {len(text)} characters")

@@ -69,7 +69,8 @@ _WHERE = {
     "NotConverged": "vibrident.base.errors",
 }
 
-#: What methods of a calibration, a result, a sensor and a model call, and the optimiser of the paper.
+#: Functions that methods of a calibration, a result, a sensor and a model call, and the paper's
+#: optimiser.
 bind(
     adam="vibrident.paper.optimiser:Adam",
     summary="vibrident.show.terminal:text",

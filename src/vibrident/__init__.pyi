@@ -1,4 +1,4 @@
-"""The public names for editors and type checkers: ``__init__.py`` loads each when it is first used."""
+"""Public names for editors and type checkers: ``__init__.py`` loads each when it is first used."""
 
 from vibrident.base.errors import InputError as InputError
 from vibrident.base.errors import ModelError as ModelError

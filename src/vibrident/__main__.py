@@ -1,4 +1,4 @@
-"""``vibrident``, also as ``python -m vibrident``: the command line, with the page behind ``vibrident serve``."""
+"""``vibrident``, also as ``python -m vibrident``: the command line and the page."""
 
 from __future__ import annotations
 

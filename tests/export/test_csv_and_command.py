@@ -65,7 +65,7 @@ def test_command_and_documentation_offer_every_format_and_option():
     for name, form in EXPORTS.all().items():
         assert name in done.output
         assert f"`{name}`" in page
-        assert form.holds in page
+        assert form.contents in page
         assert form.cannot_hold in page
         for option in form.options:
             flag = shell_word(typer.main.get_command(app))(f"export.{option}", "")

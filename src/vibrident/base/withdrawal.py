@@ -1,4 +1,7 @@
-"""How a public name is withdrawn: it works as before for one minor version at least, and warns each caller."""
+"""Withdrawal of public names.
+
+A withdrawn name works as before for one minor version at least, and warns each caller.
+"""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ def export(
             of the data.
         without: add-ons to leave out, ``delay`` or ``boxcar``; the file states the error.
         name: of the files, and in them.
-        certificate: what a certificate states, given after the fit, as for :func:`vibrident.report`.
+        certificate: statements of a certificate, given after the fit, as for
+            :func:`vibrident.report`.
         schema: XSD to validate a certificate against.
         country: ISO 3166-1 code of the laboratory's country, for a certificate.
         channel: NET.STA.LOC.CHA, for seismological forms.

@@ -94,7 +94,7 @@ class Format:
     title: str  # in a few words
     # (sensor, folder, options) → files. Raises InputError if the format cannot hold the sensor
     write: Callable[[ExportedSensor, Path, Options], list[Path]]
-    holds: str  # parts of a result in it
+    contents: str  # parts of a result in it
     cannot_hold: str  # parts of a result not in it
     options: tuple[
         str, ...

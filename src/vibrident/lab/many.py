@@ -82,7 +82,9 @@ def identify_many(
         >>> import vibrident
         >>> tones = [100, 300, 650, 1000]
         >>> draws = (
-        ...     vibrident.simulate(frequencies_hz=tones, samples=1000, response_noise=1e-3, seed=seed)
+        ...     vibrident.simulate(
+        ...         frequencies_hz=tones, samples=1000, response_noise=1e-3, seed=seed
+        ...     )
         ...     for seed in (1, 2)
         ... )
         >>> [result.model for result in vibrident.identify_many(draws)]

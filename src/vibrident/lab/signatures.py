@@ -1,4 +1,4 @@
-"""Whether a certificate is as its laboratory signed it."""
+"""Check that a certificate is as its laboratory signed it."""
 
 from __future__ import annotations
 

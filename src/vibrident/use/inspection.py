@@ -1,4 +1,4 @@
-"""What a calibration holds, before any model: the records as a fit takes them, and doubts."""
+"""Calibration before any model: the records as a fit takes them, and doubts."""
 
 from __future__ import annotations
 

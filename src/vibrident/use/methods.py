@@ -52,7 +52,7 @@ class NoListener(Listener):
 
 @dataclass(frozen=True)
 class Method:
-    """One way to identify the same data.
+    """Way to identify the same data.
 
     Attributes:
         estimator: its name.
@@ -132,13 +132,13 @@ class Comparison:
         Raises:
             InputError: a result has no such parameter.
         """
-        first, *others = self.results
+        first, *later_names = self.results
         values = {name: _value(result, name, parameter) for name, result in self.results.items()}
         shared = {
             name: shared_sources(each, parameter=parameter) for name, each in self.results.items()
         }
         errors: dict[str, float | None] = {}
-        for name in others:
+        for name in later_names:
             pair = [values[name], values[first]]
             stated = [expanded for _, expanded in pair if expanded is not None]
             if len(stated) < 2 or not_comparable(self.results[name], self.results[first]):

@@ -84,10 +84,10 @@ def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
     """Predict the response of a calibration's records.
 
     Args:
-        result: of an identification, or the path of its ``result.json``; its model, estimated parameters and learned
-            residual are used.
-        calibration: records of the same kind of sensor, or the path of a calibration file; its own model name is not
-            used.
+        result: of an identification, or the path of its ``result.json``; its model, estimated
+            parameters and learned residual are used.
+        calibration: records of the same kind of sensor, or the path of a calibration file, whose
+            model is not used.
 
     Raises:
         InputError: the calibration is a table, its units are not the result's, or its records

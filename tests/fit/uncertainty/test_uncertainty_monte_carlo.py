@@ -63,7 +63,7 @@ def assert_covered(errors, stated):
     ids=["lsm-plain", "lsm-weighted", "ipnn-random-1/f"],
 )
 def test_the_stated_uncertainty_is_the_scatter(estimator, excitation, noise):
-    """To 5 % and 1.6 % of coverage; ``ml`` and ``ipnn`` in other noise stand in studies/scenarios.md and studies/bench.md."""
+    """To 5 % and 1.6 % of coverage; ``ml`` and ``ipnn`` in other noise are in studies/scenarios.md and bench.md."""
     assert_covered(*draws_of(estimator, excitation, noise))
 
 

@@ -1,4 +1,4 @@
-"""Convective accelerometer: a bubble of heated gas is displaced, and follows with a first-order lag.
+"""Convective accelerometer: a bubble of heated gas moves, with a first-order lag.
 
 V/a = S0 / (1 + s/ωc),   ωc = 2π fc
 """

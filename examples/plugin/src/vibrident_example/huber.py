@@ -1,4 +1,6 @@
-"""Huber's estimator on the responses in frequency: points beyond two standard deviations count by their distance.
+"""Huber's estimator on the responses in frequency.
+
+Points beyond two standard deviations count by their distance.
 
 P. J. Huber, Robust estimation of a location parameter, Ann. Math. Stat. 35 (1964) 73-101.
 """
@@ -32,7 +34,7 @@ class Huber(Estimator):
     limit: float = 2.0
 
     def fit(self, evidence, progress=silent):
-        """Fit the responses in frequency, again and again with weights that follow from the residual."""
+        """Fit the responses in frequency, reweighted by the residual until the fit stays."""
         first = evidence.first_look
         if first is None:
             raise ModelError(

@@ -24,6 +24,6 @@ OCTAVE = Format(
     name="octave",
     title="script for Octave and MATLAB",
     write=write,
-    holds="the transfer function `tf`; parameters and u as comments",
+    contents="the transfer function `tf`; parameters and u as comments",
     cannot_hold="uncertainty (comments only)",
 )

@@ -30,7 +30,7 @@ def numbers(wanted: SourceRequest) -> tuple[int, int]:
 
 
 def check_rate(wanted: SourceRequest, rate_hz: float) -> None:
-    """Refuse a device that samples at another rate than was asked for, which would move every frequency."""
+    """Refuse a device that samples at a rate other than requested, which moves every frequency."""
     if abs(rate_hz / wanted.rate_hz - 1.0) > SAME_RATE:
         raise InputError(
             "The device has not this sampling rate.",
@@ -44,6 +44,9 @@ def check_rate(wanted: SourceRequest, rate_hz: float) -> None:
 def chunk(
     wanted: SourceRequest, reference: np.ndarray, response: np.ndarray, *, separate: bool
 ) -> Chunk:
-    """Samples of the device, shape (samples,) each, in physical units; ``separate``: some before them were lost."""
+    """Samples of the device, shape (samples,) each, in physical units.
+
+    ``separate``: samples before them were lost.
+    """
     to = wanted.calibration
     return Chunk(reference * to.reference.scale, response * to.response.scale, separate=separate)

@@ -236,7 +236,7 @@ C = Format(
     name="c",
     title="C99 for firmware",
     write=write,
-    holds="model, correction, network cell, in `double` and `float`",
+    contents="model, correction, network cell, in `double` and `float`",
     cannot_hold="uncertainty (comment only)",
     options=("rate_hz", "online"),
 )

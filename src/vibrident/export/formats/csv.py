@@ -182,7 +182,7 @@ CSV = Format(
     name="csv",
     title="tables of all numbers",
     write=write,
-    holds=(
+    contents=(
         "parameters, u, intervals, correlation, curve and measured points with u, levels in dB, "
         "budgets"
     ),

@@ -298,7 +298,7 @@ DCC = Format(
     name="dcc",
     title="digital calibration certificate",
     write=write,
-    holds=(
+    contents=(
         "parameters with u and 95 % interval, correlation, curve and measured points with U (k = "
         "2), budget, what `[certificate]` states, warnings"
     ),

@@ -166,7 +166,7 @@ STATIONXML = Format(
     name="stationxml",
     title="FDSN StationXML",
     write=write,
-    holds=(
+    contents=(
         "poles and zeros with u (`plusError`, `minusError`, k = 1), sensitivity in the middle of "
         "the band, parameters as comments"
     ),

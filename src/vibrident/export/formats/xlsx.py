@@ -64,7 +64,7 @@ XLSX = Format(
     name="xlsx",
     title="Excel workbook of all numbers",
     write=write,
-    holds=(
+    contents=(
         "parameters, u, intervals, correlation, curve and measured points with u, levels in dB, "
         "budgets"
     ),

@@ -99,7 +99,8 @@ def plan(
     result: points as good as those of its own calibration, interpolated over frequency.
 
     Args:
-        sensor: name of a model; or the result of an identification, or the path of its ``result.json``.
+        sensor: name of a model, or the result of an identification, or the path of its
+            ``result.json``.
         parameters: of the model, SI units, frequencies in Hz; None takes the result's.
         frequencies_hz: planned, or the candidates of which ``best`` are chosen; None takes the
             result's.
