@@ -57,7 +57,7 @@ def model_of_result(result: Any) -> SensorModel:
             expected=str(source.get("formula") or "the formula of the result"),
             found=source_of(model.core)["formula"] or "another one",
             where="result.json, provenance, model",
-            remedy="give the model of the result: Any.load(path, model=model)",
+            remedy="give the model of the result: Result.load(path, model=model)",
         )
     return model
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.support.sample_results import accelerometer
 
-from vibrident import Calibration, identify
+from vibrident import Calibration, identify, simulate
 from vibrident.data.records import ResponseTable
 from vibrident.show import certificate_tables as parts
 from vibrident.show import terminal
@@ -81,3 +81,12 @@ def test_a_gain_of_several_frequencies_is_tested():
     result = identify(Calibration(table=table, response_unit="V"), "gain")
     assert not result.fit.adequate
     assert "lack_of_fit" in result.warning_codes
+
+
+@pytest.mark.parametrize("highest_hz", [2000.0, 24000.0])
+def test_a_gain_that_explains_nothing_is_a_lack_of_fit(highest_hz):
+    """Where the reference is half noise, no band of a gain's residual is left to judge by."""
+    calibration = simulate(
+        "paper", "random", frequencies_hz=(20.0, highest_hz), reference_noise=0.5, response_noise=1e-3
+    )
+    assert "lack_of_fit" in identify(calibration, "gain").warning_codes

@@ -231,7 +231,8 @@ def _birge(
 
 def _is_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) -> bool:
     """Return whether the model says what was measured at one frequency and claims nothing else."""
-    return evidence.model.is_gain_alone and degrees == 0 and np.ptp(frequency_hz) == 0.0
+    at_one_frequency = len(set(frequency_hz.tolist())) == 1
+    return evidence.model.is_gain_alone and degrees == 0 and at_one_frequency
 
 
 def _predict(
