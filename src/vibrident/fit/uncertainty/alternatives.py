@@ -13,7 +13,7 @@ is a solution, too. In other models the interval of what is hardly determined sa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,15 +87,17 @@ def other_solutions(
     optima = list(_optima_of_start(chart, differences(sought), solution, begin))
     if model.shares:
         optima += _along_the_valley(chart, differences(sought), solution)
-    reported: list[Mapping[str, float]] = [values]
+    distinct_solutions: list[tuple[float, Mapping[str, float]]] = []
     for rise, candidate in optima:
         canonical_values = canonical(model, candidate)
+        known = [values, *(solution_values for _, solution_values in distinct_solutions)]
         if rise < MAX_CHI2_RISE and all(
-            _differ_clearly(canonical_values, values_reported, uncertainty, chart)
-            for values_reported in reported
+            _differ_clearly(canonical_values, known_values, uncertainty, chart)
+            for known_values in known
         ):
-            reported.append(canonical_values)
-            yield _warn_of_solution(canonical_values, solution, rise, units)
+            distinct_solutions.append((rise, canonical_values))
+    if distinct_solutions:
+        yield _warn_of_solutions(distinct_solutions, solution, units)
 
 
 def _optima_of_start(
@@ -179,22 +181,39 @@ def _differ_clearly(
     )
 
 
-def _warn_of_solution(
-    alternative: Mapping[str, float], solution: Solution, rise: float, units: Mapping[str, str]
+def _warn_of_solutions(
+    alternatives: Sequence[tuple[float, Mapping[str, float]]],
+    solution: Solution,
+    units: Mapping[str, str],
 ) -> ResultWarning:
-    """Return the warning of another solution: the parameters that differ from the estimate."""
+    """Return the warning of other solutions, each with its rise of χ².
+
+    It states the values of the likeliest that differ from the estimate, and in what others differ.
+    """
     values = solution.values
-    uncertainty = solution.uncertainty
-    changed = {
-        name: value
-        for name, value in alternative.items()
-        if abs(value - values[name]) > min(1e-3 * abs(values[name]), 3.0 * uncertainty[name])
+    limits = {
+        name: min(1e-3 * abs(value), 3.0 * solution.uncertainty[name])
+        for name, value in values.items()
     }
+
+    def changes(alternative: Mapping[str, float]) -> dict[str, float]:
+        return {
+            name: value
+            for name, value in alternative.items()
+            if abs(value - values[name]) > limits[name]
+        }
+
+    rise, likeliest = min(alternatives, key=lambda scored: scored[0])
     text = (
         f"Another solution explains the data as well (χ² larger by {max(rise, 0.0):.2g}): "
-        f"{_list_values(changed, units)}. A wider band of frequencies would tell."
+        f"{_list_values(changes(likeliest), units)}."
     )
-    return ResultWarning("weakly_determined", text)
+    if len(alternatives) > 1:
+        changed = {name for _, alternative in alternatives for name in changes(alternative)}
+        parameters = ", ".join(in_words(name) for name in values if name in changed)
+        more = len(alternatives) - 1
+        text += f" {more} more {'differ' if more > 1 else 'differs'} in {parameters}."
+    return ResultWarning("weakly_determined", f"{text} A wider band of frequencies would tell.")
 
 
 def _list_values(values: Mapping[str, float], units: Mapping[str, str]) -> str:

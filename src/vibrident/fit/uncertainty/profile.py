@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vibrident.base.amounts import pretty
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
@@ -178,8 +179,13 @@ def _describe_interval(name: str, parameter: Parameter) -> str:
         (False, True): f"below {high}",
         (True, False): f"above {low}",
     }
-    within = span.get((low is not None, high is not None), "anything")
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    within = span.get((low is not None, high is not None))
+    if within is None:
+        return (
+            f"The data do not determine the {in_words(name)}: the profile likelihood excludes no "
+            "value (95 %)."
+        )
+    unit = "" if parameter.unit == "1" else f" {pretty(parameter.unit)}"
     return (
         f"The data hardly determine the {in_words(name)}: it is {within}{unit} (95 %), "
         "from the profile likelihood, as χ² is flat or skew there."
