@@ -128,7 +128,7 @@ assert "convective" in CORES and "octave" in EXPORTS and ".jsonc" in by_ending()
 assert "huber" in [one.name for one in ranked()]
 assert in_words("cutoff_frequency") == "cut-off frequency"
 assert "`convective`" in models() and "`cutoff_frequency`" in models()
-print(*(check.found for check in _plug_ins()), sep="\\n")
+print(*(check.finding for check in _plug_ins()), sep="\\n")
 """
 
 

@@ -39,7 +39,7 @@ def test_the_results_are_those_of_one_by_one():
 
 
 def test_workers_give_the_same_in_order(monkeypatch):
-    monkeypatch.setattr("vibrident.lab.many._START_S", 0.0)
+    monkeypatch.setattr("vibrident.lab.many.PROCESS_START_S", 0.0)
     found = vibrident.identify_many(calibrations(6), estimator="ipnn", workers=2)
     assert [plain(result) for result in found] == alone(6)
 
@@ -57,7 +57,7 @@ def test_a_process_that_has_not_started_yet_holds_nothing_up(monkeypatch):
         def shutdown(self, **_):
             pass
 
-    monkeypatch.setattr("vibrident.lab.many._START_S", 0.0)
+    monkeypatch.setattr("vibrident.lab.many.PROCESS_START_S", 0.0)
     monkeypatch.setattr("concurrent.futures.ProcessPoolExecutor", Starting)
     taken = []
     found = vibrident.identify_many(calibrations(6, taken), estimator="ipnn", workers=2)
