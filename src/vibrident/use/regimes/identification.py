@@ -49,7 +49,8 @@ def with_regimes(
     model = model_of(calibration, name)
     if not (model.is_linear and _may_have_changed(calibration, result)):
         return result
-    regimes = find_regimes(calibration, model)
+    near = {name: result.parameters[name].value for name in model.parameter_names}
+    regimes = find_regimes(calibration, model, near)
     shortest = piece_samples(calibration.records[0].samples) // 2
     while len(regimes) >= 2:
         edges = _edges(calibration, regimes)

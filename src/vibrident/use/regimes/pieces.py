@@ -8,7 +8,7 @@ regime unless their parameters differ by more than noise, told by χ².
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,30 +96,50 @@ def piece_samples(samples: int) -> int:
     return samples // max(min(samples // MIN_PIECE_SAMPLES, MAX_PIECES), 1)
 
 
-def find_regimes(calibration: Calibration, model: SensorModel) -> list[Piece]:
-    """Return the regimes of a calibration of one record, by whole pieces."""
+def find_regimes(
+    calibration: Calibration, model: SensorModel, near: Mapping[str, float]
+) -> list[Piece]:
+    """Return the regimes of a calibration of one record, by whole pieces.
+
+    Args:
+        calibration: of one record.
+        model: of the sensor.
+        near: parameters of the fit of the whole record, by name; each piece is tried there first.
+    """
     samples = calibration.records[0].samples
     count = samples // piece_samples(samples)
     if count < MIN_PIECES:
         return []
     edges = np.linspace(0, samples, count + 1).astype(int).tolist()
     spans = [slice(*pair) for pair in itertools.pairwise(edges)]
-    regimes = list(joined(_explained_pieces(calibration, model, spans)))
+    pieces = list(_explained_pieces(calibration, model, spans, near))
+    if count - len(pieces) >= MAX_REGIMES:
+        return []
+    regimes = list(joined(pieces))
     return regimes if len(regimes) <= MAX_REGIMES else []
 
 
 def _explained_pieces(
-    calibration: Calibration, model: SensorModel, spans: Sequence[slice]
+    calibration: Calibration,
+    model: SensorModel,
+    spans: Sequence[slice],
+    near: Mapping[str, float],
 ) -> Iterator[Piece]:
-    """Yield the pieces that the model explains."""
-    for span in spans:
+    """Yield the pieces that the model explains, until more do not than changes may be in."""
+    explained_count = 0
+    for number, span in enumerate(spans):
+        if number - explained_count >= MAX_REGIMES:
+            return
         try:
             evidence = Evidence.gather(cut(calibration, span), model)
             estimator, _ = choose(evidence)
-            fitted = Fitted.from_evidence(evidence, estimator, silent)
+            fitted = Fitted.from_evidence(replace(evidence, start=near), estimator, silent)
+            if not fitted.adequate:
+                fitted = Fitted.from_evidence(evidence, estimator, silent)
         except VibridentError:
             continue
         if fitted.adequate:
+            explained_count += 1
             yield Piece.of_fit(span, fitted)
 
 
