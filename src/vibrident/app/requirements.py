@@ -11,7 +11,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from packaging.requirements import Requirement
@@ -88,7 +88,9 @@ class Requirements:
 
 def _not_loading(packages: list[str]) -> dict[str, str]:
     """Return package → the error of its import, of those that do not load."""
-    wanted = [(package, module) for package in packages for module in _modules(package)]
+    # The search reads the files of every installed package: once for all.
+    owners = importlib.metadata.packages_distributions()
+    wanted = [(package, module) for package in packages for module in _modules(package, owners)]
     problems: dict[str, str] = {}
     while wanted:
         done, crash = _imported(wanted)
@@ -128,12 +130,15 @@ def _text(output: str | bytes | None) -> str:
     return output.decode(errors="replace") if isinstance(output, bytes) else output or ""
 
 
-def _modules(package: str) -> list[str]:
-    """Return the modules by which a package is loaded: that of its name, else all it has."""
+def _modules(package: str, owners: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the modules by which a package is loaded: that of its name, else all it has.
+
+    ``owners``: packages of each module.
+    """
     tops = [
         module
-        for module, owners in importlib.metadata.packages_distributions().items()
-        if not module.startswith("_") and _plain(package) in map(_plain, owners)
+        for module, owner_names in owners.items()
+        if not module.startswith("_") and _plain(package) in map(_plain, owner_names)
     ]
     named = [module for module in tops if _plain(module) == _plain(package)]
     importable = [module for module in named or sorted(tops) if module.isidentifier()]
