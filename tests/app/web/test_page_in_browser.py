@@ -106,7 +106,7 @@ def test_two_users_stay_apart_and_errors_are_those_of_the_command_line(visit, pi
     assert other.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
     assert not too_faint(other)
     assert not one.locator("#result").is_visible()
-    assert one.get_by_role("listitem").all_inner_texts() == ["broken.csv\nclose"]
+    assert one.locator("#data").get_by_role("listitem").all_inner_texts() == ["broken.csv\nclose"]
 
 
 def test_a_file_of_an_unknown_kind_is_refused_in_words(visit, tmp_path):

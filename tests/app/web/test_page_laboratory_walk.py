@@ -51,7 +51,7 @@ def test_from_german_files_to_a_certificate_by_keyboard(visit, sound, press, tmp
         row.get_by_label("Source", exact=True).fill(source)
         row.get_by_label("Kind").click()
         page.get_by_role("option", name=kind, exact=True).click()
-        row.get_by_label("Standard uncertainty").fill(u)
+        row.get_by_label("Standard uncertainty").locator("visible=true").fill(u)
     press(page, "#laboratory-data", "#laboratory")
     for label, words in PROFILE.items():
         page.locator("#laboratory").get_by_label(label, exact=True).fill(words)
