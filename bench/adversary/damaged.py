@@ -23,7 +23,7 @@ from bench.adversary.recording import (
     switched,
     twin,
 )
-from bench.adversary.trial import Cases, Trial, calibration, truth
+from bench.adversary.trial import Cases, Trial, calibration
 
 SENSORS = (
     "in-light",
@@ -110,16 +110,11 @@ MISTAKEN = (
 def _trial(
     made: list[Raw], given: Setting, defect: Defect | str, sound: list[Raw] | None = None
 ) -> Trial:
-    model = given.sensor.model
     cause = defect.split(":")[0] if isinstance(defect, str) else defect.cause
-    without = None if sound is None else calibration(sound, model, given.quantity)
-    return Trial(
-        calibration(made, model, given.quantity),
-        model,
-        truth(given.sensor),
-        cause=cause,
-        sound=without,
-    )
+    without = None
+    if sound is not None:
+        without = calibration(sound, given.sensor.model, given.quantity)
+    return Trial.from_recordings(made, given.sensor, given.quantity, cause=cause, sound=without)
 
 
 def _maker(

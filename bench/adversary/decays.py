@@ -12,7 +12,7 @@ from bench.adversary.defects import Raw
 from bench.adversary.noise import Noise, recorded_channel
 from bench.adversary.physics import TAU, Sensor
 from bench.adversary.recording import records, setting, twin
-from bench.adversary.trial import Cases, Trial, calibration, truth
+from bench.adversary.trial import Cases, Trial, calibration
 
 NOISES = (
     Noise("0.1 %", 1e-3),
@@ -104,5 +104,4 @@ def _with_sines(
     made = records("sine", given, noise, rng)
     made += [_decay(other, given.rate, noise, rng, f"decay-{i}") for i in range(2)]
     cause = "" if damping == frequency == 1.0 else "decay of another sensor"
-    model = given.sensor.model
-    return Trial(calibration(made, model, given.quantity), model, truth(given.sensor), cause=cause)
+    return Trial.from_recordings(made, given.sensor, given.quantity, cause=cause)

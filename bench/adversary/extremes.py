@@ -73,26 +73,18 @@ def _scaled(scale: float, side: str, sensor: str, motion: str, rng: np.random.Ge
         factor = 1.0
     true = twin(given.sensor, **{name: factor})
     assert np.sign(true.gain) == sign
-    model = true.model
     strange = not 1e-29 < scale < 1e29  # refused, as documented
-    return Trial(calibration(made, model, given.quantity), model, truth(true), strange=strange)
+    return Trial.from_recordings(made, true, given.quantity, strange=strange)
 
 
 def _shaped(shape: tuple[int, int], sensor: str, motion: str, rng: np.random.Generator) -> Trial:
     given = setting(sensor, rng)
     made = records(motion, given, QUIET, rng, shape=shape)
-    model = given.sensor.model
     small = shape[0] * shape[1] <= 400 or (shape[0] == 1 and motion == "sine")
     few = frozenset(
         {"short_record", "weakly_determined", "at_bound", "lack_of_fit"} if small else ()
     )
-    return Trial(
-        calibration(made, model, given.quantity),
-        model,
-        truth(given.sensor),
-        allowed=few,
-        strange=small,
-    )
+    return Trial.from_recordings(made, given.sensor, given.quantity, allowed=few, strange=small)
 
 
 def _few_periods(periods: float, sensor: str, rng: np.random.Generator) -> Trial:
@@ -103,11 +95,8 @@ def _few_periods(periods: float, sensor: str, rng: np.random.Generator) -> Trial
         assert raw.frequency_hz
         length = max(16, int(periods * given.rate / raw.frequency_hz))
         made.append(replace(raw.both(lambda v, n=length: v[:n]), name=f"sine-{i}"))
-    model = given.sensor.model
     allowed = frozenset({"short_record"} if periods < 2.0 else ())
-    return Trial(
-        calibration(made, model, given.quantity), model, truth(given.sensor), allowed=allowed
-    )
+    return Trial.from_recordings(made, given.sensor, given.quantity, allowed=allowed)
 
 
 EFFECTS = ("gain", "timing", "phase", "clock")

@@ -12,7 +12,7 @@ from bench.adversary.damaged import MOTIONS, NOISES, SENSORS
 from bench.adversary.defects import Defect, recordings
 from bench.adversary.noise import Noise
 from bench.adversary.recording import records, setting
-from bench.adversary.trial import Cases, Trial, calibration, truth
+from bench.adversary.trial import Cases, Trial, calibration
 
 #: Of each number of defects.
 CASES = {2: 60, 3: 30}
@@ -46,13 +46,6 @@ def _maker(
     made = sound = records(motion, given, noise, rng)
     for defect in defects:
         made = defect.change(made, rng)
-    model = given.sensor.model
     cause = f"{len(defects)} defects at once"
-    without = calibration(sound, model, given.quantity)
-    return Trial(
-        calibration(made, model, given.quantity),
-        model,
-        truth(given.sensor),
-        cause=cause,
-        sound=without,
-    )
+    without = calibration(sound, given.sensor.model, given.quantity)
+    return Trial.from_recordings(made, given.sensor, given.quantity, cause=cause, sound=without)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,14 @@ class Trial:
     drawn: str = ""
     expected: frozenset[str] = frozenset()
     compared: bool = False
+
+    @classmethod
+    def from_recordings(
+        cls, recordings: Sequence[Raw], sensor: Sensor, quantity: str, **more: Any
+    ) -> Trial:
+        """Return the trial of recordings by the sensor's own model; ``more``: its other fields."""
+        made = calibration(recordings, sensor.model, quantity)
+        return cls(made, sensor.model, truth(sensor), **more)
 
 
 def calibration(

@@ -42,18 +42,16 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
 class Options:
     """Options of an export; each format uses its own."""
 
-    rate_hz: float | None = (
-        None  # sampling rate of discrete formats; None takes the network's, if there is one
-    )
+    # sampling rate of discrete formats; None takes the network's, if there is one
+    rate_hz: float | None = None
     # band for errors and for the correction filter; None takes that of the data
     band_hz: tuple[float, float] | None = None
     without: Sequence[str] = ()  # add-ons to leave out
     name: str = "sensor"  # of files, and of what is defined in them
     schema: Path | None = None  # XSD to validate a certificate against
     country: str | None = None  # ISO 3166-1 code of the calibration laboratory, for a certificate
-    channel: str | None = (
-        None  # NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX)
-    )
+    # NET.STA.LOC.CHA for seismological formats; None takes codes for tests (network XX)
+    channel: str | None = None
     online: bool = False  # of C: the tracker in place of the fixed filters
 
     def __post_init__(self) -> None:
@@ -96,9 +94,8 @@ class Format:
     write: Callable[[ExportedSensor, Path, Options], list[Path]]
     contents: str  # parts of a result in it
     cannot_hold: str  # parts of a result not in it
-    options: tuple[
-        str, ...
-    ] = ()  # fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``
+    # fields of ``Options`` specific to this or few formats; each a key of ``OPTIONS``
+    options: tuple[str, ...] = ()
     extra: str = ""  # extra of vibrident, or package, with its library; empty: none
 
     def __post_init__(self) -> None:

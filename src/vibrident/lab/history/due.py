@@ -45,9 +45,8 @@ class Due:
     risk_at_end: float | None  # at the end of the interval in force
     interval_years: float  # the interval in force
     by_interval: datetime.date  # date by that
-    staircase_years: (
-        float | None
-    )  # interval by ILAC-G24's staircase; None with fewer than two dates in the series
+    # interval by ILAC-G24's staircase; None with fewer than two dates in the series
+    staircase_years: float | None
     by_staircase: datetime.date | None  # date by that
 
 
