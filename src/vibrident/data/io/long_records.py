@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 from abc import ABC, abstractmethod
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vibrident.base import parcel, sandbox
-from vibrident.base.process import Limits
+from vibrident.base.process import Limits, Process
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.columns import StartTime, memory_for
 from vibrident.data.io.known_files import known_files
@@ -170,7 +171,7 @@ class RecordsInFiles(LongRecords):
             return read_rows(self.path, rows)
         room = LIBRARIES_BYTES + _COPIES * 16 * sum(part.samples for part in parts)
         limits = Limits(_SECONDS, room, room, room)
-        return sandbox.run(read_rows, self.path, rows, limits=limits)
+        return sandbox.call(_reader(), read_rows, self.path, rows, limits=limits)
 
     def whole(self) -> Calibration:
         """Return the calibration of all samples."""
@@ -226,6 +227,12 @@ def long_records_of(
         return None
     firsts, counts = zip(*spans, strict=True)
     return RecordsInFiles(str(file.resolve()), firsts, counts, guarded)
+
+
+@functools.cache
+def _reader() -> Process:
+    """Return the process that reads parts of guarded files; it ends when it is idle."""
+    return Process(idle_s=_SECONDS)
 
 
 def read_rows(path: str, rows: Sequence[Sequence[int]]) -> Calibration:

@@ -39,8 +39,9 @@ from vibrident.use.stretches.stretch import (
     fit_stretch,
 )
 
-#: Periods of the slowest motion of the sensor, or time constants, that a stretch holds at least.
-MIN_PERIODS = 10.0
+#: Periods of the slowest motion of the sensor, and of its time constants, that a stretch holds at
+#: least: the unknown states at both ends then cost less than 5 % of an uncertainty.
+MIN_PERIODS = 20.0
 #: Share of the stretches that must be of use.
 MIN_USED = 0.5
 
@@ -168,12 +169,21 @@ def _identified(
     fits: list[StretchOutcome] = []
     for each in _fits(records, stretches, known, order, store, sharing.scheduler):
         fits.append(each)
-        choices.progress(len(fits), len(stretches), float(len(fits)))
+        _tell(choices.progress, len(fits), len(stretches))
     refused = [each for each in fits if isinstance(each, RefusedStretch)]
     if len(fits) - len(refused) < MIN_USED * len(fits):
         raise _unusable(records, refused, len(fits))
     rate_hz = fitted.evidence.records[0].sampling_rate_hz
     return pooled_result(fitted, fits, choices.uncertainty, rate_hz)
+
+
+def _tell(progress: Progress, done: int, count: int) -> None:
+    """Report how many stretches are fitted; a plain function is called as by an optimiser."""
+    share = getattr(progress, "share", None)
+    if share is None:
+        progress(done, count, float("nan"))
+    else:
+        share(f"{done} of {count} stretches of the records", done, count)
 
 
 def _fits(

@@ -22,7 +22,7 @@ from vibrident.physics.models import model_of
 from vibrident.result import Finding, ResultWarning
 
 #: Samples of a stretch, unless the sensor is too slow for it.
-STRETCH_SAMPLES = 1 << 19
+STRETCH_SAMPLES = 1 << 16
 
 Stretch = tuple[Part, ...]
 
