@@ -15,7 +15,7 @@ def test_a_long_record_is_fitted_by_stretches_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(identification, "STRETCH_SAMPLES", 3000)
     path = in_file(tmp_path / "data", *random_motion(9000, 0, TRUTH))
     asked = ("identify", path, "--no-pictures", "--work", tmp_path / "work")
-    assert "Natural frequency" in printed(*asked, "--out", tmp_path / "out")
+    assert "accelerometer, estimator ipnn" in printed(*asked, "--out", tmp_path / "out")
     result = json.loads((tmp_path / "out/result.json").read_text())
     assert result["settings"]["stretches"]["count"] == 3
     assert len(list((tmp_path / "work").glob("*/*.fit"))) == 2

@@ -247,18 +247,17 @@ def _warnings(used: Sequence[StretchFit], shown: set[str]) -> list[ResultWarning
         shown: codes of departures that are significant among all stretches.
     """
     departures = {finding.code for fit in used for finding in fit.findings}
-    texts: dict[str, str] = {}
+    firsts: dict[str, ResultWarning] = {}
     counts: Counter[str] = Counter()
     for fit in used:
-        codes = {w.code: w.message for w in reversed(fit.warnings)}
-        for code, message in codes.items():
-            if code in departures and code not in shown:
-                continue
-            texts.setdefault(code, message)
-            counts[code] += 1
+        of_code = {warning.code: warning for warning in reversed(fit.warnings)}
+        for code, warning in of_code.items():
+            if code not in departures or code in shown:
+                firsts.setdefault(code, warning)
+                counts[code] += 1
     return [
-        ResultWarning(code, f"{text} So in {counts[code]} of {len(used)} stretches of the records.")
-        for code, text in texts.items()
+        replace(first, message=f"{first.message} So in {counts[code]} of {len(used)} stretches.")
+        for code, first in firsts.items()
     ]
 
 
