@@ -27,9 +27,7 @@ def shock(seed: int) -> tuple[Record, np.random.Generator]:
     part = slice(SAMPLES, 2 * SAMPLES)
     reference, answer = (np.fft.irfft(spectrum, padded)[part] for spectrum in (motion, response))
     answer = answer + 10 ** rng.uniform(-4, -2) * answer.std() * rng.standard_normal(SAMPLES)
-    return Record(
-        name="shock", reference=reference, response=answer, sampling_rate_hz=RATE_HZ, excitation="shock"
-    ), rng
+    return Record(name="shock", reference=reference, response=answer, sampling_rate_hz=RATE_HZ, excitation="shock"), rng
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -386,9 +386,7 @@ class PredictionSamples:
         )
 
 
-def moves(
-    channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolArray
-) -> BoolArray:
+def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
     """Return which odd samples are motion, as the other channel shows an event there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
