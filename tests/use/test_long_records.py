@@ -228,15 +228,15 @@ def child(path: Path, *more: object) -> subprocess.Popen[str]:
 def test_it_continues_after_kill_9(tmp_path):
     path = in_file(tmp_path, *random_motion(10 * STRETCH, 0, TRUTH))
     uninterrupted = numbers(vibrident.identify(path))
-    process = child(path, tmp_path / "work")
-    until = time.monotonic() + 120.0
-    while len(list((tmp_path / "work").glob("*/*.fit"))) < 3 and time.monotonic() < until:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    with child(path, tmp_path / "work") as process:
+        until = time.monotonic() + 120.0
+        while len(list((tmp_path / "work").glob("*/*.fit"))) < 3 and time.monotonic() < until:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
     kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "work").glob("*/*.fit")}
     assert 3 <= len(kept) < 9
-    assert child(path, tmp_path / "work").wait() == 0
+    with child(path, tmp_path / "work") as again:
+        assert again.wait() == 0
     assert {file: file.stat().st_mtime_ns for file in kept} == kept
     resumed = numbers(vibrident.Result.load(f"{path}.json"))
     assert resumed["parameters"] == uninterrupted["parameters"]

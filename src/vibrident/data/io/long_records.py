@@ -57,17 +57,13 @@ class Part:
 
 
 class LongRecords(ABC):
-    """Records of one calibration that are taken a part at a time."""
+    """Records of one calibration that are taken a part at a time.
 
-    @property
-    @abstractmethod
-    def lengths(self) -> tuple[int, ...]:
-        """Return the number of samples of each record."""
+    Attributes:
+        lengths: samples of each record.
+    """
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """Return the calibration file, or what stands in its place in messages."""
+    lengths: tuple[int, ...]
 
     @abstractmethod
     def calibration(self, parts: Sequence[Part]) -> Calibration:
@@ -76,10 +72,6 @@ class LongRecords(ABC):
         Raises:
             InputError: the data cannot be used.
         """
-
-    @abstractmethod
-    def to_send(self, parts: Sequence[Part]) -> LongRecords | Calibration:
-        """Return what another process needs for parts: where it reads them, or the samples."""
 
     @abstractmethod
     def whole(self) -> Calibration:
@@ -100,28 +92,16 @@ class RecordsInMemory(LongRecords):
 
     Attributes:
         complete: the calibration.
+        lengths: samples of each record.
     """
 
     complete: Calibration
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Return the number of samples of each record."""
-        return tuple(record.samples for record in self.complete.records)
-
-    @property
-    def name(self) -> str:
-        """Return the calibration file, or what stands in its place in messages."""
-        return self.complete.source or "calibration in memory"
+    lengths: tuple[int, ...]
 
     def calibration(self, parts: Sequence[Part]) -> Calibration:
         """Return a calibration of parts of the records."""
         records = [_part(self.complete.records[part.record], part) for part in parts]
         return replace(self.complete, records=tuple(records))
-
-    def to_send(self, parts: Sequence[Part]) -> Calibration:
-        """Return a calibration of the parts."""
-        return self.calibration(parts)
 
     def whole(self) -> Calibration:
         """Return the calibration."""
@@ -139,24 +119,14 @@ class RecordsInFiles(LongRecords):
     Attributes:
         path: the calibration file.
         firsts: first sample of each record in its file.
-        counts: samples of each record.
+        lengths: samples of each record.
         guarded: whether a process of its own reads each part, with limits.
     """
 
     path: str
     firsts: tuple[int, ...]
-    counts: tuple[int, ...]
+    lengths: tuple[int, ...]
     guarded: bool = False
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Return the number of samples of each record."""
-        return self.counts
-
-    @property
-    def name(self) -> str:
-        """Return the calibration file."""
-        return self.path
 
     def calibration(self, parts: Sequence[Part]) -> Calibration:
         """Return a calibration of parts of the records.
@@ -172,10 +142,6 @@ class RecordsInFiles(LongRecords):
         room = LIBRARIES_BYTES + _COPIES * 16 * sum(part.samples for part in parts)
         limits = Limits(_SECONDS, room, room, room)
         return sandbox.call(_reader(), read_rows, self.path, rows, limits=limits)
-
-    def to_send(self, parts: Sequence[Part]) -> RecordsInFiles:
-        """Return the records: another process reads the files, under the same names."""
-        return self
 
     def whole(self) -> Calibration:
         """Return the calibration of all samples."""
@@ -199,8 +165,9 @@ def long_records_in(calibration: Calibration) -> RecordsInMemory | None:
         and all(record.optical is None for record in calibration.records)
         and len({record.circumstances for record in calibration.records}) == 1
     )
-    records = RecordsInMemory(calibration)
-    return records if steady and sum(records.lengths) > MAX_TOGETHER else None
+    lengths = tuple(record.samples for record in calibration.records)
+    long = steady and sum(lengths) > MAX_TOGETHER
+    return RecordsInMemory(calibration, lengths) if long else None
 
 
 def long_records_of(
@@ -229,8 +196,7 @@ def long_records_of(
         spans = spans_in_files(str(file))
     if spans is None or sum(count for _, count in spans) <= MAX_TOGETHER:
         return None
-    firsts, counts = zip(*spans, strict=True)
-    return RecordsInFiles(str(file.resolve()), firsts, counts, guarded)
+    return RecordsInFiles(str(file.resolve()), *zip(*spans, strict=True), guarded)
 
 
 @functools.cache

@@ -16,7 +16,8 @@ import numpy as np
 
 from vibrident.base.cluster import Cluster
 from vibrident.base.errors import InputError, VibridentError
-from vibrident.data.io.long_records import LongRecords
+from vibrident.data.io.long_records import LongRecords, RecordsInFiles
+from vibrident.data.records import Calibration
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.identification import fit
@@ -24,7 +25,6 @@ from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty
 from vibrident.fit.optimise import Progress, silent
 from vibrident.physics.models import model_of
-from vibrident.physics.registry import MODELS
 from vibrident.result import Result
 from vibrident.use.stretches.pooled import pooled_result
 from vibrident.use.stretches.store import Store
@@ -172,9 +172,8 @@ def _identified(
         _tell(choices.progress, len(fits), len(stretches))
     refused = [each for each in fits if isinstance(each, RefusedStretch)]
     if len(fits) - len(refused) < MIN_USED * len(fits):
-        raise _unusable(records, refused, len(fits))
-    rate_hz = fitted.evidence.records[0].sampling_rate_hz
-    return pooled_result(fitted, fits, choices.uncertainty, rate_hz)
+        raise _unusable(refused, len(fits))
+    return pooled_result(fitted, fits, choices.uncertainty)
 
 
 def _tell(progress: Progress, done: int, count: int) -> None:
@@ -205,7 +204,7 @@ def _fits(
             computed = (fit_stretch(records, stretches[n], order) for n in missing)
         else:
             cluster = stack.enter_context(Cluster(scheduler, "identify.scheduler"))
-            calls = ((records.to_send(stretches[n]), stretches[n], order) for n in missing)
+            calls = ((_sent(records, stretches[n]), stretches[n], order) for n in missing)
             computed = cluster.results(fit_stretch, calls)
         for number in range(len(stretches)):
             if number in known:
@@ -217,29 +216,17 @@ def _fits(
             yield fitted
 
 
-def refuse_model_of_python(model: str | None) -> None:
-    """Refuse to share a model that exists in this process alone.
-
-    Raises:
-        InputError: the model was made in Python.
-    """
-    if model is None or not any(MODELS.is_given(name) for name in model.split("+")):
-        return
-    raise InputError(
-        "A model made in Python cannot be sent to workers.",
-        expected="a model that the workers know by its name",
-        found=repr(model),
-        where="⟦identify.scheduler⟧",
-        remedy="install it as a plug-in where the workers run, or leave the scheduler out",
-    )
+def _sent(records: LongRecords, stretch: Stretch) -> LongRecords | Calibration:
+    """Return what a worker needs for a stretch: where it reads the files, or the samples."""
+    return records if isinstance(records, RecordsInFiles) else records.calibration(stretch)
 
 
-def _unusable(records: LongRecords, refused: Sequence[RefusedStretch], count: int) -> InputError:
+def _unusable(refused: Sequence[RefusedStretch], count: int) -> InputError:
     """Return the error of records of which too little can be used."""
     return InputError(
         "Most of the records cannot be used.",
         expected=f"at least {100 * MIN_USED:.0f} % of {count} stretches",
         found=f"{len(refused)} that cannot; the first: {refused[0].reason}",
-        where=records.name,
+        where="records",
         remedy="leave these times out with start_s and stop_s",
     )

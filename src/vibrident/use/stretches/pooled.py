@@ -30,7 +30,7 @@ from vibrident.fit.judge.misfit import describe_misfit
 from vibrident.fit.response.verdict import REJECTION, probability
 from vibrident.fit.uncertainty.adequacy import Points, assess
 from vibrident.fit.uncertainty.explained import Shares
-from vibrident.fit.uncertainty.parameters import parameter_units
+from vibrident.fit.uncertainty.parameters import deviations, parameter_units
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result, ResultWarning
 from vibrident.use.stretches.stretch import RefusedStretch, StretchFit, StretchOutcome
@@ -98,7 +98,7 @@ class PooledEstimate:
 
 
 def pooled_result(
-    first: Fitted, outcomes: Sequence[StretchOutcome], uncertainty: Uncertainty, rate_hz: float
+    first: Fitted, outcomes: Sequence[StretchOutcome], uncertainty: Uncertainty
 ) -> Result:
     """Return the result of long records.
 
@@ -106,7 +106,6 @@ def pooled_result(
         first: the fit of the first of the stretches that were used.
         outcomes: of all stretches, in order.
         uncertainty: what the uncertainties cover.
-        rate_hz: sampling rate of the first record, Hz.
     """
     used = [each for each in outcomes if isinstance(each, StretchFit)]
     pooled = PooledEstimate.of(*_places(first, used))
@@ -116,7 +115,6 @@ def pooled_result(
         z=pooled.z,
         covariance=widened**2 * pooled.covariance,
         degrees_of_freedom=sum(fit.degrees_of_freedom for fit in used),
-        equations=sum(fit.equations for fit in used),
     )
     fitted = replace(
         first,
@@ -127,14 +125,14 @@ def pooled_result(
     )
     fitted = _judged(fitted, used)
     result = document(fitted, budget_of(fitted, uncertainty))
-    findings = _findings(used, pooled)
+    findings = _findings(used)
     warnings = [*result.warnings, *_warnings(used, {finding.code for finding in findings})]
     if not pooled.is_one_sensor:
         warnings.append(_of_change(fitted, used, pooled, widened))
     refused = [each for each in outcomes if isinstance(each, RefusedStretch)]
     if refused:
         warnings.append(_of_refused(refused, len(outcomes)))
-    settings = {**result.settings, "stretches": _settings(fitted, outcomes, pooled, rate_hz)}
+    settings = {**result.settings, "stretches": _settings(fitted, used, pooled, len(outcomes))}
     return replace(
         result,
         fit=metrics(np.sum([fit.sums for fit in used], axis=0), fitted),
@@ -170,13 +168,9 @@ def _judged(fitted: Fitted, used: Sequence[StretchFit]) -> Fitted:
 
     points = _pooled_points(used, response)
     adequacy = assess(points, len(fitted.estimate.z))
-    power = np.array([fit.sums[3] for fit in used])
     parts = np.array([fit.shares for fit in used])
-    known = np.isfinite(parts[:, 0]) & (power > 0.0)
-    shares = fitted.judgement.shares
-    if np.any(known):
-        explained, coherent = np.average(parts[known, :2], axis=0, weights=power[known]).tolist()
-        shares = Shares(explained, coherent, float(np.sum(parts[known, 2])))
+    explained, coherent = np.average(parts[:, :2], axis=0, weights=[f.sums[3] for f in used])
+    shares = Shares(float(explained), float(coherent), float(np.sum(parts[:, 2])))
     lack_of_fit = describe_misfit(adequacy, points, response)
     if shares.lacking:
         lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
@@ -226,17 +220,19 @@ def _pooled_points(used: Sequence[StretchFit], response: Any) -> list[Points]:
     return [Points(hz, measured, deviation, (name,) * len(hz), squares, freedom[shown])]
 
 
-def _findings(used: Sequence[StretchFit], pooled: PooledEstimate) -> list[Finding]:
+def _findings(used: Sequence[StretchFit]) -> list[Finding]:
     """Return the departures that are significant among all stretches, with their impact on all."""
-    findings = []
-    for fit, weight in zip(used, np.diagonal(pooled.weights, axis1=1, axis2=2), strict=True):
-        for finding in fit.findings:
-            chance = min(1.0, finding.probability * len(used))
-            if chance < REJECTION:
-                shares = zip(finding.impact.items(), weight.tolist(), strict=False)
-                impact = {name: share * size for (name, size), share in shares}
-                findings.append(replace(finding, probability=chance, impact=impact))
-    return findings
+    count = len(used)
+    return [
+        replace(
+            finding,
+            probability=finding.probability * count,
+            impact={name: size / count for name, size in finding.impact.items()},
+        )
+        for fit in used
+        for finding in fit.findings
+        if finding.probability * count < REJECTION
+    ]
 
 
 def _warnings(used: Sequence[StretchFit], shown: set[str]) -> list[ResultWarning]:
@@ -294,26 +290,18 @@ def _of_refused(refused: Sequence[RefusedStretch], count: int) -> ResultWarning:
 
 
 def _settings(
-    fitted: Fitted, outcomes: Sequence[StretchOutcome], pooled: PooledEstimate, rate_hz: float
+    fitted: Fitted, used: Sequence[StretchFit], pooled: PooledEstimate, count: int
 ) -> dict[str, Any]:
     """Return the values of each stretch over time, and how well they agree."""
-    names = fitted.evidence.model.parameter_names
     rows = []
-    for fit in outcomes:
-        row: dict[str, Any] = {"samples": sum(part.samples for part in fit.stretch)}
-        if isinstance(fit, RefusedStretch):
-            begin_s = fit.stretch[0].start / rate_hz
-            rows.append({**row, "from_s": begin_s, "refused": fit.reason})
-            continue
-        row["from_s"] = fit.begin_s
-        deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        row |= {"record": fit.records[0], "to_s": fit.end_s}
-        for name, value, u in zip(names, fit.values.tolist(), deviations.tolist(), strict=True):
-            row |= {name: value, f"{name}_u": u}
-        rows.append(row)
+    for fit in used:
+        values = dict(zip(fitted.values, fit.values.tolist(), strict=True))
+        u = zip(fitted.values, deviations(fit.covariance).tolist(), strict=True)
+        row = {"record": fit.records[0], "from_s": fit.begin_s, "to_s": fit.end_s}
+        rows.append(row | values | {f"{name}_u": deviation for name, deviation in u})
     return {
-        "count": len(outcomes),
-        "used": sum(isinstance(each, StretchFit) for each in outcomes),
+        "count": count,
+        "used": len(used),
         "chi2": pooled.chi2,
         "degrees_of_freedom": pooled.degrees_of_freedom,
         "probability": pooled.chance,

@@ -69,7 +69,6 @@ class StretchFit:
         values: of the parameters, shape (P,).
         covariance: of these by the noise, shape (P, P).
         degrees_of_freedom: of the noise.
-        equations: real numbers that were fitted.
         frequency_hz: of the points, shape (n,).
         measured: complex response to the reference there, shape (n,).
         relative_deviation: of its real part over its size, shape (n,).
@@ -88,7 +87,6 @@ class StretchFit:
     values: FloatArray
     covariance: FloatArray
     degrees_of_freedom: float
-    equations: float
     frequency_hz: FloatArray
     measured: ComplexArray
     relative_deviation: FloatArray
@@ -118,7 +116,6 @@ class StretchFit:
             values=np.array(list(fitted.values.values())),
             covariance=estimate.covariance * np.outer(slopes, slopes),
             degrees_of_freedom=float(estimate.degrees_of_freedom),
-            equations=float(estimate.equations),
             frequency_hz=_joined([each.frequency_hz for each in points]),
             measured=_joined([each.measured for each in points]),
             relative_deviation=_joined([each.relative_deviation for each in points]),
