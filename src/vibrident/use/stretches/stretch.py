@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -184,4 +185,5 @@ def fit_stretch(
     except VibridentError as error:
         return RefusedStretch(stretch, str(error).partition("\n")[0])
     finally:
+        gc.collect()  # arrays in cycles are few objects, and many bytes
         return_freed()
