@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
 import hashlib
 import os
@@ -202,7 +203,9 @@ def long_records_of(
 @functools.cache
 def _reader() -> Process:
     """Return the process that reads parts of guarded files; it ends when it is idle."""
-    return Process(idle_s=_SECONDS)
+    process = Process(idle_s=_SECONDS)
+    atexit.register(process.close)
+    return process
 
 
 def read_rows(path: str, rows: Sequence[Sequence[int]]) -> Calibration:
