@@ -197,7 +197,8 @@ def long_records_of(
         spans = spans_in_files(str(file))
     if spans is None or sum(count for _, count in spans) <= MAX_TOGETHER:
         return None
-    return RecordsInFiles(str(file.resolve()), *zip(*spans, strict=True), guarded)
+    firsts, counts = zip(*spans, strict=True)
+    return RecordsInFiles(str(file.resolve()), firsts, counts, guarded)
 
 
 @functools.cache
