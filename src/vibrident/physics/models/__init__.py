@@ -106,9 +106,7 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
     add_ons: list[AddOn] = []
     name = f"{core.name}+{names}"
     for part in (part.strip() for part in names.split("+")):
-        addon = MODELS.find(part)
-        if not isinstance(addon, AddOn):
-            raise _unknown("add-on", part, ADD_ONS, name)
+        addon = _add_on(part, core, name)
         if addon in add_ons:
             raise ModelError(
                 f"The add-on {part!r} is named twice.",
@@ -123,9 +121,38 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
         "+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons)
     )
     _check_names(model)
+    _check_parallel(model)
     if not model.is_linear:
         _check_nonlinear(model)
     return model
+
+
+def _add_on(part: str, core: Model, name: str) -> AddOn:
+    """Return the add-on of a part of a model's name: ``delay``, or ``mounting:0.2``.
+
+    Raises:
+        ModelError: it is unknown, or takes no number, or not this one.
+    """
+    word, colon, number = part.partition(":")
+    addon = MODELS.find(word)
+    if not isinstance(addon, AddOn):
+        raise _unknown("add-on", word, ADD_ONS, name)
+    if not colon:
+        return addon
+    try:
+        value = float(number)
+    except ValueError:
+        value = None
+    if value is None or addon.with_number is None:
+        takers = [each.name for each in ADD_ONS.values() if each.with_number is not None]
+        raise ModelError(
+            f"The add-on {word!r} cannot be read.",
+            expected=f"a number behind the colon, of {' or '.join(takers)} alone",
+            found=repr(name),
+            where="model",
+            remedy=f"write {word!r} without the colon, or a number behind it",
+        )
+    return addon if value == 0.0 else addon.with_number(value, core)
 
 
 def named(model: GivenModel | None) -> str | None:
@@ -187,6 +214,20 @@ def _check_names(model: SensorModel) -> None:
             found=f"{', '.join(twice)} twice in {model.name!r}",
             where="model",
             remedy="leave one of the parts out",
+        )
+
+
+def _check_parallel(model: SensorModel) -> None:
+    """Check that nothing stands parallel to a core whose own mass acts back on its mounting."""
+    alone = [addon.name for addon in model.add_ons if addon.excludes_parallel]
+    parallel = [addon.name for addon in model.add_ons if not addon.in_series]
+    if alone and parallel:
+        raise ModelError(
+            f"The add-on {parallel[0]!r} cannot be combined with {alone[0]!r}.",
+            expected="a sensor of one mode on a mounting with a mass ratio",
+            found=repr(model.name),
+            where="model",
+            remedy=f"leave out {parallel[0]!r}, or the mass ratio",
         )
 
 
