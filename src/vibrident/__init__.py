@@ -30,6 +30,7 @@ _WHERE = {
     "ResponseTable": "vibrident.data.records",
     "Provenance": "vibrident.data.records",
     "KnownResponse": "vibrident.data.known",
+    "Mounting": "vibrident.data.known",
     "SystematicEffect": "vibrident.data.effects",
     # models
     "Model": "vibrident.physics.models",

@@ -8,6 +8,7 @@ from vibrident.base.version import __version__ as __version__
 from vibrident.data.effects import SystematicEffect as SystematicEffect
 from vibrident.data.io import read as read
 from vibrident.data.known import KnownResponse as KnownResponse
+from vibrident.data.known import Mounting as Mounting
 from vibrident.data.records import Calibration as Calibration
 from vibrident.data.records import Provenance as Provenance
 from vibrident.data.records import Record as Record

@@ -72,7 +72,8 @@ def document(
     doubts += [*warnings_of_fit(fitted, by_data), *report.warnings, *_warn_of_learned(estimate)]
     reports = (*fitted.reports, report)
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
-    profile = _profile(fitted, by_data, coverage_factor(freedom))
+    # Of a joint fit the data of one calibration do not tell how far χ² rises.
+    profile = _profile(fitted, by_data, coverage_factor(freedom)) if len(data) == 1 else None
     if profile is not None:
         table, widened = with_profile(
             table, profile, coordinates, total - by_data, coverage_factor(freedom)

@@ -33,6 +33,7 @@ __all__ = [
     "parse",
     "parse_model",
     "with_add_ons",
+    "with_number_moved",
 ]
 
 GivenModel = str | Model | SensorModel  # a model by its name, or as an object
@@ -155,6 +156,13 @@ def _add_on(part: str, core: Model, name: str) -> AddOn:
     return addon if value == 0.0 else addon.with_number(value, core)
 
 
+def with_number_moved(model: SensorModel, step: float) -> SensorModel:
+    """Return a model whose add-on with a number in its name, if there is one, has another one."""
+    parts = [addon.name.partition(":") for addon in model.add_ons]
+    names = [f"{word}:{float(number) + step!r}" if colon else word for word, colon, number in parts]
+    return with_add_ons(model.core, "+".join(names)) if names else model
+
+
 def named(model: GivenModel | None) -> str | None:
     """Return the name of a model; one made in Python is known by it in this process from now on.
 
@@ -183,13 +191,44 @@ def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
         ModelError: as :func:`parse`; it names the calibration file where the name stands there.
     """
     if name is not None:
-        return parse(name)
+        return _as_mounted(parse(name), calibration)
     try:
-        return parse(calibration.model)
+        return _as_mounted(parse(calibration.model), calibration)
     except ModelError as error:
         raise (
             error.at(f"{calibration.source}, [sensor] model") if calibration.source else error
         ) from None
+
+
+def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
+    """Return a model with the mass ratio that the calibration states of a mounting to be fitted.
+
+    Raises:
+        ModelError: the mounting is known and fitted, or neither.
+    """
+    mounting = calibration.mounting
+    fitted = next((addon for addon in model.add_ons if addon.before_sensor), None)
+    if mounting is None or (mounting.is_known and fitted is None):
+        return model
+    if mounting.is_known or fitted is None:
+        raise ModelError(
+            "The mounting is both known and fitted."
+            if mounting.is_known
+            else "The mounting is neither known nor fitted.",
+            expected="its frequency in the calibration, or the add-on 'mounting' in the model",
+            found=f"{model.name!r}, and a frequency of the mounting"
+            if mounting.is_known
+            else f"{model.name!r}, and the mass ratio alone",
+            where="model",
+            remedy="leave one of the two out"
+            if mounting.is_known
+            else f"use {model.name + '+mounting'!r}, or state frequency_hz under [mounting]",
+        )
+    if fitted.with_number is None:  # the model has its own number
+        return model
+    numbered = f"{fitted.name}:{mounting.mass_ratio!r}"
+    names = [numbered if addon is fitted else addon.name for addon in model.add_ons]
+    return with_add_ons(model.core, "+".join(names))
 
 
 def installed(name: str) -> SensorModel | None:
