@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.amounts import UnitScale
+from vibrident.data.records import is_motion
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes
 from vibrident.show.curves import (
@@ -92,8 +93,8 @@ def response_panels(
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
     word = (
-        "Response per drive"
-        if quantity == "drive"
+        f"Response per {quantity}"
+        if quantity and not is_motion(quantity)
         else f"Sensitivity to {quantity}"
         if quantity
         else "Sensitivity"

@@ -89,7 +89,13 @@ class ReferenceSection(FileSection):
     quantity: Quantity = basic(
         "Reference: quantity",
         default="acceleration",
-        words=("acceleration, m/s²", "velocity, m/s", "displacement, m", "drive, its own unit"),
+        words=(
+            "acceleration, m/s²",
+            "velocity, m/s",
+            "displacement, m",
+            "drive, its own unit",
+            "force, N",
+        ),
     )
     scale: _Scale = basic("Reference: scale", default=1.0, about=_SCALE)
     unit: _AnyText = basic("Reference: unit", default="")

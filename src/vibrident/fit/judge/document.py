@@ -7,7 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.data.records import REFERENCE_UNITS, Calibration, FloatArray, ResponseTable
+from vibrident.data.records import (
+    REFERENCE_UNITS,
+    Calibration,
+    FloatArray,
+    ResponseTable,
+    is_motion,
+)
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
@@ -153,8 +159,7 @@ def _reference(calibration: Calibration) -> dict[str, str]:
 def _sensitivity_per(model: SensorModel, calibration: Calibration) -> dict[str, str]:
     """Return the quantity that curve and points are per, with its unit; a drive has its own."""
     quantity = model.stated_quantity(calibration.quantity)
-    is_drive = quantity == "drive"
-    unit = calibration.reference_unit if is_drive else REFERENCE_UNITS[quantity]
+    unit = REFERENCE_UNITS[quantity] if is_motion(quantity) else calibration.reference_unit
     return {"quantity": quantity, "unit": unit}
 
 

@@ -156,6 +156,52 @@ def _add_on(part: str, core: Model, name: str) -> AddOn:
     return addon if value == 0.0 else addon.with_number(value, core)
 
 
+def _require_reference(model: SensorModel, calibration: Calibration) -> None:
+    """Check that a model stands behind what the reference measures, in the unit that it needs.
+
+    Raises:
+        ModelError: a sensor of motion stands behind a force, a structure behind none, or its
+            response is in another unit.
+    """
+    if calibration.table is None and all(
+        record.reference is None for record in calibration.records
+    ):
+        return  # free decays
+    core = model.core
+    by_force = calibration.quantity == "force"
+    on_mounting = by_force and any(addon.before_sensor for addon in model.add_ons)
+    if on_mounting or (core.behind != "any" and (core.behind == "force") != by_force):
+        fitting = [each.name for each in CORES.values() if each.behind != "motion"]
+        raise ModelError(
+            "This model does not stand behind a force."
+            if by_force
+            else "This model stands behind a force.",
+            expected=f"{' | '.join(fitting)}, without a mounting"
+            if by_force
+            else '[reference] quantity = "force", in N',
+            found=f"{model.name!r} with quantity = {calibration.quantity!r}",
+            where=calibration.source or "model",
+            remedy="choose a model of these, or correct the quantity of the reference",
+        )
+    needed = core.response_unit
+    if needed and not _is_same_unit(calibration.response_unit, needed):
+        raise ModelError(
+            f"The response is not in the unit of {core.name}.",
+            expected=f'[response] unit = "{needed}"',
+            found=f'unit = "{calibration.response_unit}"',
+            where=calibration.source or "model",
+            remedy=f'state unit = "{needed}" with scale = {needed} per unit of the file, '
+            "or a known_response of the sensor",
+        )
+
+
+def _is_same_unit(unit: str, needed: str) -> bool:
+    """Return whether two texts name one unit: "m/s²" and "m/s^2"."""
+    from vibrident.data.io.units import factor_between  # loads the readers
+
+    return unit == needed or factor_between(unit, needed) == 1.0
+
+
 def with_number_moved(model: SensorModel, step: float) -> SensorModel:
     """Return a model whose add-on with a number in its name, if there is one, has another one."""
     parts = [addon.name.partition(":") for addon in model.add_ons]
@@ -206,6 +252,7 @@ def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
     Raises:
         ModelError: the mounting is known and fitted, or neither.
     """
+    _require_reference(model, calibration)
     mounting = calibration.mounting
     fitted = next((addon for addon in model.add_ons if addon.before_sensor), None)
     if mounting is None or (mounting.is_known and fitted is None):

@@ -21,8 +21,14 @@ import numpy as np
 from vibrident.base.errors import ModelError
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up
-#: to a constant.
-DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
+#: to a constant; a force is what the models behind a force are per.
+DERIVATIVES: Mapping[str, int] = {
+    "acceleration": 0,
+    "drive": 0,
+    "force": 0,
+    "velocity": 1,
+    "displacement": 2,
+}
 Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units except frequencies in Hz
 
 
