@@ -51,6 +51,7 @@ _WHERE = {
     "correct": "vibrident.use.correction",
     "plan": "vibrident.use.planning",
     "Recording": "vibrident.use.planning",
+    "predict_mounted": "vibrident.use.planning",
     "compare": "vibrident.use.methods",
     "track": "vibrident.use.tracking.following",
     "SensorTracker": "vibrident.use.tracking.following",

@@ -39,6 +39,7 @@ from vibrident.use.inspection import inspect as inspect
 from vibrident.use.methods import compare as compare
 from vibrident.use.planning import Recording as Recording
 from vibrident.use.planning import plan as plan
+from vibrident.use.planning import predict_mounted as predict_mounted
 from vibrident.use.prediction import predict as predict
 from vibrident.use.tracking.following import SensorTracker as SensorTracker
 from vibrident.use.tracking.following import track as track

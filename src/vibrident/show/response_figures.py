@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.amounts import UnitScale
-from vibrident.data.records import is_motion
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show import axes
 from vibrident.show.curves import (
@@ -46,6 +45,9 @@ from vibrident.show.views import (
     Series,
     Stack,
 )
+
+#: What a response is called that is per no motion.
+_NOT_MOTIONS = {"drive": "Response per drive", "force": "Response per force"}
 
 
 def sensitivity(result: Result) -> Figure | None:
@@ -92,13 +94,8 @@ def response_panels(
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
-    word = (
-        f"Response per {quantity}"
-        if quantity and not is_motion(quantity)
-        else f"Sensitivity to {quantity}"
-        if quantity
-        else "Sensitivity"
-    )
+    word = f"Sensitivity to {quantity}" if quantity else "Sensitivity"
+    word = _NOT_MOTIONS.get(quantity, word)
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
     values = np.concatenate([np.zeros(0), *(line.y for line in series)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.keys import basic, key
+from vibrident.data.io.keys import key
 from vibrident.data.io.sections import FileSection, NotNegative, Positive, require_one
 from vibrident.data.known import Mounting
 
@@ -25,10 +25,10 @@ class MountingSection(FileSection):
     is stated.
     """
 
-    frequency_hz: Positive | None = basic(
+    frequency_hz: Positive | None = key(
         "Mounted resonance", "Hz", about="√(k/m)/2π of the sensor as one mass on its coupling."
     )
-    standard_uncertainty: NotNegative = basic(
+    standard_uncertainty: NotNegative = key(
         "u of the resonance, relative", default=0.0, about="Standard uncertainty (k = 1)."
     )
     stiffness_n_per_m: Positive | None = key(

@@ -50,8 +50,8 @@ class Mounting:
     Examples:
         >>> import vibrident
         >>> mounting = vibrident.Mounting(30e3, standard_uncertainty=0.05)
-        >>> round(abs(mounting.response.value([10e3])[0]), 4)  # surface over housing
-        0.8889
+        >>> abs(mounting.response.value([10e3])).round(4).tolist()  # surface over housing
+        [0.8889]
     """
 
     frequency_hz: float | None = None

@@ -273,7 +273,7 @@ def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
         )
     if fitted.with_number is None:  # the model has its own number
         return model
-    numbered = f"{fitted.name}:{mounting.mass_ratio!r}"
+    numbered = f"{fitted.name}:{float(mounting.mass_ratio)!r}"
     names = [numbered if addon is fitted else addon.name for addon in model.add_ons]
     return with_add_ons(model.core, "+".join(names))
 
@@ -305,7 +305,7 @@ def _check_names(model: SensorModel) -> None:
 
 def _check_parallel(model: SensorModel) -> None:
     """Check that nothing stands parallel to a core whose own mass acts back on its mounting."""
-    alone = [addon.name for addon in model.add_ons if addon.excludes_parallel]
+    alone = [addon.name for addon in model.add_ons if addon.moves_poles]
     parallel = [addon.name for addon in model.add_ons if not addon.in_series]
     if alone and parallel:
         raise ModelError(

@@ -184,7 +184,8 @@ class AddOn:
         window: name of the length, s, of a window over which it averages.
         before_sensor: whether it changes the motion that reaches the sensor: its ``rational`` is
             then given core and parallel parts alone.
-        excludes_parallel: whether no part parallel to the core may stand beside it.
+        moves_poles: whether the poles of the core become others, so that no part parallel to the
+            core may stand beside it.
         with_number: (number behind ":" in a model's name, core, a ``Model``) → the add-on for it.
         labels: how its part is told from a like one, where it adds such.
         remark: what a report says beside the results of such a model.
@@ -205,7 +206,7 @@ class AddOn:
     share: str = ""
     window: str = ""
     before_sensor: bool = False
-    excludes_parallel: bool = False
+    moves_poles: bool = False
     with_number: Callable[[float, Any], AddOn] | None = None
     labels: Labels | None = None
     remark: str = ""

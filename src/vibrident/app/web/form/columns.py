@@ -49,7 +49,7 @@ _GROUPS = (
     ("response",),
     ("sampling", "records"),
     ("table",),
-    ("sensor",),
+    ("sensor", "mounting"),
 )
 _PART = phrase("Reference files: more in names")
 

@@ -102,7 +102,7 @@ def _with_mass_ratio(mass_ratio: float, core: Model) -> AddOn:
         name=f"mounting:{mass_ratio!r}",
         title=f"{MOUNTING.title}, seismic mass {mass_ratio:g} of the housing's",
         rational=chain,
-        excludes_parallel=True,
+        moves_poles=True,
         with_number=None,
     )
 

@@ -3,7 +3,8 @@
     m ẍ + c ẋ + k x = F,   x/F = (1/k) ωn²/(s² + 2 δ ωn s + ωn²)
 
 A hammer or an exciter with a force sensor gives F in N. The gain is the static compliance 1/k of
-the mode; modal mass m = k/ωn² and damping coefficient c = 2 δ k/ωn follow. At a point that is not
+the mode; modal mass m = k/ωn² and damping coefficient c = 2 δ k/ωn follow.
+At a point that is not
 driven the gain may have either sign, and k, m and c are those of the mode between the two points.
 """
 
@@ -51,7 +52,7 @@ def _damping(parameters: Parameters) -> Any:
 #: Of a mode: what its equation of motion is made of.
 MODAL = (
     ANGULAR_FREQUENCY,
-    Derived("stiffness", "N/m", lambda p: 1.0 / p["compliance"], symbol="k", positive=False),
+    Derived("modal_stiffness", "N/m", lambda p: 1.0 / p["compliance"], symbol="k", positive=False),
     Derived("modal_mass", "kg", _mass, symbol="m", needs=OSCILLATOR[:1], positive=False),
     Derived("damping_coefficient", "N s/m", _damping, symbol="c", needs=OSCILLATOR, positive=False),
 )
