@@ -31,7 +31,7 @@ STEP = 1e-5
 
 @dataclass(frozen=True)
 class Mounting:
-    """What is known of a sensor's mounting.
+    """Known properties of a sensor's mounting.
 
     Attributes:
         frequency_hz: √(k/m)/2π of the coupling's stiffness and the sensor's whole mass; None where
@@ -123,10 +123,11 @@ class Mounting:
             moved = np.polyadd(sensor, self.mass_ratio * spring) / (1.0 + self.mass_ratio)
             masses = np.polyadd(np.polymul(coupling, sensor), np.append(moved, [0.0, 0.0]))
             coupling = np.polymul(coupling, sensor)
-        zeros, poles = np.roots(masses), np.roots(coupling)
+        zeros = np.asarray(w * np.roots(masses), dtype=complex)
+        poles = np.asarray(w * np.roots(coupling), dtype=complex)
         lead = masses[0] / np.trim_zeros(coupling, "f")[0]
         gain = float(lead * w ** (len(poles) - len(zeros)))
-        return RationalResponse(w * poles.astype(complex), w * zeros.astype(complex), gain)
+        return RationalResponse(poles, zeros, gain)
 
     def _effects(self) -> Iterator[SystematicEffect]:
         """Yield the effects of what is unsure of it: changes of log response over frequency."""

@@ -7,6 +7,7 @@ mass that is added belongs to the housing, so that it lowers the mass ratio, too
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,7 +49,8 @@ class MountedSensor:
     @property
     def fine(self) -> MountedSensor:
         """Return the same over the same band, at frequencies close enough for a line."""
-        low, high = float(self.frequency_hz.min()), float(self.frequency_hz.max())
+        low = float(self.frequency_hz.min())
+        high = float(self.frequency_hz.max())
         at_hz = np.geomspace(low, high, CURVE_POINTS) if high > low else self.frequency_hz
         return replace(self, frequency_hz=at_hz)
 
@@ -73,7 +75,7 @@ def predict_mounted(
     frequency_hz: float | None = None,
     standard_uncertainty: float = 0.0,
     damping: float | None = None,
-    frequencies_hz: FloatArray | None = None,
+    frequencies_hz: Sequence[float] | FloatArray | None = None,
 ) -> MountedSensor:
     """Predict the sensitivity of a sensor with another coupling stiffness, or another mass.
 
@@ -149,7 +151,8 @@ def predict_mounted(
 
 def mounted_document(mounted: MountedSensor) -> dict[str, FloatArray]:
     """Return both curves as columns, shapes (points,)."""
-    identified, predicted = mounted.identified, mounted.predicted
+    identified = mounted.identified
+    predicted = mounted.predicted
     return {
         "frequency_hz": predicted.frequency_hz,
         "magnitude_identified": identified.magnitude,

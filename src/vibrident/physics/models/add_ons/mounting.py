@@ -87,13 +87,13 @@ def _with_mass_ratio(mass_ratio: float, core: Model) -> AddOn:
         wn = 2.0 * np.pi * parameters[natural_name]
         spring = (wn * wn, 2.0 * parameters[damping_name] * wn)
         coupling = _coupling(parameters, 1.0 + mass_ratio)
-        whole = list(product((*spring, 1.0), (*coupling, 1.0)))
+        denominator = list(product((*spring, 1.0), (*coupling, 1.0)))
         for power, coefficient in enumerate(spring, start=2):
-            whole[power] = whole[power] + mass_ratio * coefficient
+            denominator[power] = denominator[power] + mass_ratio * coefficient
         return Rational(
             system.gain,
             product(system.numerator, coupling),
-            tuple(whole),
+            tuple(denominator),
             _scale(system, parameters),
         )
 
