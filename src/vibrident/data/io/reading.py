@@ -14,6 +14,7 @@ from vibrident.data.io.calibration_file import CalibrationFile, read_calibration
 from vibrident.data.io.columns import memory_for
 from vibrident.data.io.header_units import file_unit, reference_unit, response_unit
 from vibrident.data.io.known_files import as_channels, known_channel, known_files
+from vibrident.data.io.mounting_section import mounting_of
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
     RecordPart,
@@ -164,6 +165,7 @@ def calibration_of(
         capabilities=tuple(entry.capability for entry in document.cmc),
         reference_known_response=reference.response,
         response_known_response=response.response,
+        mounting=None if document.mounting is None else mounting_of(document.mounting, where),
     )
 
 
