@@ -55,15 +55,11 @@ class Trained:
     Attributes:
         model: with the best epoch's weights.
         training: mean loss of each epoch.
-        held_back: loss on the held-back windows after each epoch.
-        best_epoch: counted from 1; 0 if no epoch was better than the start.
         converged: False if the limit of epochs ended it.
     """
 
     model: Any
     training: tuple[float, ...]
-    held_back: tuple[float, ...]
-    best_epoch: int
     converged: bool
 
 
@@ -125,26 +121,23 @@ def train(
     state = optimiser.init(moving)
     best = moving
     least = float(judge(moving, held_back))
-    best_epoch = 0
     training = []
-    judged = []
     waited = 0
     converged = False
     for number in range(1, schedule.most_epochs + 1):
         order = rng.permutation(count)[: count // batch * batch].reshape(-1, batch)
         moving, state, value = epoch(moving, state, windows, order)
         training.append(float(value))
-        judged.append(float(judge(moving, held_back)))
-        waited = 0 if judged[-1] < (1.0 - schedule.least_gain) * least else waited + 1
+        judged = float(judge(moving, held_back))
+        waited = 0 if judged < (1.0 - schedule.least_gain) * least else waited + 1
         if waited == 0:
             best = moving
-            least = judged[-1]
-            best_epoch = number
-        progress(number, schedule.most_epochs, judged[-1])
+            least = judged
+        progress(number, schedule.most_epochs, judged)
         if waited >= schedule.patience:
             converged = True
             break
-    return Trained(eqx.combine(best, fixed), tuple(training), tuple(judged), best_epoch, converged)
+    return Trained(eqx.combine(best, fixed), tuple(training), converged)
 
 
 def _forwards(cost: Loss) -> Callable[[Any, Any], tuple[Any, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,12 +38,7 @@ def frequency(values: FloatArray, label: str = "Frequency in Hz") -> Axis:
         high = high * math.sqrt(10)
     if high / low <= 2:
         margin = 0.04 * (high - low)
-        return Axis(
-            label,
-            low - margin,
-            high + margin,
-            linear_ticks(low - margin, high + margin, thousands=True),
-        )
+        return _even(label, low - margin, high + margin, thousands=True)
     margin = (high / low) ** 0.03
     return _logarithmic(label, low / margin, high * margin, thousands=True)
 
@@ -66,7 +62,7 @@ def size(
         margin = (top / bottom) ** 0.06
         return _logarithmic(label, bottom / margin, top * margin)
     margin = 0.08 * (top - bottom) or 0.05 * top
-    return Axis(label, bottom - margin, top + margin, linear_ticks(bottom - margin, top + margin))
+    return _even(label, bottom - margin, top + margin)
 
 
 def about_zero(
@@ -85,21 +81,19 @@ def about_zero(
     if longest.size:
         reach = max(reach, min(float(longest.max()), 4 * reach + 4 * float(np.median(longest))))
     reach = 1.12 * max(reach, floor)
-    return Axis(label, -reach, reach, linear_ticks(-reach, reach))
+    return _even(label, -reach, reach)
 
 
 def angle(label: str, values: FloatArray) -> Axis:
     """Return the axis of angles in degrees."""
     known = usable(values)
     if not known.size:
-        return Axis(label, -1.0, 1.0, linear_ticks(-1.0, 1.0))
+        return _even(label, -1.0, 1.0)
     low = float(known.min())
     high = float(known.max())
     margin = 0.07 * max(high - low, 1.0)
     steps = _ANGLES if high - low > 40 else _STEPS
-    return Axis(
-        label, low - margin, high + margin, linear_ticks(low - margin, high + margin, steps=steps)
-    )
+    return _even(label, low - margin, high + margin, steps=steps)
 
 
 def linear(
@@ -124,7 +118,7 @@ def linear(
     room = margin * (high - low) or 0.05 * abs(high) or 1.0
     low = 0.0 if base else low - room
     high = high + room
-    return Axis(label, low, high, linear_ticks(low, high, most, whole_numbers=whole_numbers))
+    return _even(label, low, high, most, whole_numbers=whole_numbers)
 
 
 def of_dates(label: str, dates: Sequence[datetime.date]) -> Axis:
@@ -142,6 +136,11 @@ def named(label: str, names: Sequence[str]) -> Axis:
     return Axis(
         label, 0.4, len(names) + 0.6, tuple((float(i), name) for i, name in enumerate(names, 1))
     )
+
+
+def _even(label: str, low: float, high: float, *limits: int, **ticks: Any) -> Axis:
+    """Return a linear axis between two ends; the arguments behind them are of its ticks."""
+    return Axis(label, low, high, linear_ticks(low, high, *limits, **ticks))
 
 
 def _logarithmic(label: str, low: float, high: float, *, thousands: bool = False) -> Axis:

@@ -127,12 +127,10 @@ def sensitivity_kind(result: Result) -> tuple[str, str]:
 def _magnitudes(
     label: str, points: Sequence[Point | None], results: Sequence[Result]
 ) -> ComparedQuantity:
-    values: list[Value | None] = []
-    for point, result in zip(points, results, strict=True):
-        if point is None:
-            values.append(None)
-            continue
-        values.append(at_point(result, point))
+    values = (
+        None if point is None else at_point(result, point)
+        for point, result in zip(points, results, strict=True)
+    )
     return ComparedQuantity(label, sensitivity_scale(results[0]), tuple(values))
 
 

@@ -41,11 +41,9 @@ def comparison_figure(results: Sequence[Result], names: Sequence[str]) -> Figure
         magnitude = curve.magnitude
         phase = continuous(curve.phase_deg)
         base = [sensitivity_at(first, Nominal(f, f)) for f in curve.frequency_hz]
-        sizes = np.array(
-            [None if point is None else point.magnitude for point in base], dtype=float
-        )
-        angles = np.array(
-            [None if point is None else point.phase_deg for point in base], dtype=float
+        sizes, angles = (
+            np.array([getattr(point, name, None) for point in base], dtype=float)
+            for name in ("magnitude", "phase_deg")
         )
         ratio = magnitude / sizes
         turned = principal(phase - angles)

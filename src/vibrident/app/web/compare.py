@@ -60,14 +60,14 @@ class CompareStep:
                 frame.Chart(figure, height)
             for title, table in shown["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props(
                     "outline"
                 )
                 ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props(
                     "outline"
                 )
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.errors = frame.error_place()
 
     async def _report(self, form: str) -> None:
         self.errors.clear()

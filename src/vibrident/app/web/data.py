@@ -86,15 +86,15 @@ class DataStep:
             self.upload.on("rejected", self._rejected, js_handler=_ON_REJECTED)
             self.upload.on("failed", self._failed, args=[])
             self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 ui.button(say("Choose a folder")).props("outline id=choose-folder")
                 self.demo_button = ui.button(
                     say("Load the simulated demo"), on_click=self._demo
                 ).props("outline")
                 ui.button(say("Start anew"), on_click=self._ask_anew).props("flat")
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.errors = frame.error_place()
             self.left = ui.element("div").props("aria-live=polite")
-            self.listing = ui.label("").classes("hint").props("role=status id=files")
+            self.listing = frame.hint("").props("role=status id=files")
             self.named = ui.element("div").classes("named").props("role=list")
             self.named.props["aria-label"] = say("Uploaded files")
         words = json.dumps([say("Choose files"), say("Files"), say("Folder")])
@@ -248,7 +248,7 @@ class DataStep:
                 results=results,
             )
             ui.label(question).classes("problem")
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 remove = ui.button(say("Remove all"), on_click=lambda: dialog.submit(True))
                 remove.props("color=negative")
                 keep = ui.button(say("Keep"), on_click=lambda: dialog.submit(False))

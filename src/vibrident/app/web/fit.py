@@ -74,7 +74,7 @@ class FitStep:
             self.estimator.on_value_change(
                 lambda event: self.discretisation.set_visibility(event.value in stepping)
             )
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 self.start = ui.button(say("Identify"), on_click=self._identify).props("id=start")
                 self.stop = ui.button(say("Cancel"), on_click=self.user.worker.cancel).props(
                     "outline color=negative"
@@ -83,7 +83,7 @@ class FitStep:
                 self.status = ui.label("").props("role=status id=status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props("id=share").props["aria-label"] = say("share of the iterations")
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.errors = frame.error_place()
             self.curve = frame.GrowingChart(ui.element("div").classes("chart"), CURVE_HEIGHT_PX)
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
         self.stop.visible = self.spinner.visible = self.section.visible = self.share.visible = False
@@ -213,7 +213,7 @@ class FitStep:
         if isinstance(job.error, StoppedError) and job.choices and not self.errors.is_deleted:
             with self.errors:
                 broken_off = say("Broken off: {what}", what=job.choices.command)
-                ui.label(broken_off).classes("hint").props("id=broken-off")
+                frame.hint(broken_off).props("id=broken-off")
                 ask = partial(self._repeat, job.choices)
                 ui.button(say("Repeat"), on_click=ask).props("outline id=repeat")
 

@@ -126,13 +126,33 @@ def add_step(title: str, name: str, mark: str = "") -> ui.element:
     return section
 
 
-def add_group(title: str, heading: int = 3) -> ui.element:
+def heading(title: str, level: int = 3) -> None:
+    """Add a heading of this level."""
+    ui.html(f"<h{level}>{html(title)}</h{level}>", sanitize=False)
+
+
+def actions() -> ui.element:
+    """Add a row of buttons, which are built within it."""
+    return ui.element("div").classes("actions")
+
+
+def error_place() -> ui.element:
+    """Add a place for errors, which a screen reader says as they come."""
+    return ui.element("div").props("aria-live=assertive")
+
+
+def hint(text: str) -> ui.label:
+    """Add a text of less weight."""
+    return ui.label(text).classes("hint")
+
+
+def add_group(title: str, level: int = 3) -> ui.element:
     """Add a group of fields below a heading of this level.
 
-    ``heading``: 0 for a group that has its name for a screen reader alone.
+    ``level``: 0 for a group that has its name for a screen reader alone.
     """
-    if heading:
-        ui.html(f"<h{heading}>{html(title)}</h{heading}>", sanitize=False)
+    if level:
+        heading(title, level)
     place = ui.element("div").classes("fields w-full").props("role=group")
     place.props["aria-label"] = title
     return place

@@ -43,11 +43,11 @@ class IssueStep:
         """Build the section, hidden until there is a draft."""
         self.section = frame.add_step(say("Review and issue"), "issue", mark="✓")
         with self.section:
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 refresh = ui.button(say("Look again"), on_click=self.show)
                 refresh.props("outline id=refresh-drafts")
-            self.words = ui.label("").classes("hint").props("role=status id=issue-words")
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.words = frame.hint("").props("role=status id=issue-words")
+            self.errors = frame.error_place()
             self.body = ui.element("div")
         self.section.visible = False
 
@@ -99,7 +99,7 @@ class IssueStep:
         )
         ui.html(f"<h3>{html(title)}: {html(draft['sensor'])}</h3>", sanitize=False)
         ui.label(_history(draft, replaced_by)).classes("hint")
-        with ui.element("div").classes("actions").props(f'id="draft-{number}"'):
+        with frame.actions().props(f'id="draft-{number}"'):
             forms = _LABELS if issued else {"pdf": phrase("Draft (PDF)")}
             for form, label in forms.items():
                 download = ui.button(say(label), on_click=partial(self._give, number, form))
@@ -107,7 +107,7 @@ class IssueStep:
             if issued or not self.user.may("approve"):
                 return
             if same_account(draft["author"], self.user.owner):
-                ui.label(say("Another account reviews what you handed in.")).classes("hint")
+                frame.hint(say("Another account reviews what you handed in."))
             else:
                 self._review(number)
             if draft["state"] == REVIEWED and self.user.users.key is not None:

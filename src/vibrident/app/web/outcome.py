@@ -17,7 +17,6 @@ from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
 from vibrident.base.errors import InputError
-from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
@@ -110,10 +109,10 @@ class OutcomeStep:
             self.certificate = CertificateForm(self.user, named, shown["states"])
             self._downloads(named, *shown["pdf"])
             self.certificate.build()
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.errors = frame.error_place()
             _curves(shown)
             self._exports(named)
-            self.export_errors = ui.element("div").props("aria-live=assertive")
+            self.export_errors = frame.error_place()
             if go:  # before the history, which is read in a process of its own
                 frame.scroll_to(self.section)
             if self.user.users.store:
@@ -121,8 +120,8 @@ class OutcomeStep:
                 await HistoryPanel(self.user, named, store, self.certificate, self.hand_in).build()
 
     def _downloads(self, named: NamedResult, title: str, pdf: str) -> None:
-        ui.html(f"<h3>{html(say(LABELS['report.form']))}</h3>", sanitize=False)
-        with ui.element("div").classes("actions"):
+        frame.heading(say(LABELS["report.form"]))
+        with frame.actions():
             called = self.certificate.name_of_file
             get = ui.button(
                 "result.json", on_click=lambda: ui.download.file(named.path, called(RESULT))
@@ -145,7 +144,7 @@ class OutcomeStep:
         if named.choices is not None:
             name = named.choices.calibration
             with ui.expansion(say("The same in a shell")).classes("w-full").props("id=in-a-shell"):
-                ui.label(say("With {file} in the folder of the data:", file=name)).classes("hint")
+                frame.hint(say("With {file} in the folder of the data:", file=name))
                 frame.Text("command", say("Command"), named.choices.command)
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props(
                     "outline id=get-toml"
@@ -159,8 +158,8 @@ class OutcomeStep:
         forms = EXPORTS.all()
         plain = next(name for name, form in forms.items() if not (form.options or form.extra))
         titles = {name: f"{name}: {say(form.title)}" for name, form in forms.items()}
-        ui.html(f"<h3>{html(say('Other formats'))}</h3>", sanitize=False)
-        with ui.element("div").classes("actions"):
+        frame.heading(say("Other formats"))
+        with frame.actions():
             form = ui.select(titles, value=plain, label=say(LABELS["export.form"])).style(
                 "min-width: min(15rem, 100%)"
             )
@@ -260,8 +259,8 @@ class HistoryPanel:
 
     async def build(self) -> None:
         """Build the panel, and show what the store holds."""
-        ui.html(f"<h3>{html(say('History'))}</h3>", sanitize=False)
-        with ui.element("div").classes("actions"):
+        frame.heading(say("History"))
+        with frame.actions():
             self.button = ui.button(say("Add to history"), on_click=self._add).props(
                 "outline id=add-to-history"
             )
@@ -274,8 +273,8 @@ class HistoryPanel:
                 "outline id=hand-in"
             )
             draft.visible = self.hand_in.offered and self.user.may("identify")
-        self.words = ui.label("").classes("hint").props("role=status id=history-words")
-        self.errors = ui.element("div").props("aria-live=assertive")
+        self.words = frame.hint("").props("role=status id=history-words")
+        self.errors = frame.error_place()
         self.body = ui.element("div").props("id=history")
         await self._ask(sandboxed.read_history)
 
@@ -352,9 +351,9 @@ async def offer_download(
 
 def _curves(shown: dict[str, Any]) -> None:
     if shown["left_out"]:
-        ui.label(say("Not everything can be drawn here; see the report (HTML).")).classes("hint")
+        frame.hint(say("Not everything can be drawn here; see the report (HTML)."))
     for title, figure, height in shown["charts"]:
-        ui.html(f"<h3>{html(title)}</h3>", sanitize=False)
+        frame.heading(title)
         frame.Chart(figure, height)
     if shown["found"]:
         behind = ui.expansion(say("How it was found")).classes("w-full").props("id=how")
@@ -367,7 +366,7 @@ def _curves(shown: dict[str, Any]) -> None:
 
         behind.on_value_change(draw)
     if signals := shown["signals"]:
-        ui.html(f"<h3>{html(say('Signals'))}</h3>", sanitize=False)
+        frame.heading(say("Signals"))
         if len(signals) > 1:
             names = {number: name for number, (name, *_) in enumerate(signals)}
             choice = ui.select(names, value=0, label=say("Record")).props(

@@ -34,12 +34,12 @@ class SensorsStep:
             self.wanted = ui.input(say("Find a serial number")).props(f"{PLAIN} id=serial-wanted")
             self.wanted.style("max-width: 20rem")
             self.wanted.on("keydown.enter", lambda: self.show())
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 ui.button(say("Search"), on_click=lambda: self.show()).props(
                     "outline id=find-serial"
                 )
-            self.errors = ui.element("div").props("aria-live=assertive")
-            self.words = ui.label("").classes("hint").props("role=status id=sensors-words")
+            self.errors = frame.error_place()
+            self.words = frame.hint("").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
         self.section.visible = False
 
@@ -93,20 +93,20 @@ class SensorsStep:
         self.body.clear()
         with self.body:
             if open_work:
-                ui.html(f"<h3>{html(say('Open drafts'))}</h3>", sanitize=False)
+                frame.heading(say("Open drafts"))
                 with ui.element("div").props("role=list") as listing:
                     listing.props["aria-label"] = say("Open drafts")
                     for draft, owner, named in open_work:
                         self._draft(draft, owner, named)
             if known["table"]:
-                ui.html(f"<h3>{html(say('Sensors'))}</h3>", sanitize=False)
+                frame.heading(say("Sensors"))
                 ui.html(known["table"], sanitize=False)  # escaped in the process that made it
 
     def _draft(self, draft: register.Draft, owner: User, named: NamedResult) -> None:
         lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")
         missing = html(lacking if draft.missing else say("complete"))
         serial = html(draft.serial_number or say("no serial number"))
-        with ui.element("div").classes("actions").props("role=listitem"):
+        with frame.actions().props("role=listitem"):
             ui.html(f"<b>{serial}</b> · {html(named.name)} · {missing}", sanitize=False)
             name = say("Open {what}", what=f"{draft.serial_number} {named.name}")
             button = ui.button(say("Open"), on_click=partial(self._open, owner, named))

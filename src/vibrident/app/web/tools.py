@@ -16,7 +16,6 @@ from vibrident.app.web.translated import charts
 from vibrident.app.web.user import User
 from vibrident.app.web.worker import StoppedError
 from vibrident.base.errors import InputError
-from vibrident.base.escaping import html
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -41,9 +40,9 @@ class ToolsStep:
             self.task = ui.select(titles, value=first, label=say("Task"))
             self.task.props("dense outlined stack-label").classes("w-full")
             self.task.on_value_change(lambda: self._ask())
-            self.hint = ui.label("").classes("hint")
+            self.hint = frame.hint("")
             self.fields = ui.element("div").classes("fields wide")
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 self.start = ui.button(say("Run the task"), on_click=self._run).props("id=run")
                 self.stop = ui.button(say("Cancel"), on_click=self.user.task.worker.cancel)
                 self.stop.props("outline color=negative id=cancel-task")
@@ -51,7 +50,7 @@ class ToolsStep:
                 self.status = ui.label("").props("role=status id=task-status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props("id=task-share").props["aria-label"] = say("share of the task")
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.errors = frame.error_place()
             place = ui.element("div").classes("chart").props("id=task-live")
             self.live = frame.GrowingChart(place, _LIVE_HEIGHT)
             self.body = ui.element("div").props('aria-live=polite id="said"')
@@ -173,7 +172,7 @@ class ToolsStep:
             if isinstance(now.error, StoppedError) and not self.errors.is_deleted:
                 with self.errors:
                     broken_off = say("Broken off: {what}", what=title)
-                    ui.label(broken_off).classes("hint").props("id=task-broken-off")
+                    frame.hint(broken_off).props("id=task-broken-off")
                     again = ui.button(
                         say("Repeat"), on_click=lambda: self._begin(lambda: now.request)
                     )
@@ -185,7 +184,7 @@ class ToolsStep:
                 ui.label(say(note)).classes("doubt")
             ui.html(now.shown["tables"], sanitize=False).classes("scroll")  # escaped in the process
             for heading, chart, height in now.shown["charts"]:
-                ui.html(f"<h3>{html(heading)}</h3>", sanitize=False)
+                frame.heading(heading)
                 frame.Chart(chart, height)
             if now.archive is not None:
                 count = len(now.shown["files"])

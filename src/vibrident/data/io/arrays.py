@@ -8,13 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vibrident.data.io.columns import MAX_COLUMNS, Channel, StartTime
-from vibrident.data.io.stated import StatedFile, Statement, clock_of, nearest_unit
+from vibrident.data.io.columns import MAX_COLUMNS, Channel, ColumnFile
+from vibrident.data.io.stated import Statement, clock_of, nearest_unit, start_of
 
 #: Fields of a compound type that is a complex number, as h5py's, MATLAB's and others' are.
 _COMPLEX_FIELDS = (("real", "imag"), ("r", "i"), ("re", "im"))
@@ -112,31 +111,14 @@ def channels_of(
         name = re.split("[/.]", column.array)[-1]
         unit = nearest_unit(name, levels[0], levels[1], index, len(distinct))
         clock = clock_of(levels, f"{where}, array {column.name!r}")
-        yield Channel(column.name, column, clock, unit=unit)
+        yield Channel(column.name, column, clock, unit=unit, start=start_of(levels))
 
 
-class ArrayFile(StatedFile):
-    """A file of named arrays; subclasses read them."""
+class ArrayFile(ColumnFile):
+    """A file of named arrays, whose channels have ArrayColumns as handles; subclasses read them."""
 
     names_are_paths = True
     word = "array"
-
-    def __init__(
-        self,
-        path: Path,
-        channels: Sequence[Channel],
-        refused: dict[str, str],
-        starts: Mapping[str, StartTime],
-    ) -> None:
-        """Take channels whose handles are ArrayColumns, the refused arrays: name → reason, and
-        the starts of arrays: name → start.
-        """
-        super().__init__(path, channels, refused)
-        self._starts = {
-            position: starts[channel.handle.array]
-            for position, channel in enumerate(self._channels)
-            if channel.handle.array in starts
-        }
 
     @property
     def numbered(self) -> tuple[int, ...]:

@@ -109,6 +109,7 @@ class Channel:
     # NAME.real and NAME.imag; a frequency response of a file that states its axis has also
     # NAME.frequency, in Hz. "complex" under [table] names NAME.
     over_frequency: bool = False
+    start: StartTime | None = None  # of the first sample, that is stated without a rate
 
 
 class ColumnFile(ABC):
@@ -170,7 +171,8 @@ class ColumnFile(ABC):
     def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample: by its clock, or by its first date."""
         clock = self.clock(position)
-        return None if clock is None else clock.start
+        by_clock = None if clock is None else clock.start
+        return by_clock or self._channels[position].start
 
     def stated_unit(self, position: int) -> str:
         """Return the unit of a column that the file states beside its name; "" if none."""
@@ -203,6 +205,9 @@ class ColumnFile(ABC):
     def reads_parts(self, position: int) -> bool:
         """Tell whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
         return False
+
+    def _handles(self, positions: Sequence[int]) -> list[Any]:
+        return [self._channels[position].handle for position in positions]
 
     def _loaded_columns(self, positions: Sequence[int]) -> list[FloatArray]:
         missing = [position for position in positions if position not in self._loaded]

@@ -53,6 +53,38 @@ class ChannelConversion:
     unit: str  # that the file states; "" for none
 
 
+@dataclass(frozen=True)
+class SourceColumn:
+    """A column of a file that a key, or a section, of the calibration file asks for."""
+
+    source: ColumnFile
+    position: int
+    key: str
+
+    @property
+    def asked_for_by(self) -> str:
+        """Return the key as messages print it."""
+        return self.key
+
+    @property
+    def header(self) -> str:
+        """Return name and unit of the column, as the file has them."""
+        return header(self.source, self.position)
+
+    def refused(self, expected: str, value: str, remedy: str, key: str = "") -> InputError:
+        """Return the error of a header that says otherwise than the calibration file.
+
+        ``key``: of the section that asks for the column.
+        """
+        return InputError(
+            "The header of a column contradicts the calibration file.",
+            expected=expected,
+            found=f"{self.header!r}, which names {value!r}",
+            where=f"{self.source.file}, asked for by {self.asked_for_by} {key}".rstrip(),
+            remedy=remedy,
+        )
+
+
 def unit_in_name(name: str) -> str:
     """Return the unit at the end of a column's name, as written; "" if none."""
     return split_unit(short_name(name))[1]
@@ -85,12 +117,10 @@ def seconds_per_unit(source: ColumnFile, position: int) -> float | None:
     if parsed is not None and parsed.dimension == (("s", 1),):
         return parsed.factor
     if is_row_counter(unit) or (parsed is not None and parsed.dimension):
-        raise InputError(
-            "The header of a column contradicts the calibration file.",
-            expected="a column in seconds, or in a multiple of it",
-            found=f"{name!r}, which names {unit!r}",
-            where=f"{source.file}, asked for by time_column",
-            remedy="give rate_hz instead of time_column",
+        raise SourceColumn(source, position, "time_column").refused(
+            "a column in seconds, or in a multiple of it",
+            unit,
+            "give rate_hz instead of time_column",
         )
     return None
 
@@ -169,9 +199,10 @@ def reference_conversion(
 
     ``[reference] unit`` may name the SI unit, which confirms it, or the unit in the file.
     """
+    column = SourceColumn(source, position, "[reference]")
     stated, sure = file_unit(source, position)
     if section.quantity == "drive":
-        return _convert(source, position, "[reference]", stated, unit, section)
+        return _convert(column, stated, unit, section)
     declared = _declared_unit(section, stated, source)
     text = declared or stated
     parsed = parse_unit(text)
@@ -181,20 +212,16 @@ def reference_conversion(
     if parsed is not None and parsed.dimension == wanted.dimension:
         if declared:
             return ChannelConversion(declared_factor(section, source), text)
-        _refuse_second_conversion(source, position, section, parsed.factor, text)
+        _refuse_second_conversion(column, section, parsed.factor, text)
         return ChannelConversion(parsed.factor, text)
     quantity = quantity_of(text)
     if quantity is not None:
         remedy = f'set quantity = "{quantity}", or correct the unit in the file'
-        raise _contradiction(
-            source, position, "[reference] quantity", f"a unit of {section.quantity}", text, remedy
-        )
+        raise column.refused(f"a unit of {section.quantity}", text, remedy, "quantity")
     if (parsed is not None or sure) and "scale" not in section.model_fields_set:
         si = REFERENCE_UNITS[section.quantity]
         remedy = f'set scale to {si} per {text}, or quantity = "drive"; or correct the file'
-        raise _contradiction(
-            source, position, "[reference] scale", f"a unit of {section.quantity}", text, remedy
-        )
+        raise column.refused(f"a unit of {section.quantity}", text, remedy, "scale")
     return ChannelConversion(1.0, stated)
 
 
@@ -241,14 +268,14 @@ def declared_factor(section: ReferenceSection, source: ColumnFile) -> float:
 
 
 def _refuse_second_conversion(
-    source: ColumnFile, position: int, section: ReferenceSection, factor: float, text: str
+    column: SourceColumn, section: ReferenceSection, factor: float, text: str
 ) -> None:
     """Refuse a scale that is the factor of the file's unit, or of g where the file has SI."""
     if factor != 1.0 and is_same_factor(section.scale, factor):
-        raise _converted_twice(source, position, "[reference]", text, section.scale)
+        raise _converted_twice(column, text, section.scale)
     if factor == 1.0 and is_same_factor(section.scale, STANDARD_GRAVITY):
         remedy = "set scale = 1.0; or correct the unit in the file"
-        raise _contradiction(source, position, "[reference] scale", "values in g", text, remedy)
+        raise column.refused("values in g", text, remedy, "scale")
 
 
 def response_unit(source: ColumnFile, position: int, section: ResponseSection) -> str:
@@ -288,16 +315,12 @@ def response_conversion(
     source: ColumnFile, position: int, section: ResponseSection, unit: str
 ) -> ChannelConversion:
     """Return the factor to the response's ``unit``; InputError where the file contradicts it."""
-    return _convert(source, position, "[response]", file_unit(source, position)[0], unit, section)
+    column = SourceColumn(source, position, "[response]")
+    return _convert(column, file_unit(source, position)[0], unit, section)
 
 
 def _convert(
-    source: ColumnFile,
-    position: int,
-    key: str,
-    text: str,
-    unit: str,
-    section: ReferenceSection | ResponseSection,
+    column: SourceColumn, text: str, unit: str, section: ReferenceSection | ResponseSection
 ) -> ChannelConversion:
     """Return the conversion of a channel that has a unit of its own."""
     parsed = parse_unit(text)
@@ -307,9 +330,10 @@ def _convert(
     if parsed is not None and wanted is not None and parsed.dimension == wanted.dimension:
         factor = parsed.factor / wanted.factor
         if factor != 1.0 and is_same_factor(section.scale, factor):
-            raise _converted_twice(source, position, key, text, section.scale)
+            raise _converted_twice(column, text, section.scale)
         return ChannelConversion(factor, text)
-    sure = bool(source.stated_unit(position)) or (parsed is not None and not _is_time_like(parsed))
+    is_field = bool(column.source.stated_unit(column.position))
+    sure = is_field or (parsed is not None and not _is_time_like(parsed))
     if (
         sure
         and abs(section.scale) == 1.0
@@ -317,7 +341,7 @@ def _convert(
         and unit != REFERENCE_UNITS["drive"]
     ):
         remedy = f'set unit = "{text}"; or set scale to {unit} per {text}; or correct the file'
-        raise _contradiction(source, position, f"{key} unit", f"a multiple of {unit}", text, remedy)
+        raise column.refused(f"a multiple of {unit}", text, remedy, "unit")
     return ChannelConversion(1.0, text)
 
 
@@ -326,25 +350,11 @@ def is_same_factor(scale: float, factor: float) -> bool:
     return math.isclose(abs(scale), factor, rel_tol=_SAME_FACTOR)
 
 
-def _converted_twice(
-    source: ColumnFile, position: int, key: str, text: str, scale: float
-) -> InputError:
+def _converted_twice(column: SourceColumn, text: str, scale: float) -> InputError:
     return InputError(
         "The scale would convert a unit that is converted already.",
         expected=f"no scale: the file states {text!r}, and its factor is applied",
         found=f"scale = {scale!r}, which is that factor",
-        where=f"{source.file}, column {header(source, position)!r}, asked for by {key} scale",
+        where=f"{column.source.file}, column {column.header!r}, asked for by {column.key} scale",
         remedy="remove scale",
-    )
-
-
-def _contradiction(
-    source: ColumnFile, position: int, key: str, expected: str, text: str, remedy: str
-) -> InputError:
-    return InputError(
-        "The header of a column contradicts the calibration file.",
-        expected=expected,
-        found=f"{header(source, position)!r}, which names {text!r}",
-        where=f"{source.file}, asked for by {key}",
-        remedy=remedy,
     )

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.io.columns import Clock, ColumnFile, StartTime
+from vibrident.data.io.columns import Clock, StartTime
 from vibrident.data.io.header_units import is_time
 from vibrident.data.io.sampling import SAME_RATE, plainest_clock
 from vibrident.data.io.units import factor_between
@@ -55,16 +55,6 @@ class Statement:
     name: str
     value: Any
     factor: float  # of the unit in the name, to Hz or s
-
-
-class StatedFile(ColumnFile):
-    """A file that may state a column's start without its rate."""
-
-    _starts: Mapping[int, StartTime]  # by position
-
-    def start(self, position: int) -> StartTime | None:
-        """Return the time of a column's first sample."""
-        return super().start(position) or self._starts.get(position)
 
 
 def meaning_of(name: str) -> tuple[str, float]:

@@ -10,9 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vibrident.base.errors import InputError
-from vibrident.data.io.columns import ColumnFile
-from vibrident.data.io.header_units import header, last_name, short_name
+from vibrident.data.io.header_units import SourceColumn, last_name, short_name
 from vibrident.data.io.units import (
     is_no_unit,
     parse_unit,
@@ -43,18 +41,13 @@ class Level:
     unit: str  # "" for none
 
 
-@dataclass(frozen=True)
-class TableColumn:
+class TableColumn(SourceColumn):
     """A column that a key of [table] names."""
 
-    source: ColumnFile
-    position: int
-    key: str
-
     @property
-    def header(self) -> str:
-        """Return name and unit of the column, as the file has them."""
-        return header(self.source, self.position)
+    def asked_for_by(self) -> str:
+        """Return the key as messages print it."""
+        return f"[table] {self.key}"
 
     @property
     def name(self) -> str:
@@ -100,16 +93,6 @@ class TableColumn:
                 "[response] scale what 0 dB stands for",
             )
         return Level(text, float((reference["number"] or "1").replace(",", ".")), unit)
-
-    def refused(self, expected: str, value: str, remedy: str) -> InputError:
-        """Return the error of a header that says otherwise than the calibration file."""
-        return InputError(
-            "The header of a column contradicts the calibration file.",
-            expected=expected,
-            found=f"{self.header!r}, which names {value!r}",
-            where=f"{self.source.file}, asked for by [table] {self.key}",
-            remedy=remedy,
-        )
 
 
 def _without_odd_bracket(text: str) -> str:

@@ -9,82 +9,33 @@ capitals alone count as lower case where only one reading remains ("M/S2", not "
 from __future__ import annotations
 
 import functools
-import math
 import re
+import tomllib
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 
-from vibrident.data.records import REFERENCE_UNITS, STANDARD_GRAVITY
+from vibrident.data.records import REFERENCE_UNITS
 
 MAX_UNIT_LENGTH = 60  # characters; a longer text is a remark
 MAX_NAME_LENGTH = 200  # characters of a column's name; of a longer one no unit is sought
-_INCH_M = 0.0254  # exact (international yard and pound agreement, 1959)
+_TABLES = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 
 #: Signs that mean the same as a plain one.
-PLAIN_SIGNS = str.maketrans({
-    "²": "^2", "³": "^3", "⁻": "-", "−": "-", "¹": "1", "·": "*", "⋅": "*", "×": "*", "∙": "*",
-    "µ": "u", "μ": "u",
-    "（": "(", "）": ")", "［": "[", "］": "]", "／": "/", "Ω": "Ohm", "′": "'",
-})  # fmt: skip
+PLAIN_SIGNS = str.maketrans(_TABLES["plain_signs"])
 
 PLAIN_BRACKETS = str.maketrans("（）［］【】｛｝＜＞／", "()[][]{}<>/")
 
 #: Symbol → factor, dimension (base → exponent), and the SI prefixes that it is written with.
-_SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
-    "m": (1.0, {"m": 1}, "pnumcdk"), "in": (_INCH_M, {"m": 1}, "um"),
-    "ft": (12 * _INCH_M, {"m": 1}, ""), "mil": (1e-3 * _INCH_M, {"m": 1}, ""),
-    "micron": (1e-6, {"m": 1}, ""), "ips": (_INCH_M, {"m": 1, "s": -1}, ""),
-    "s": (1.0, {"s": 1}, "pnumcdk"), "min": (60.0, {"s": 1}, ""), "h": (3600.0, {"s": 1}, ""),
-    "d": (86400.0, {"s": 1}, ""), "Hz": (1.0, {"s": -1}, "umkMG"), "rpm": (1 / 60, {"s": -1}, "k"),
-    "g": (STANDARD_GRAVITY, {"m": 1, "s": -2}, "num"), "Gal": (1e-2, {"m": 1, "s": -2}, "num"),
-    "V": (1.0, {"V": 1}, "pnumk"), "A": (1.0, {"A": 1}, "pnum"), "C": (1.0, {"C": 1}, "pnum"),
-    "N": (1.0, {"N": 1}, "mkM"), "lbf": (4.4482216152605, {"N": 1}, ""),
-    "Pa": (1.0, {"Pa": 1}, "umhkM"),
-    "kg": (1.0, {"kg": 1}, ""), "Ohm": (1.0, {"Ohm": 1}, "mkM"),
-    "rad": (1.0, {"rad": 1}, "numk"), "deg": (math.pi / 180, {"rad": 1}, "m"),
-    "gon": (math.pi / 200, {"rad": 1}, "m"), "counts": (1.0, {"counts": 1}, ""),
-    "%": (1e-2, {}, ""),
-    "ppm": (1e-6, {}, ""), "dB": (1.0, {"dB": 1}, ""), "1": (1.0, {}, ""),
-}  # fmt: skip
+_SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = _TABLES["symbols"]
 #: Words and other spellings, in lower case → symbol.
-_WORDS = {
-    **dict.fromkeys(("meter", "metre", "метр", "米", "м"), "m"), "inch": "in", "inche": "in",
-    "foot": "ft", "feet": "ft", "mils": "mil", "microns": "micron",
-    **dict.fromkeys(("sec", "second", "sekunde", "sekunden", "秒", "с", "сек"), "s"),
-    **dict.fromkeys(("minute", "minuten", "分", "分钟", "мин"), "min"),
-    **dict.fromkeys(("hr", "hour", "stunde", "stunden", "小时"), "h"), "day": "d",
-    **dict.fromkeys(("hertz", "赫", "赫兹", "гц"), "Hz"), "cps": "Hz",
-    **dict.fromkeys(("gn", "g_n", "gee", "grav", "gravity", "g's", "g-force"), "g"),
-    "galileo": "Gal",
-    **dict.fromkeys(("volt", "伏", "伏特", "в"), "V"), **dict.fromkeys(("amp", "ampere"), "A"),
-    **dict.fromkeys(("coulomb", "cb"), "C"), "newton": "N", "pascal": "Pa", "ohm": "Ohm",
-    **dict.fromkeys(("radian", "弧度", "рад"), "rad"),
-    **dict.fromkeys(("degree", "°", "度", "град"), "deg"),
-    **dict.fromkeys(("count", "counts", "ct", "lsb", "digit", "code", "bit", "adc"), "counts"),
-    "percent": "%", "prozent": "%", "decibel": "dB", "db": "dB", "u/min": "rpm", "1/min": "rpm",
-}  # fmt: skip
-_PREFIXES = {
-    "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 1e2, "k": 1e3,
-    "M": 1e6, "G": 1e9,
-}  # fmt: skip
-_PREFIX_WORDS = {
-    "pico": "p", "nano": "n", "micro": "u", "mikro": "u", "milli": "m", "centi": "c",
-    "kilo": "k", "mega": "M",
-    "纳": "n", "微": "u", "毫": "m", "千": "k", "мк": "u",
-    "н": "n", "м": "m", "к": "k", "ミリ": "m", "マイクロ": "u",
-}  # fmt: skip
+_WORDS = {word: symbol for symbol, words in _TABLES["words"].items() for word in words}
+_PREFIXES: dict[str, float] = _TABLES["prefixes"]
+_PREFIX_WORDS: dict[str, str] = _TABLES["prefix_words"]
 #: Written without a sign between metre and second, also in "mV/ms-2"; by the rules a millisecond.
 _RUN_TOGETHER = re.compile(r"(?<![^\W_])ms\^?-([12])(?!\d)")
-#: Texts that programs write in place of a missing unit.
-_NO_UNIT = frozenset((
-    "", "-", "--", "none", "n/a", "unknown", "unit", "units", "eu", "arb", "a.u.", "au", "raw",
-    "?", "[]", "()", "1",
-))  # fmt: skip
-#: Names of row numbers that stand in place of a unit.
-_COUNTERS = frozenset((
-    "#", "sample", "samples", "smp", "point", "points", "tick", "ticks", "count", "counts", "index",
-    "sequence", "number", "no", "no.", "nr", "nr.", "bin", "bins", "line", "lines",
-))  # fmt: skip
+_NO_UNIT = frozenset(_TABLES["no_unit"])
+_COUNTERS = frozenset(_TABLES["counters"])
 _AFTER_WORD = re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S.*)$", re.IGNORECASE)
 _AFTER_SLASH = re.compile(r"^([^/]*[\w)\]|])\s*/\s*(\(.+\)|.+)$")
 _TOKEN = re.compile(

@@ -91,7 +91,7 @@ def _tone(residual: FloatArray, rate_hz: float, skip_hz: tuple[float, float]) ->
     """Return the frequency of a significant line, interpolated; None if no line is significant."""
     size = fast_length(2 * residual.size)
     width = 64
-    power = np.abs(np.asarray(fft.rfft(residual * np.hanning(residual.size), size))) ** 2
+    power = np.abs(fft.rfft(residual * np.hanning(residual.size), size)) ** 2
     step = rate_hz / size
     if power.size < 4 * width:
         return None
@@ -136,12 +136,7 @@ def autoregression(residual: FloatArray) -> FloatArray:
     count = residual.size
     max_order = min(64, count // 20)  # twenty samples for each order
     size = fast_length(2 * count)
-    lags = (
-        np.asarray(fft.irfft(np.abs(np.asarray(fft.rfft(residual, size))) ** 2, size))[
-            : max_order + 1
-        ]
-        / count
-    )
+    lags = fft.irfft(np.abs(fft.rfft(residual, size)) ** 2, size)[: max_order + 1] / count
     if lags[0] <= 0.0 or max_order < 1:
         return np.ones(1)
     return yule_walker(lags, count)[0]

@@ -139,7 +139,7 @@ def _frequencies(stretch: Stretch) -> FloatArray:
     """Return the highest peaks of the spectrum, and a grid over all frequencies."""
     values = stretch.response - stretch.response[-max(8, stretch.response.size // 10) :].mean()
     size = fast_length(4 * values.size)
-    power = np.abs(np.asarray(fft.rfft(values, size)))
+    power = np.abs(fft.rfft(values, size))
     tops = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     tops = tops[np.argsort(power[tops])[::-1][:5]]
     low = 0.2 * stretch.rate_hz / values.size

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.fit.group.group import Group
+from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.group.network import Nuisances, Rows, Step, combined, evaluate, products
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
@@ -186,16 +186,15 @@ def places_in(
     if steps is None:
         raise np.linalg.LinAlgError("The network grows beyond all numbers.")
     slopes = coordinates.slopes(z)
-    responses: dict[int, tuple[ComplexArray, ComplexArray]] = {}
+    responses: dict[Grid, tuple[ComplexArray, ComplexArray]] = {}
     for group, group_weights in zip(band.groups, weights, strict=True):
         grid = group.grid
-        if hash(grid) not in responses:
+        if grid not in responses:
             through, turns = response_and_slopes(
                 band.model, values, grid.frequency_hz, band.problem.frame.quantity
             )
-            responses[hash(grid)] = through, turns * slopes[:, None]
-        response = responses[hash(grid)]
-        yield GroupAt.evaluated(group, steps[group.step], group_weights, response, slopes)
+            responses[grid] = through, turns * slopes[:, None]
+        yield GroupAt.evaluated(group, steps[group.step], group_weights, responses[grid], slopes)
 
 
 def iterate(

@@ -164,12 +164,12 @@ class Objective:
             [GroupWeights.white(group, variance[band.owners(group)]) for group in band.groups],
         )
 
-    def __call__(self, z: FloatArray, _: None = None) -> _Quadratic:
+    def __call__(self, z: FloatArray, _: None = None) -> Local:
         """Return V, its gradient and information at z."""
         band = self.band.at_factors_of(self.coordinates.values(z))
         point = iterate(band, self.coordinates, self.weights, z)
         self.last = z, point
-        return _Quadratic(point.cost, point.gradient, information(point))
+        return Local(information(point), point.gradient, point.cost)
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
@@ -177,15 +177,6 @@ class Objective:
             self(z)
         assert self.last is not None
         return self.last[1]
-
-
-@dataclass(frozen=True, eq=False)
-class _Quadratic:
-    """Quadratic model of V: its value, gradient and information."""
-
-    cost: float
-    gradient: FloatArray
-    matrix: FloatArray
 
 
 def information(point: Iterate) -> FloatArray:
@@ -280,45 +271,39 @@ def settle(
             the estimate: in the noise of a misfit no other place is better.
     """
     best = min(starts, key=lambda descended: descended.at.cost)
-    band = best.band
     coordinates = best.coordinates
-    z = best.z
-    places = best.at.groups
+    end = best
     trace = best.trace
     settled = False
     rounds: list[tuple[float, Descended]] = []
     for round_number in range(MAX_ROUNDS if explains else 0):
-        weighting = read_weighting(band, places, observed.heard)
-        band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
-        descended = descend(band, coordinates, z, weighting, FINAL_TOLERANCE, progress)
-        band = descended.band
-        end = descended.at
-        trace = trace.then(descended.trace)
-        deviation = np.sqrt(np.diag(inverse_normal(information(end))))
-        shift = float(np.max(np.abs(descended.z - z) / deviation))
-        z = descended.z
-        places = end.groups
+        weighting, band = _noise_at(end, observed)
+        before = end.z
+        end = descend(band, coordinates, before, weighting, FINAL_TOLERANCE, progress)
+        trace = trace.then(end.trace)
+        deviation = np.sqrt(np.diag(inverse_normal(information(end.at))))
+        shift = float(np.max(np.abs(end.z - before) / deviation))
         settled = round_number > 0 and shift < MAX_SHIFT
         if settled:
             break
-        rounds.append((_minus_log_likelihood(end), descended))
+        rounds.append((_minus_log_likelihood(end.at), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
-        _, likeliest = min(rounds, key=lambda scored: scored[0])
-        band = likeliest.band
-        z = likeliest.z
-        places = likeliest.at.groups
-    first_band = band.with_nuisances(best.band.tones, edges=best.band.edges)
-    in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), z)
+        _, end = min(rounds, key=lambda scored: scored[0])
+    first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
+    in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
     if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
-        band = best.band
-        z = best.z
-        places = best.at.groups
+        end = best
         trace = best.trace
     # Where little determines a parameter, the noise of the last round is that of another z.
-    weighting = read_weighting(band, places, observed.heard)
-    band = weighting.with_nuisances(band).at_ringing_of(coordinates.values(z))
-    end = iterate(band, coordinates, weighting.of_groups(band), z)
-    return _stated(band, coordinates, z, end, trace, weighting)
+    weighting, band = _noise_at(end, observed)
+    point = iterate(band, coordinates, weighting.of_groups(band), end.z)
+    return _stated(band, coordinates, end.z, point, trace, weighting)
+
+
+def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band]:
+    """Return the noise at the end of a descent, and the band with its nuisances."""
+    weighting = read_weighting(end.band, end.at.groups, observed.heard)
+    return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
 def _minus_log_likelihood(point: Iterate) -> float:
@@ -354,7 +339,8 @@ def _stated(
     for place, fitted in zip(end.groups, fitted_numbers(end.groups), strict=True):
         grid = place.group.grid
         averaged = averaging_width(grid.samples, 1 / 128)
-        excited = np.stack([weighting.spectra[n].excited for n in place.group.segments])
+        spectra = [weighting.segments[number].spectrum for number in place.group.segments]
+        excited = np.stack([spectrum.excited for spectrum in spectra])
         owners = band.owners(place.group)
         power = power_of(place.rows.residual) / (place.group.count[:, None] * place.psd)
         power[:, 0] = power[:, 1]  # bin 0 holds an offset
@@ -368,8 +354,7 @@ def _stated(
         loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
         freedom += len(owners) * 4.0 * (averaged - NEAREST_BINS)
-        for row, (number, owner) in enumerate(zip(place.group.segments, owners, strict=True)):
-            spectrum = weighting.spectra[number]
+        for row, (spectrum, owner) in enumerate(zip(spectra, owners, strict=True)):
             if grid.driven:
                 pull = _draw(place, row, spectrum.doubt)
                 pulls.append(inverse @ pull / DOUBT_DEVIATIONS)

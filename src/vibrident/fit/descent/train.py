@@ -18,7 +18,7 @@ from vibrident.fit.descent.settle import (
     descend,
     settle,
 )
-from vibrident.fit.descent.weighting import Weighting, resampled_bins
+from vibrident.fit.descent.weighting import SegmentNoise, Weighting
 from vibrident.fit.noise.averages import averaged_bins, mean_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
 from vibrident.fit.optimise import NOT_FINITE, Progress
@@ -229,55 +229,44 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
         end: of a descent.
         squares: target of the weighted sum of squares.
     """
-    samples = dict(weighting.samples)
-    powers: dict[int, FloatArray] = {}
-    residuals: dict[int, FloatArray] = {}
+    rows: list[tuple[int, SegmentNoise, FloatArray, FloatArray]] = []
     for place in end.at.groups:
+        grid = place.group.grid
         response = power_of(place.group.response) / place.group.count[:, None]
-        residual_power = power_of(place.rows.residual) / place.group.count[:, None]
+        residual = power_of(place.rows.residual) / place.group.count[:, None]
+        squares_left = residual * grid.counts * grid.samples
         smooth = mean_around(response, averaged_bins(response.shape[1]), 0)
         for row, number in enumerate(place.group.segments):
-            powers[number] = smooth[row]
-            residuals[number] = (
-                residual_power[row] * place.group.grid.counts * place.group.grid.samples
-            )
+            noise = weighting.segments[number]
+            psd, _, _, excited = noise.at_bins(grid)
+            zeros = np.zeros_like(psd)
+            spectrum = replace(noise.spectrum, psd=psd, excited=excited, input_noise_at=zeros)
+            alone = SegmentNoise(spectrum, zeros, grid.samples)
+            rows.append((number, alone, smooth[row], squares_left[row]))
+
+    def wider_psd(noise: SegmentNoise, power: FloatArray, error: float) -> FloatArray:
+        return noise.spectrum.psd + error * power
 
     def total(error: float) -> float:
         return sum(
-            float(
-                np.sum(
-                    residual
-                    * spectra[number].excited
-                    / (spectra[number].psd + error * powers[number])
-                )
-            )
-            for number, residual in residuals.items()
+            float(np.sum(left * noise.spectrum.excited / wider_psd(noise, power, error)))
+            for _, noise, power, left in rows
         )
 
-    spectra = dict(weighting.spectra)
-    for place in end.at.groups:
-        for number in place.group.segments:
-            spectrum = spectra[number]
-            psd = resampled_bins(spectrum.psd, weighting.samples[number], place.group.grid)
-            excited = resampled_bins(spectrum.excited, weighting.samples[number], place.group.grid)
-            spectra[number] = replace(spectrum, psd=psd, excited=excited)
-            samples[number] = place.group.grid.samples
     low = np.log(1e-30)
     high = 0.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if total(float(np.exp(middle))) > squares else (low, middle)
     error = float(np.exp(high))
-    wider = {
-        number: replace(spectrum, psd=spectrum.psd + error * powers[number])
-        for number, spectrum in spectra.items()
-    }
-    zeros = {number: np.zeros_like(spectrum.psd) for number, spectrum in wider.items()}
-    wider = {
-        number: replace(spectrum, input_noise_at=zeros[number])
-        for number, spectrum in wider.items()
-    }
-    return Weighting(wider, zeros, samples)
+    return Weighting(
+        {
+            number: replace(
+                noise, spectrum=replace(noise.spectrum, psd=wider_psd(noise, power, error))
+            )
+            for number, noise, power, _ in rows
+        }
+    )
 
 
 def _neutral_values(evidence: Evidence) -> dict[str, float]:
@@ -374,9 +363,7 @@ def _squared_distance(end: Descended, origin: Descended) -> float:
 
 def _without_model(band: Band, observed: MotionAndNoise) -> Weighting:
     """Return the noise that is known without a model."""
-    spectra: dict[int, NoiseSpectrum] = {}
-    passed: dict[int, FloatArray] = {}
-    samples: dict[int, int] = {}
+    segments: dict[int, SegmentNoise] = {}
     for group in band.groups:
         levels = observed.levels_in(group) / group.count[:, None]
         weights = observed.shown_in(group) * (group.grid.samples / group.count[:, None])
@@ -384,8 +371,6 @@ def _without_model(band: Band, observed: MotionAndNoise) -> Weighting:
         for row, number in enumerate(group.segments):
             psd = np.maximum(levels[row], floors[row])
             zeros = np.broadcast_to(0.0, psd.shape)
-            excited = weights[row]
-            spectra[number] = NoiseSpectrum(psd, 0.0, zeros, zeros, excited, group.grid.tones)
-            passed[number] = zeros
-            samples[number] = group.grid.samples
-    return Weighting(spectra, passed, samples)
+            spectrum = NoiseSpectrum(psd, 0.0, zeros, zeros, weights[row], group.grid.tones)
+            segments[number] = SegmentNoise(spectrum, zeros, group.grid.samples)
+    return Weighting(segments)

@@ -86,7 +86,7 @@ def weighted_segments(
                 place.rows.predicted[row],
                 place.rows.nuisances.columns[row],
                 grid.counts * grid.samples,
-                in_noise.weighting.spectra[number],
+                in_noise.weighting.segments[number].spectrum,
                 power_of(place.through),
             )
 

@@ -22,55 +22,52 @@ MAX_STEEP_RATIO = 0.01
 #: Smallest noise of the response over its sum with that of the reference.
 MIN_RESPONSE = 1e-6
 
-#: Noise of each segment, by its number.
-Spectra = Mapping[int, NoiseSpectrum]
+
+@dataclass(frozen=True, eq=False)
+class SegmentNoise:
+    """Noise of a segment.
+
+    Attributes:
+        spectrum: of the noise.
+        passed: |H|² where it was estimated, shape (K,).
+        samples: of the segment where it was estimated.
+    """
+
+    spectrum: NoiseSpectrum
+    passed: FloatArray
+    samples: int
+
+    def at_bins(self, grid: Grid) -> FloatArray:
+        """Return noise, that of the reference, |H|² and excited at the bins of a grid, (4, K)."""
+        spectrum = self.spectrum
+        rows = (spectrum.psd, spectrum.input_noise_at, self.passed, spectrum.excited)
+        return np.stack([resampled_bins(values, self.samples, grid) for values in rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Weighting:
-    """Noise of every segment.
+    """Noise of every segment, by its number."""
 
-    Attributes:
-        spectra: by number of the segment.
-        passed: |H|² of each where it was estimated, by number of the segment.
-        samples: of each where it was estimated, by number of the segment.
-    """
+    segments: Mapping[int, SegmentNoise]
 
-    spectra: Spectra
-    passed: Mapping[int, FloatArray]
-    samples: Mapping[int, int]
+    def of_segment(self, number: int) -> SegmentNoise:
+        """Return the noise of a segment; another delay may have added one, which is as the last."""
+        return self.segments[min(number, len(self.segments) - 1)]
 
     def of_groups(self, band: Band) -> list[GroupWeights]:
         """Return the weights of each group."""
         weights = []
         for group in band.groups:
-            numbers = [min(number, len(self.spectra) - 1) for number in group.segments]
-            spectra = [self.spectra[number] for number in numbers]
-            psd = self._rows(group, numbers, [spectrum.psd for spectrum in spectra])
-            reference = self._rows(
-                group, numbers, [spectrum.input_noise_at for spectrum in spectra]
-            )
-            passed = self._rows(group, numbers, [self.passed[number] for number in numbers])
+            rows = [self.of_segment(number).at_bins(group.grid) for number in group.segments]
+            psd, reference, passed, excited = np.stack(rows, axis=1)
             response = np.maximum(psd - reference * passed, MIN_RESPONSE * psd)
-            excited = self._rows(group, numbers, [spectrum.excited for spectrum in spectra])
             weights.append(GroupWeights(response, reference, excited))
         return weights
 
-    def _rows(
-        self, group: Group, numbers: Sequence[int], by_segment: Sequence[FloatArray]
-    ) -> FloatArray:
-        """Return values at the bins of a group, whose length another delay may have changed."""
-        return np.stack(
-            [
-                resampled_bins(values, self.samples[number], group.grid)
-                for number, values in zip(numbers, by_segment, strict=True)
-            ]
-        )
-
     def with_nuisances(self, band: Band) -> Band:
         """Return the band with tones of hum, and leakage in steep noise, as nuisances."""
-        count = len(band.problem.segments)
-        spectra = [self.spectra[min(number, len(self.spectra) - 1)] for number in range(count)]
+        numbers = range(len(band.problem.segments))
+        spectra = [self.of_segment(number).spectrum for number in numbers]
         steep = any(is_steep(spectrum) for spectrum in spectra)
         return band.with_nuisances([spectrum.tones for spectrum in spectra], edges=steep)
 
@@ -102,9 +99,7 @@ def read_weighting(
             where the response is loud.
     """
     floors = band.problem.noise_floor**2
-    spectra: dict[int, NoiseSpectrum] = {}
-    passed: dict[int, FloatArray] = {}
-    samples: dict[int, int] = {}
+    segments: dict[int, SegmentNoise] = {}
     for place, fitted in zip(places, fitted_numbers(places), strict=True):
         group = place.group
         squares = power_of(place.through)
@@ -126,11 +121,10 @@ def read_weighting(
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
         for number, spectrum in zip(group.segments, NoiseSpectrum.by_record(noise), strict=True):
-            passed[number] = squares
-            samples[number] = group.grid.samples
             tones = with_tones(group.grid.tones, spectrum.tones)
-            spectra[number] = replace(spectrum, tones=tones)
-    return Weighting(spectra, passed, samples)
+            spectrum = replace(spectrum, tones=tones)
+            segments[number] = SegmentNoise(spectrum, squares, group.grid.samples)
+    return Weighting(segments)
 
 
 def _heard_in(group: Group, heard: Mapping[int, tuple[int, BoolArray]]) -> BoolArray:

@@ -98,7 +98,7 @@ def powers(bins: WeightedBins, reference: FloatArray, delay: float, band: slice)
     lines = bins.residual.size
     samples = bins.samples
     delay_phase = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
-    motion = _without_drift(np.asarray(fft.rfft(reference, samples))[:lines], samples) * delay_phase
+    motion = _without_drift(fft.rfft(reference, samples)[:lines], samples) * delay_phase
     response = _without_drift(bins.residual + bins.predicted, samples)
     deviation = np.sqrt(bins.spectrum.psd)
     incoherent_lines, freedom = without_common(response[None], [motion[None]], deviation[None])

@@ -201,7 +201,7 @@ def _unsteady_noise(
     """
     samples = bins.samples
     used = bins.used
-    noise_power = slow_profile(np.asarray(fft.irfft(residual, samples)), used)
+    noise_power = slow_profile(fft.irfft(residual, samples), used)
     levels = noise_power[:: max(samples // (STRETCHES + 1), 1)]
     freedom = 2.0 * float(np.count_nonzero(residual)) / len(levels)
     chi2 = 0.5 * freedom * float(np.sum((levels / np.mean(levels) - 1.0) ** 2))
@@ -209,11 +209,11 @@ def _unsteady_noise(
         return 1.0, 1.0
     length = 2 * (samples // (STRETCHES + 1))
     begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
-    padded_motion = np.pad(np.asarray(fft.irfft(motion, samples)), length // 2 + 1)
+    padded_motion = np.pad(fft.irfft(motion, samples), length // 2 + 1)
     padded_power = np.pad(noise_power, length // 2 + 1, mode="edge")
     motion_stretches = sliding_window_view(padded_motion, length)[begins]
     power_stretches = sliding_window_view(padded_power, length)[begins]
-    lines = power_of(np.asarray(fft.rfft(motion_stretches * hann(length))))
+    lines = power_of(fft.rfft(motion_stretches * hann(length)))
     total = np.cumsum(np.pad(lines, ((0, 0), (1, 0))), axis=1)
     first = edges[:-1] * length // samples
     end = -(-edges[1:] * length // samples)

@@ -230,16 +230,14 @@ def rounding_in_residual(
         reference_used = used & record.reference_mask[span]
         reference_noise = np.where(reference_used, (record.reference - smooth)[span], 0.0)
         noise_variance = (
-            float(median(np.abs(np.asarray(fft.rfft(reference_noise))) ** 2))
-            / MEDIAN_OF_POWER
-            / used.size
+            float(median(np.abs(fft.rfft(reference_noise)) ** 2)) / MEDIAN_OF_POWER / used.size
         )
         errors = rounding_errors(
             smooth[span], reference_used, steps[1], float(record.reference[span][reference_used][0])
         )
         errors *= np.sqrt(undithered(steps[1], noise_variance))
         bins = fft.rfft(errors, axis=1)[:, : transfer.size] * transfer  # of the band alone
-        residual_errors[TRIALS:] = -np.asarray(fft.irfft(bins, used.size, axis=1))
+        residual_errors[TRIALS:] = -fft.irfft(bins, used.size, axis=1)
     return residual_errors / np.sqrt(TRIALS) if np.any(residual_errors) else None
 
 
@@ -263,7 +261,7 @@ def _band_limited_reference(
     window = np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
     last = int(1.5 * float(np.max(frequency_hz)) * samples / rate)  # the band of a sine
     if record.excitation != "sine":
-        power = np.abs(np.asarray(fft.rfft(window * motion))) ** 2
+        power = np.abs(fft.rfft(window * motion)) ** 2
         # Louder than rounding makes them.
         loud = np.flatnonzero(power > 30.0 * step**2 / 12.0 * float(window @ window))
         last = int(loud[-1]) + 3 if loud.size else 0
@@ -275,7 +273,7 @@ def _band_limited_reference(
     ):
         return None
     lines[last:] = 0.0
-    return np.asarray(fft.irfft(lines, samples)) + mean
+    return fft.irfft(lines, samples) + mean
 
 
 def _coherent_errors(

@@ -14,7 +14,7 @@ from vibrident.data.records import FloatArray
 from vibrident.lab.history import control, query, schema
 from vibrident.lab.history.drift import Mixture
 from vibrident.lab.history.due import RISK, Tolerance, due, interval_in_force, later
-from vibrident.lab.history.life import Life, covariance, life, years_between
+from vibrident.lab.history.life import Entry, Life, covariance, life, years_between
 from vibrident.lab.history.query import StoredSensor
 from vibrident.lab.history.schema import REFERENCE_SENSITIVITY
 from vibrident.lab.history.store import Store
@@ -67,7 +67,7 @@ def of_sensor(
     )
     if all(entry.value is None for entry in entries):
         raise _no_such_quantity(store, sensor, question)
-    history = life(entries, query.events(store, sensor.id).get(sensor.id, []))
+    history = _life(store, sensor, entries)
     document = {
         "schema": SCHEMA,
         "store": store.shown,
@@ -81,6 +81,11 @@ def of_sensor(
         "due": _due(history, question),
     }
     return plain(document)
+
+
+def _life(store: Store, sensor: StoredSensor, entries: Sequence[Entry]) -> Life:
+    """Return the life of a sensor by these calibrations and its events."""
+    return life(entries, query.events(store, sensor.id).get(sensor.id, []))
 
 
 def of_result(store: Store, result: Result) -> dict[str, Any] | None:
@@ -102,11 +107,7 @@ def random_walks(store: Store, result: Result) -> dict[str, float]:
         return walks
     for name in result.parameters:
         entries = query.entries(store, sensor.id, name).get(sensor.id, [])
-        drift = (
-            life(entries, query.events(store, sensor.id).get(sensor.id, [])).drift
-            if entries
-            else None
-        )
+        drift = _life(store, sensor, entries).drift if entries else None
         if drift is not None:
             walks[name] = drift.wandering() / abs(result.parameters[name].value)
     return walks
@@ -175,19 +176,13 @@ def _without_risk(history: Life, question: Question) -> dict[str, Any]:
     unknown = dict.fromkeys(
         ("date", "risk_today", "risk_at_end", "staircase_years", "by_staircase")
     )
-    if not history.entries:
-        return unknown | {
-            "why": "no calibration counts",
-            "interval_years": None,
-            "by_interval": None,
-        }
-    interval = question.interval_years or interval_in_force(history)
-    by_interval = later(history.entries[-1].date, interval)
-    return unknown | {
-        "why": "no tolerance for its type",
-        "interval_years": interval,
-        "by_interval": by_interval,
-    }
+    why = "no calibration counts"
+    interval = by_interval = None
+    if history.entries:
+        why = "no tolerance for its type"
+        interval = question.interval_years or interval_in_force(history)
+        by_interval = later(history.entries[-1].date, interval)
+    return unknown | {"why": why, "interval_years": interval, "by_interval": by_interval}
 
 
 def _quantity(history: Life, name: str) -> dict[str, Any]:

@@ -130,7 +130,7 @@ def _spectra(terms: int, half_width: int, shift: float, size: int) -> NDArray[np
 
     Their product with a signal's spectrum is that of the correlation.
     """
-    return np.asarray(fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1))
+    return fft.rfft(_filters(terms, half_width, shift)[:, ::-1], size, axis=-1)
 
 
 def half_width_for(samples: int) -> int:
@@ -154,8 +154,8 @@ def band_limited_inputs(
     half = half_width_for(n)
     shift = lag - delay_samples  # step k starts at sample k − lag + shift
     size = fast_length(n + 2 * half)
-    spectrum = np.asarray(fft.rfft(np.where(valid, samples, 0.0), size))
-    convolved = np.asarray(fft.irfft(spectrum * _spectra(terms, half, shift, size), size, axis=-1))
+    spectrum = fft.rfft(np.where(valid, samples, 0.0), size)
+    convolved = fft.irfft(spectrum * _spectra(terms, half, shift, size), size, axis=-1)
     # The reversed filter's last sample belongs to offset 1 − half, so the step that starts at k
     # sits at k + half.
     return _aligned(
@@ -191,13 +191,11 @@ def filtered(
     late = np.arange(-half, half + 0.5, 0.5)
     interpolation = np.zeros(2 * size)
     interpolation[np.arange(-2 * half, 2 * half + 1)] = 0.5 * np.sinc(late) * _window(late, half)
-    spectrum = np.asarray(fft.rfft(interpolation)) * response(np.arange(size + 1) / size)
-    kernel = 2.0 * np.asarray(fft.irfft(spectrum, 2 * size))[::2]
+    spectrum = fft.rfft(interpolation) * response(np.arange(size + 1) / size)
+    kernel = 2.0 * fft.irfft(spectrum, 2 * size)[::2]
     lags = np.flatnonzero(np.abs(kernel) > KERNEL_TOLERANCE * np.max(np.abs(kernel)))
     lags = np.where(lags > size // 2, lags - size, lags)
-    signal = np.asarray(
-        fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(kernel), size)
-    )[:n]
+    signal = fft.irfft(fft.rfft(np.where(valid, samples, 0.0), size) * fft.rfft(kernel), size)[:n]
     return signal, _all_valid(valid, -int(np.max(lags)), -int(np.min(lags)))
 
 

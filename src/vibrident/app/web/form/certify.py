@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.entries import PLAIN, Rows, entered, entry
 from vibrident.app.web.laboratories import LABORATORY_FILES
 from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.state import NamedResult
@@ -64,7 +64,7 @@ class CertificateForm:
 
     def build(self) -> None:
         """Build a line that says what is missing, and the form, which is made when it is opened."""
-        self.lacking = ui.label("").classes("hint").props("role=status id=lacking")
+        self.lacking = frame.hint("").props("role=status id=lacking")
         self._say()
         if not self.user.may("identify"):
             return
@@ -128,12 +128,12 @@ class CertificateForm:
             for title in dict.fromkeys(field.group for field in fields):
                 self._group(title, [field for field in fields if field.group == title], stated)
             self._more()
-            with ui.element("div").classes("actions"):
+            with frame.actions():
                 ui.button(say("Save"), on_click=self._save).props("id=save-certificate")
                 file = ui.button(say("Save as a file"), on_click=self._file)
                 file.props("outline id=get-certificate-toml")
-            self.said = ui.label("").classes("hint").props("role=status")
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.said = frame.hint("").props("role=status")
+            self.errors = frame.error_place()
 
     def _group(self, title: str, fields: Sequence[FormField], stated: Mapping[str, Any]) -> None:
         """Ask for the keys below a heading of the certificate."""
@@ -182,11 +182,7 @@ class CertificateForm:
 
     def _read(self) -> CertificateData:
         """Return the checked form; None for entries of the result that the form leaves empty."""
-        values = {
-            name: element.value if isinstance(element, Rows) else filled(_KEYS[name], element.value)
-            for name, element in self.entries.items()
-        }
-        stated = {name: value for name, value in values.items() if value not in (None, [])}
+        stated = entered(self.entries, _KEYS)
         if len(json.dumps(stated)) > _MAX_ENTRY_CHARACTERS:
             raise InputError(
                 "The entries are too long.",

@@ -39,7 +39,6 @@ from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.state import ConfirmedCalibration, Form
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
-from vibrident.base.escaping import html
 from vibrident.data.io.keys import Key
 from vibrident.physics.models import ADD_ONS, CORES
 
@@ -104,7 +103,7 @@ class ColumnsStep:
         if not session.names:
             self.user.form = None
             return False
-        with self.body, ui.element("div").classes("actions"):
+        with self.body, frame.actions():
             ui.spinner(size="28px")
             ui.label(say("Looking at the files …")).props("role=status")
         try:
@@ -146,10 +145,10 @@ class ColumnsStep:
     def _as_it_stands(self, name: str, text: str) -> None:
         """Show the uploaded calibration file."""
         came = say("{file} came with the data and describes the columns:", file=name)
-        ui.label(came).classes("hint")
+        frame.hint(came)
         frame.Text("calibration-came", say("Calibration file"), text)
-        self.errors = ui.element("div").props("aria-live=assertive")
-        with ui.element("div").classes("actions"):
+        self.errors = frame.error_place()
+        with frame.actions():
             confirm = ui.button(
                 say("Confirm"), on_click=lambda: self.fit.show(ConfirmedCalibration(name, False))
             )
@@ -198,7 +197,7 @@ class ColumnsStep:
                 "The first are {names}."
             )
             names = frame.list_names(form.guess.columns.labels)
-            ui.label(say(many, number=form.guess.all_columns, names=names)).classes("hint")
+            frame.hint(say(many, number=form.guess.all_columns, names=names))
         kinds = {False: say("Records in time"), True: say("Table of a response")}
         kind = ui.toggle(kinds, value=form.description.table).props("no-caps")
         kind.on_value_change(lambda event: self._edited("table", event.value))
@@ -206,13 +205,13 @@ class ColumnsStep:
             await self._group(sections, "basic", 3)
         self.more = ui.expansion(say("More that a calibration file can state")).classes("w-full")
         self.more.props("id=more-keys").on_value_change(self._open)
-        with ui.element("div").classes("actions"):
+        with frame.actions():
             ui.button(say("Draw these columns"), on_click=self._plot).props("outline id=show")
         self.plot = ui.element("div").classes("chart")
         self.chart = None
         self.faults = ui.element("div").props("aria-live=polite id=faults")
-        self.errors = ui.element("div").props("aria-live=assertive")
-        with ui.element("div").classes("actions"):
+        self.errors = frame.error_place()
+        with frame.actions():
             ui.button(say("Confirm"), on_click=self._confirm).props("id=confirm")
             ui.button(say("Edit as text"), on_click=self._edit_as_text).props(
                 "outline id=edit-text"
@@ -231,7 +230,7 @@ class ColumnsStep:
             self.chart = frame.Chart(drawn, CHART_HEIGHT_PX)
             first = self.user.session.files[0]
             caption = say("{file}, the beginning of the file as it is.", file=first)
-            ui.label(caption).classes("hint")
+            frame.hint(caption)
 
     async def _open(self) -> None:
         """Build what is asked for less often."""
@@ -324,7 +323,7 @@ class ColumnsStep:
         keys = [key for key in ENTRIES["records"] if key.name != "reference_file"]
         values = self.form.get("different") or []
         with ui.element("div").classes("w-full") as place:
-            ui.html(f"<h4>{html(say('Records that differ'))}</h4>", sanitize=False)
+            frame.heading(say("Records that differ"), 4)
             rows = Rows(ENTRY_NAMES["records"], keys, values, options={"file": files})
             rows.on_change = lambda: self._edited("different", rows.value)
         self.groups.append((place, ["records"]))

@@ -114,7 +114,7 @@ class Rows:
         self.place = ui.element("div").classes("w-full")
         for value in values:
             self.add(self.to_form(value))
-        with ui.element("div").classes("actions"):
+        with frame.actions():
             ui.button(
                 say("Add {thing}", thing=noun), on_click=lambda: self.add(self.to_form({}))
             ).props("outline")
@@ -182,6 +182,15 @@ class Rows:
             if key.applies(entered) and value not in (None, key.default):
                 stated[name] = value
         return stated
+
+
+def entered(elements: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[str, Any]:
+    """Return what is filled in, by key, as a file holds it; rows for a list of entries."""
+    values = {
+        name: element.value if isinstance(element, Rows) else filled(keys[name], element.value)
+        for name, element in elements.items()
+    }
+    return {name: value for name, value in values.items() if value not in (None, [])}
 
 
 class Bands(Rows):

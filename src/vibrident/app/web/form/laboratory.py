@@ -13,12 +13,11 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
-from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.entries import PLAIN, Rows, entered, entry
 from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.user import User
-from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
 from vibrident.data.io.laboratory import LABORATORY_KEYS
@@ -88,7 +87,7 @@ class LaboratoryStep:
             self.section.visible = False
             return
         with self.body:
-            self.errors = ui.element("div").props("aria-live=assertive")
+            self.errors = frame.error_place()
             profile = self._profile()
             self._state(profile)
             self._choice()
@@ -158,7 +157,7 @@ class LaboratoryStep:
                 label.classes("warning").props("role=status")
             elif days <= _SOON_DAYS:
                 due = say("{name}: to be calibrated by {date}.", name=name, date=date)
-                ui.label(due).classes("hint")
+                frame.hint(due)
 
     def _sources(self, profile: Mapping[str, Any]) -> None:
         """Ask for the lists of a calibration file, of the data that there are or of the profile."""
@@ -169,7 +168,7 @@ class LaboratoryStep:
         for name in _LISTS:
             values = profile[name] if columns_form is None else columns_form.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
-                ui.html(f"<h3>{html(say(SECTIONS[name].label))}</h3>", sanitize=False)
+                frame.heading(say(SECTIONS[name].label))
                 ways: dict[str, Any] = {}
                 if name == "uncertainty":
                     ways = {
@@ -202,7 +201,7 @@ class LaboratoryStep:
                     self.entries[name] = entry(key, stated.get(name), label=key.label)
             section = _KEYS["instruments"].section
             assert section is not None
-            ui.html(f"<h3>{html(say('Instruments'))}</h3>", sanitize=False)
+            frame.heading(say("Instruments"))
             instruments = stated.get("instruments") or []
             rows = Rows("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
@@ -230,21 +229,21 @@ class LaboratoryStep:
             )
             chosen.classes("uploader").props(f'flat bordered accept="{words.endings}"')
             chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
-            with ui.element("div").classes("actions") as here:
-                ui.label(say(words.here)).classes("hint").props("role=status")
+            with frame.actions() as here:
+                frame.hint(say(words.here)).props("role=status")
                 ui.button(say(words.remove), on_click=remove).props("flat")
             here.visible = self.user.session.laboratory_file(kind) is not None
         names = json.dumps([say(words.choose), say(words.label).partition(":")[0]])
         ui.run_javascript(f"vibrident.name({chosen.id}, ...{names})")
 
     def _keeping(self) -> None:
-        with ui.element("div").classes("actions"):
+        with frame.actions():
             self.name = ui.input(say("Name of the profile"), value=self.user.profile).props(PLAIN)
             ui.button(say("Save the profile"), on_click=self._save).props("outline id=save-profile")
             if self.user.profile:
                 remove = ui.button(say("Remove the profile"), on_click=self._remove)
                 remove.props("flat id=remove-profile")
-        self.said = ui.label("").classes("hint").props("role=status id=profile-said")
+        self.said = frame.hint("").props("role=status id=profile-said")
 
     async def _save(self) -> None:
         user = self.user
@@ -252,13 +251,7 @@ class LaboratoryStep:
         self.errors.clear()
         try:
             user.require("identify", "change a laboratory's profile")
-            values = {
-                name: element.value
-                if isinstance(element, Rows)
-                else filled(_KEYS[name], element.value)
-                for name, element in self.entries.items()
-            }
-            certificate = {name: value for name, value in values.items() if value not in (None, [])}
+            certificate = entered(self.entries, _KEYS)
             lists = {name: rows.value for name, rows in self.lists.items()}
             paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
             files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}

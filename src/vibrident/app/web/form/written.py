@@ -28,10 +28,10 @@ def edit_as_text(
     on_back: Callable[[], Awaitable[Any]],
 ) -> None:
     """Show a text to be edited; once used, it is a file of the user like an uploaded one."""
-    ui.label(say(_HINT)).classes("hint")
+    frame.hint(say(_HINT))
     written = ui.textarea(say("Calibration file"), value=text).classes("written w-full")
     written.props("dense outlined stack-label autogrow")
-    errors = ui.element("div").props("aria-live=assertive")
+    errors = frame.error_place()
 
     async def take() -> None:
         errors.clear()
@@ -55,6 +55,6 @@ def edit_as_text(
         finally:
             tried.unlink(missing_ok=True)
 
-    with ui.element("div").classes("actions"):
+    with frame.actions():
         ui.button(say("Use this file"), on_click=take).props("id=use-text")
         ui.button(say("Back"), on_click=on_back).props("outline")

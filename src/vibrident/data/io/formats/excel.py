@@ -20,6 +20,7 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
+    ColumnFile,
     StartTime,
     library,
     reading,
@@ -28,7 +29,6 @@ from vibrident.data.io.columns import (
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
-    StatedFile,
     Statement,
     clock_of,
     meaning_of,
@@ -76,7 +76,7 @@ class _SheetColumn:
             self.kinds.add("number" if _is_number(cell) else f"text such as {str(cell)[:40]!r}")
 
 
-class ExcelFile(StatedFile):
+class ExcelFile(ColumnFile):
     """A workbook, values as they were last computed; a cell without a number becomes NaN."""
 
     word = "column"
@@ -85,7 +85,6 @@ class ExcelFile(StatedFile):
         openpyxl = library("openpyxl", "excel", path)
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        self._starts: dict[int, StartTime] = {}
         self._sheets: list[str] = []
         self._numbered = 0
         with reading(path, _EXPECTED):
@@ -108,7 +107,7 @@ class ExcelFile(StatedFile):
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (rows,). Times become seconds since the first."""
-        handles = [self._channels[position].handle for position in positions]
+        handles = self._handles(positions)
         return tuple(np.array(values, dtype=np.float64) for values in handles)
 
     def _take(
@@ -128,11 +127,8 @@ class ExcelFile(StatedFile):
             is_time = "time" in column.kinds
             clock = None if is_time else clock_of([stated], f"{path}, column {name!r}")
             start = _start_of_dates(column.first) if is_time else start_of([stated])
-            if start:
-                self._starts[len(channels)] = start
-            channels.append(
-                Channel(name, column.values[: column.filled], clock, is_time, column.unit)
-            )
+            values = column.values[: column.filled]
+            channels.append(Channel(name, values, clock, is_time, column.unit, start=start))
         if is_first:
             self._numbered = len(channels)
 

@@ -28,7 +28,7 @@ from vibrident.data.io.hdf5_attributes import (
 )
 from vibrident.data.io.header_units import is_time, seconds_per_unit
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.stated import Statement, is_frequency, seconds_since, start_of, unit_of
+from vibrident.data.io.stated import Statement, is_frequency, seconds_since, unit_of
 from vibrident.data.io.timeline import clock_from_times
 from vibrident.data.io.units import factor_between
 from vibrident.data.records import FloatArray
@@ -80,8 +80,7 @@ class Hdf5File(ArrayFile):
             for array in arrays
             for channel in self._described([c for c in columns if c.array == array], levels, path)
         ]
-        starts = {array: start for array in arrays if (start := start_of(levels[array]))}
-        super().__init__(path, channels, refused, starts)
+        super().__init__(path, channels, refused)
 
     def _described(
         self,
@@ -155,7 +154,7 @@ class Hdf5File(ArrayFile):
         """Read these columns; each has shape (samples,)."""
         import h5py
 
-        columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
+        columns: list[ArrayColumn] = self._handles(positions)
         with reading(self._path, _EXPECTED), h5py.File(self._path, "r") as file:
             datasets: list[Any] = [file[column.array] for column in columns]
             require_room(self._path, *_cost(datasets))
@@ -172,7 +171,7 @@ class Hdf5File(ArrayFile):
 
         See ColumnFile. Integers of up to 16 bits become float32, which holds them exactly.
         """
-        columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
+        columns: list[ArrayColumn] = self._handles(positions)
         with reading(self._path, _EXPECTED):
             if len(columns) * (stop - start) > self._roomy:
                 require_room(self._path, len(columns) * (stop - start))

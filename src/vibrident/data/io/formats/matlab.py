@@ -18,14 +18,13 @@ from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, column
 from vibrident.data.io.columns import (
     Channel,
     ColumnFile,
-    StartTime,
     reading,
     require_few,
     require_room,
 )
 from vibrident.data.io.formats.hdf5 import Hdf5File
 from vibrident.data.io.reader import Reader
-from vibrident.data.io.stated import Statement, meaning_of, start_of, statements
+from vibrident.data.io.stated import Statement, meaning_of, statements
 from vibrident.data.records import FloatArray
 
 _EXPECTED = "a MATLAB file with numeric arrays"
@@ -53,7 +52,6 @@ class MatlabFile(ArrayFile):
     def __init__(self, path: Path) -> None:
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[str, StartTime] = {}
         self._numbers: dict[str, int] = {}
         with reading(path, _EXPECTED):
             for name, value, levels in _leaves(_variables(path)):
@@ -65,15 +63,13 @@ class MatlabFile(ArrayFile):
                     self._numbers[name] = math.prod(value.shape)
                 if not usable:
                     refused[name] = _reason_against(value)
-                elif start := start_of(levels):
-                    starts[name] = start
                 channels += channels_of(usable, [{}, *levels], str(path))
                 require_few(path, [*channels, *refused], "arrays")
-        super().__init__(path, channels, refused, starts)
+        super().__init__(path, channels, refused)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,)."""
-        columns: list[ArrayColumn] = [self._channels[position].handle for position in positions]
+        columns: list[ArrayColumn] = self._handles(positions)
         names = {column.array for column in columns}
         with reading(self._path, _EXPECTED):
             require_room(self._path, sum(self._numbers[name] for name in names))

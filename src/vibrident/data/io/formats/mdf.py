@@ -87,7 +87,7 @@ class MdfFile(ColumnFile):
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
         with self._opened() as file:
-            handles = [self._channels[position].handle for position in positions]
+            handles = self._handles(positions)
             require_room(
                 self._path, sum(file.groups[group].channel_group.cycles_nr for group, _ in handles)
             )

@@ -56,7 +56,7 @@ class MiniSeedFile(ColumnFile):
             stated = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
             require_room(self._path, stated)
             traces = self._traces(self._path, headonly=False)
-            wanted = [self._channels[position].handle for position in positions]
+            wanted = self._handles(positions)
             return tuple(
                 np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name])
                 for name in wanted

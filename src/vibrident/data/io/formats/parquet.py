@@ -16,6 +16,7 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
+    ColumnFile,
     StartTime,
     library,
     reading,
@@ -24,7 +25,6 @@ from vibrident.data.io.columns import (
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
-    StatedFile,
     Statement,
     clock_of,
     nearest_unit,
@@ -36,7 +36,7 @@ from vibrident.data.records import FloatArray
 _EXPECTED = "a Parquet file with columns of numbers"
 
 
-class ParquetFile(StatedFile):
+class ParquetFile(ColumnFile):
     """A Parquet file. Only the columns that are needed are read; a missing value becomes NaN."""
 
     def __init__(self, path: Path) -> None:
@@ -46,7 +46,6 @@ class ParquetFile(StatedFile):
             schema = file.schema_arrow
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[int, StartTime] = {}
         of_file = _metadata(schema.metadata)
         pandas = of_file.pop("pandas", None)
         pandas = pandas if isinstance(pandas, dict) else {}
@@ -73,11 +72,10 @@ class ParquetFile(StatedFile):
             levels = [statements(metadata), _of_column(of_file, field.name)]
             clock = clock_of(levels, f"{path}, column {field.name!r}")
             unit = nearest_unit(field.name, levels[0], levels[1])
-            if start := start_of(levels):
-                starts[len(channels)] = start
-            channels.append(Channel(field.name, field.name, clock, timed, "" if timed else unit))
+            unit = "" if timed else unit
+            start = start_of(levels)
+            channels.append(Channel(field.name, field.name, clock, timed, unit, start=start))
         super().__init__(path, channels, refused)
-        self._starts = starts
 
     def start(self, position: int) -> StartTime | None:
         """Return the time of a column's first sample, or of a column of dates its first date."""
@@ -95,7 +93,7 @@ class ParquetFile(StatedFile):
 
         Timestamps become seconds since the first.
         """
-        names = [self._channels[position].handle for position in positions]
+        names = self._handles(positions)
         with reading(self._path, _EXPECTED):
             with self._parquet.ParquetFile(self._path) as file:
                 require_room(self._path, _numbers(file.metadata, set(names)))

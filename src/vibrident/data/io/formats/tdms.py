@@ -13,6 +13,7 @@ import numpy as np
 
 from vibrident.data.io.columns import (
     Channel,
+    ColumnFile,
     StartTime,
     library,
     reading,
@@ -21,7 +22,6 @@ from vibrident.data.io.columns import (
 )
 from vibrident.data.io.reader import Reader
 from vibrident.data.io.stated import (
-    StatedFile,
     clock_of,
     is_frequency,
     nearest_unit,
@@ -45,7 +45,7 @@ _SCALE_INPUT = re.compile(r"NI_Scale\[(\d+)\]_\w+_Input_Source")
 _SCALE_COUNT = "NI_Number_Of_Scales"
 
 
-class TdmsFile(StatedFile):
+class TdmsFile(ColumnFile):
     """A TDMS file; numbers are scaled as the file says.
 
     Text, complex numbers, empty channels and scales that cannot be computed are refused.
@@ -58,7 +58,6 @@ class TdmsFile(StatedFile):
         self._library = library("nptdms", "tdms", path).TdmsFile
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        starts: dict[int, StartTime] = {}
         with self._opened() as file:
             if file.file_status.incomplete_final_segment:
                 raise ValueError("the last segment is cut short")
@@ -68,12 +67,9 @@ class TdmsFile(StatedFile):
                     outer = (group.properties, file.properties)
                     if reason := _reason_against(channel, outer):
                         refused[name] = reason
-                        continue
-                    if start := _start(channel.properties):
-                        starts[len(channels)] = start
-                    channels.append(_described(name, channel, outer, start, str(path)))
+                    else:
+                        channels.append(_described(name, channel, outer, str(path)))
         super().__init__(path, channels, refused)
-        self._starts = starts
 
     def start(self, position: int) -> StartTime | None:
         """Return the time of a channel's first sample, or of a time channel its first time."""
@@ -87,7 +83,7 @@ class TdmsFile(StatedFile):
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
         with self._opened() as file:
-            handles = [self._channels[position].handle for position in positions]
+            handles = self._handles(positions)
             require_room(self._path, sum(len(file[group][name]) for group, name in handles))
             return tuple(real_numbers(_plain(file[group][name][:])) for group, name in handles)
 
@@ -102,11 +98,10 @@ class TdmsFile(StatedFile):
             yield file
 
 
-def _described(
-    name: str, channel: Any, outer: Sequence[Mapping[str, Any]], start: StartTime | None, where: str
-) -> Channel:
+def _described(name: str, channel: Any, outer: Sequence[Mapping[str, Any]], where: str) -> Channel:
     """Return a channel with what its properties, its group's and the file's state."""
     properties = channel.properties
+    start = _start(properties)
     levels = [statements(values) for values in (properties, *outer)]
     axis = str(properties.get("wf_xunit_string", "")).strip()
     over_frequency = is_frequency(str(properties.get("wf_xname", "")), axis)
@@ -117,7 +112,7 @@ def _described(
         clock = replace(clock, rate_hz=clock.rate_hz / (seconds or 1.0), start=start)
     handle = (channel.group_name, channel.name)
     unit = nearest_unit(channel.name, levels[0], levels[1])
-    return Channel(name, handle, clock, _is_time(channel), unit, over_frequency)
+    return Channel(name, handle, clock, _is_time(channel), unit, over_frequency, start)
 
 
 def _start(properties: Mapping[str, Any]) -> StartTime | None:

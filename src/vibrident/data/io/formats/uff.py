@@ -91,7 +91,7 @@ class UffFile(ColumnFile):
         """Read these channels; each has shape (samples,)."""
         with reading(self._path, _EXPECTED):
             file = self._pyuff.UFF(str(self._path))
-            handles = [self._channels[position].handle for position in positions]
+            handles = self._handles(positions)
             require_room(self._path, sum(samples for _, samples, _ in handles))
             return tuple(self._signal(file, *handle) for handle in handles)
 
