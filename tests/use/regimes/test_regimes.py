@@ -100,7 +100,8 @@ def draw(rng: np.random.Generator) -> tuple[list[Life], float]:
         if kind == "range":
             gain *= float(rng.choice([0.1, 10.0]))
         if kind in ("damping", "all"):
-            damping = float(np.clip(damping * rng.uniform(1.3, 4.0), 0.03, 0.9))
+            factor = rng.uniform(1.3, 4.0)
+            damping = float(min(damping * factor, 0.9) if damping < 0.6 else damping / factor)
         if kind in ("frequency", "all"):
             natural_hz *= float(1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.1))
         life = Life(begin, natural_hz, damping, gain)
