@@ -7,8 +7,9 @@ rule's own response is divided out, so the integral is that of the band-limited 
 records keep a lower edge of the band.
 
 Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise,
-or by its mirror image where a lower edge would spread the step of the former. The error of that continuation is a sum over the response's own samples, so its variance follows
-from the response's autocovariance.
+or by its mirror image where a lower edge would spread the step of the former. The
+error of that continuation is a sum over the response's own samples, so its variance follows from
+the response's autocovariance.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ The uncertainty has these origins, each a series over the samples:
 
 - noise: of the response, with its spectrum, through the filter;
 - model: the covariance of the parameters through ∂â/∂θ, with their correlation; the stated
-  uncertainty of the known response of the channel; and, of a model that its calibration rejected, a relative error as large as its deviations from the measured
+  uncertainty of the known response of the channel; and, of a model
+  that its calibration rejected, a relative error as large as its deviations from the measured
   points;
 - band: what the low-pass removes: at each instant the highest octave kept, scaled by the ratio of
   the spectrum beyond the band to that octave's (an envelope where noise hides the spectrum);
