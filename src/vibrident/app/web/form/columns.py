@@ -241,7 +241,7 @@ class ColumnsStep:
         with self.more, contextlib.suppress(_Outdated):
             await self._group([section for each in _GROUPS for section in each], "more", 4)
             self._rows()
-            known = KnownResponses(self.user, self._edited)
+            known = KnownResponses(self.user, self._edited, self.data.show)
             self.groups += [(place, [path]) for path, place in known.places.items()]
             self._visible()
 

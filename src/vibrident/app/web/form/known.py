@@ -111,9 +111,16 @@ def entry_of_row(row: Mapping[str, Any]) -> dict[str, Any]:
 class KnownResponses:
     """The rows of both channels, and the files that they take."""
 
-    def __init__(self, user: User, edited: Callable[[str, Any], None]) -> None:
+    def __init__(
+        self,
+        user: User,
+        edited: Callable[[str, Any], None],
+        list_files: Callable[[], None],
+    ) -> None:
+        """Build the rows; ``edited`` takes a path and its value, ``list_files`` shows the files."""
         self.user = user
         self.edited = edited
+        self.list_files = list_files
         self.rows: dict[str, Rows] = {}
         hint = say(
             "A sensor beside another one, or behind an amplifier: state what is known of each "
@@ -165,6 +172,7 @@ class KnownResponses:
                     size = named.path.stat().st_size
                     place = session.reserve_path(file, size, known=True)
                     shutil.copyfile(named.path, place)
+                    self.list_files()
         except Exception as error:
             frame.show_error(self.errors, error, session)
         self.edited(path, entries)
@@ -172,14 +180,15 @@ class KnownResponses:
     def _upload(self) -> None:
         limit = int(self.user.session.limit_mb * MEGABYTE)
         label = say("Files of known responses: a table, StationXML, RESP, SACPZ, result.json")
-        upload = ui.upload(
-            label=label,
-            multiple=True,
-            auto_upload=True,
-            max_total_size=limit,
-            on_upload=self._arrived,
-        )
-        upload.classes("uploader").props("flat bordered id=known-files")
+        with ui.element("div").props("id=known-files"):
+            upload = ui.upload(
+                label=label,
+                multiple=True,
+                auto_upload=True,
+                max_total_size=limit,
+                on_upload=self._arrived,
+            )
+        upload.classes("uploader").props("flat bordered")
         upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
         names = json.dumps([say("Choose files of known responses"), label.partition(":")[0]])
         ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
@@ -198,7 +207,7 @@ class KnownResponses:
         except Exception as error:
             frame.show_error(self.errors, error, session)
             return
-        self.user.changed()
+        self.list_files()
         for rows in self.rows.values():
             rows.offer("file", self.offered_files)
 
