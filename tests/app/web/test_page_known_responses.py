@@ -20,6 +20,8 @@ def test_every_key_of_the_form_is_one_of_the_file():
     assert {key.name for key in KEYS} - {"stated_as"} <= {*KnownResponseEntry.model_fields}
     corners = {"highpass_hz": [0.5], "gain": 10.0}
     assert entry_of_row(row_of_entry(corners)) == corners
+    certificate = {"file": "a.csv", "magnitude_uncertainty": 4}
+    assert entry_of_row(certificate) == {**certificate, "coverage_factor": 2.0}
 
 
 def test_files_of_known_responses_are_no_records(tmp_path):
@@ -84,7 +86,7 @@ def test_a_reference_with_a_certificate_is_stated_in_the_form(visit, sound, pres
         "Phase: column": "3",
         "U of the magnitude: column": "4",
     }
-    for label, text in {**named, "k of these U": "2"}.items():
+    for label, text in named.items():
         row.get_by_label(label, exact=True).fill(text)
     page.locator("#known-response").get_by_role("button", name="Add known response").press("Enter")
     other = page.locator("#known-response").get_by_role("group", name="Known response 1")

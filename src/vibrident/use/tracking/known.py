@@ -77,7 +77,7 @@ def known_effects(calibration: Calibration, sensor: IdentifiedSensor) -> KnownEf
         low_hz, high_hz = record.band_hz or (0.0, np.inf)
         moving = np.where(record.reference_mask, record.reference, 0.0)
         motion = np.asarray(fft.rfft(moving * np.hanning(record.samples)))
-        hz = fft.rfftfreq(record.samples, 1.0 / record.sampling_rate_hz)
+        hz = np.array(fft.rfftfreq(record.samples, 1.0 / record.sampling_rate_hz), dtype=float)
         inside = (hz >= max(low_hz, hz[1])) & (hz <= high_hz)
         response = motion[inside] * sensor.frequency_response(hz[inside], calibration.quantity)
         change = np.array([response * change_by(effect, hz[inside]) for effect in effects]).T

@@ -33,6 +33,7 @@ _TITLES = {
     "response": phrase("Known responses of the response's channel"),
 }
 _UNIT = ("%", 100.0)
+_K = 2.0  # coverage factor that is usual
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,13 @@ def _keys() -> list[Key]:
 
     def number(name: str, title: str, way: str = "", **more: Any) -> Key:
         tables = bool(more.pop("of_tables", False))
+        usual = more.pop("usual", None)
         return KnownKey(
-            name, None, "number", {}, None, "", title, way=way, of_tables=tables, **more
+            name, usual, "number", {}, None, "", title, way=way, of_tables=tables, **more
         )
 
-    hz = {"in_form": ("Hz", 1.0)}
-    percent = {"in_form": _UNIT}
+    hz: dict[str, Any] = {"in_form": ("Hz", 1.0)}
+    percent: dict[str, Any] = {"in_form": _UNIT}
     degrees = {"deg": "deg", "rad": "rad"}
     return [
         KnownKey("stated_as", _FILE, "choice", _WAYS, None, "", phrase("Stated")),
@@ -82,7 +84,7 @@ def _keys() -> list[Key]:
         ),
         column("magnitude_uncertainty", phrase("U of the magnitude: column")),
         column("phase_uncertainty", phrase("U of the phase: column")),
-        number("coverage_factor", phrase("k of these U"), _FILE, of_tables=True),
+        number("coverage_factor", phrase("k of these U"), _FILE, of_tables=True, usual=_K),
         number("highpass_hz", phrase("High-pass corner"), _CORNERS, **hz),
         number("lowpass_hz", phrase("Low-pass corner"), _CORNERS, **hz),
         number("gain", phrase("Gain between the corners"), _CORNERS),
@@ -102,8 +104,10 @@ def row_of_entry(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def entry_of_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a filled row as the file states it; a corner is a list there."""
+    """Return a filled row as the file states it; a corner is a list there, and k is stated."""
     entry = {name: value for name, value in row.items() if name != "stated_as"}
+    if {"magnitude_uncertainty", "phase_uncertainty"} & {*entry}:
+        entry.setdefault("coverage_factor", _K)
     corners = {name: [entry[name]] for name in ("highpass_hz", "lowpass_hz") if name in entry}
     return {**entry, **corners}
 
