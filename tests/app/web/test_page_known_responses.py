@@ -105,7 +105,7 @@ def test_a_reference_with_a_certificate_is_stated_in_the_form(visit, sound, pres
     assert text.count("[[records]]") == 1
     page.locator("#start").press("Enter")
     page.locator("#result .js-plotly-plot").first.wait_for(timeout=4 * WAIT_MS)
-    result = json.loads(download(page, "result.json"))
+    result = json.loads(download(page, "json"))
     assert [known["channel"] for known in result["settings"]["known_responses"]] == ["reference", "response"]
     sensitivity = result["parameters"]["sensitivity"]
     assert sensitivity["value"] == pytest.approx(SENSOR[0], abs=3.0 * sensitivity["standard_uncertainty"])

@@ -184,7 +184,7 @@ class KnownResponses:
     def _upload(self) -> None:
         limit = int(self.user.session.limit_mb * MEGABYTE)
         label = say("Files of known responses: a table, StationXML, RESP, SACPZ, result.json")
-        with ui.element("div").props("id=known-files"):
+        with ui.element("div").classes("w-full").props("id=known-files"):
             upload = ui.upload(
                 label=label,
                 multiple=True,
