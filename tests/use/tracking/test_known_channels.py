@@ -51,7 +51,7 @@ def test_the_certificate_of_the_reference_is_in_u(result):
     calibration = followed(SENSOR, reference_known_response=unsure)
     tracking = track(result, calibration, drift_per_year=DRIFT)
     stated = identify(calibration)
-    for name in ("sensitivity", "damping_ratio"):
+    for name in ("sensitivity", "natural_frequency"):
         u = stated.parameters[name].standard_uncertainty
         assert tracking.result.parameters[name].standard_uncertainty == pytest.approx(u, rel=0.2)
     sources = {row["source"] for row in tracking.result.settings["uncertainty_budget"]}

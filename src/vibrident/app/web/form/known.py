@@ -23,7 +23,8 @@ from vibrident.app.web.user import User
 from vibrident.base.escaping import html
 from vibrident.data.io.keys import Key
 
-_FILE, _CORNERS = "file", "corners"
+_FILE = "file"
+_CORNERS = "corners"
 _WAYS = {
     _FILE: phrase("in a file"),
     _CORNERS: phrase("as corners of a conditioner"),
