@@ -175,7 +175,7 @@ def pole_columns(poles: Sequence[complex], time_s: FloatArray) -> FloatArray:
     """
     columns = [np.zeros((time_s.size, 0))]
     for number, pole in enumerate(poles):
-        order = sum(abs(other - pole) < SAME_POLE * abs(pole) for other in poles[:number])
+        order = sum(abs(earlier - pole) < SAME_POLE * abs(pole) for earlier in poles[:number])
         wave = (time_s / time_s[-1]) ** order * np.exp(pole * time_s)
         columns.append(wave.real[:, None])
         if pole.imag > 0.0:

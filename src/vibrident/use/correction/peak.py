@@ -170,7 +170,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class ReferenceMotion:
-    """What the reference of a record holds.
+    """Motion of a record's reference, and the response of its channel.
 
     Attributes:
         quantity: of its motion.

@@ -73,8 +73,8 @@ class CarriedEffects:
         """Return an estimate with the effects in its covariance, correlated as calibrated."""
         variance = np.sum(self.contributions**2, axis=0)
         share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
-        own = self.known.contributions * self.fresh(read)
-        covariance = read.covariance + self.start * np.outer(share, share) + own.T @ own
+        moves = self.known.contributions * self.fresh(read)
+        covariance = read.covariance + self.start * np.outer(share, share) + moves.T @ moves
         u = np.sqrt(np.diag(covariance)).tolist()
         named = dict(zip(read.values, u, strict=True))
         return replace(read, uncertainty=named, covariance=covariance)
@@ -92,8 +92,8 @@ class CarriedEffects:
             known = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
             known |= {"standard_uncertainty": relative, "unit": "", "degrees_of_freedom": None}
             rows.append((known, self.reference * np.abs(list(read.values.values()))))
-        own = zip(self.known.rows, fresh * np.abs(self.known.contributions), strict=True)
-        rows += [(dict(row), part) for row, part in own]
+        channels = zip(self.known.rows, fresh * np.abs(self.known.contributions), strict=True)
+        rows += [(dict(row), part) for row, part in channels]
         carried = zip(self.rows, fresh * self.contributions, strict=True)
         rows += [(dict(row), part) for row, part in carried]
         return [

@@ -217,8 +217,8 @@ def _known(description: Description, section: str) -> dict[str, Any]:
     for number, entry in enumerate(entries, start=1):
         if not {"file", "highpass_hz", "lowpass_hz"} & {*entry}:
             label = phrase("File")
-            thing = ENTRY_NAMES["known_response"].lower()
-            problem = f"“{label}” of {thing} {number} is empty."
+            entry_name = ENTRY_NAMES["known_response"].lower()
+            problem = f"“{label}” of {entry_name} {number} is empty."
             raise _form_error(problem, "a file, or a corner", "nothing", "fill it in")
     return {"known_response": entries}
 
