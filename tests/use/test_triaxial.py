@@ -1,12 +1,14 @@
 """The sensitivity matrix: what was simulated, by one motion at a time or three at once, from arrays and from files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from bench.laboratory import MATRIX, OUTPUTS, axes_calibration, coverage, true_matrix
 from tests.support import shell
 
+from vibrident import KnownResponse
 from vibrident.base.errors import InputError
 from vibrident.data.io import read
 from vibrident.data.io.axes_file import AxesCalibration, read_axes
@@ -58,6 +60,54 @@ def test_effects_and_transverse_motion_are_in_u():
     main = np.abs(moved.values[:, 0, 0])
     np.testing.assert_allclose(moved.u[:, 0, 1, 0], 0.03 * main, rtol=1e-3)
     assert np.all(moved.u[:, 0, 0, 0] < 1e-3 * main)
+
+
+#: Known responses of the references' channels, and of an amplifier behind the output x.
+REFERENCES = {
+    axis: KnownResponse.from_corners([2.0 + at], gain=0.1 + at, standard_uncertainty=0.001 * (1 + at))
+    for at, axis in enumerate(OUTPUTS)
+}
+AMPLIFIER = KnownResponse.from_corners([], [3e3], 10.0, standard_uncertainty=0.004)
+
+
+def seen_through(known, signal):
+    """A tone of whole periods behind a known response."""
+    hz = np.fft.rfftfreq(signal.size, 1.0 / 8192.0)
+    hz[0] = hz[1]
+    return np.fft.irfft(np.fft.rfft(signal) * known.value(hz), signal.size)
+
+
+@pytest.mark.parametrize("motions", [False, True])
+def test_known_responses_of_channels_are_removed(motions):
+    plain = axes_calibration(np.random.default_rng(2), motions=motions, noise=1e-9)
+    references = REFERENCES if motions else dict.fromkeys(OUTPUTS, REFERENCES["x"])
+
+    def through(calibration, axis, response):
+        records = []
+        for r in calibration.records:
+            seen = r.response if response is None else seen_through(response, r.response)
+            reference = seen_through(references[axis], r.reference)
+            records.append(replace(r, reference=reference, response=seen))
+        stated = {"reference_known_response": references[axis], "response_known_response": response}
+        return replace(calibration, records=tuple(records), **stated)
+
+    outputs = {axis: through(one, "x", AMPLIFIER if axis == "x" else None) for axis, one in plain.outputs.items()}
+    moved = {axis: through(one, axis, None) for axis, one in plain.motions.items()}
+    found = sensitivity_matrix(AxesCalibration(outputs, moved))
+    np.testing.assert_allclose(found.values, sensitivity_matrix(plain).values, rtol=1e-6)
+    size = np.sqrt(np.sum(found.u**2, axis=-1)) / np.abs(found.values)
+    for i, output in enumerate(OUTPUTS):
+        for j in range(3):
+            parts = [0.001 * (1 + (j if motions else 0)), 0.004 if output == "x" else 0.0]
+            np.testing.assert_allclose(size[:, i, j], np.hypot(*parts), rtol=1e-2)
+
+
+def test_a_tone_outside_what_is_known_is_refused():
+    plain = axes_calibration(np.random.default_rng(2))
+    table = KnownResponse.from_table([100.0, 1000.0], [1.0, 1.0], [0.0, 0.0])
+    known = {axis: replace(one, response_known_response=table) for axis, one in plain.outputs.items()}
+    with pytest.raises(InputError, match="outside the band of a known response"):
+        sensitivity_matrix(AxesCalibration(known, {}))
 
 
 def test_motions_that_are_alike_are_refused():

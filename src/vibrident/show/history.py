@@ -36,7 +36,10 @@ from vibrident.show.views import (
 from vibrident.use.comparison import not_comparable
 
 #: Derived quantities say nothing that the estimated ones do not.
-_DERIVED = ("natural angular frequency", "resonance frequency", "conversion coefficient")
+_DERIVED = (
+    *("natural angular frequency", "free period"),
+    *("resonance frequency", "conversion coefficient"),
+)
 
 
 @dataclass(frozen=True)

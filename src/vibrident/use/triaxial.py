@@ -30,7 +30,9 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.base.tails import student_quantile
 from vibrident.data.io.axes_file import AxesCalibration, read_axes
+from vibrident.data.known import KnownResponse
 from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.sine_fit import tone_frequency
 from vibrident.fit.response.tones import measure_tones
 from vibrident.fit.uncertainty.budget import effects_of, pattern
@@ -185,20 +187,33 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     u = np.full((*shape, 2), np.nan)
     freedom = np.full(shape, np.inf)
     for i, name in enumerate(outputs):
-        tones = measure_tones(calibration.outputs[name].records, tones_hz)
+        tones = _known_removed(
+            measure_tones(calibration.outputs[name].records, tones_hz),
+            first.reference_known_response,
+            calibration.outputs[name].response_known_response,
+            first.source,
+        )
         for n, group in enumerate(groups):
             row = _row(tones, motion[group], group, first.source)
             values[n, i], u[n, i], freedom[n, i] = row
     frequency = np.array([sum(tones_hz[k] for k in group) / len(group) for group in groups])
-    u, freedom = _with_effects(first, calibration, outputs, axes, frequency, values, u, freedom)
+    u, freedom = _with_effects(calibration, outputs, axes, frequency, values, u, freedom)
     unit = f"{first.response_unit}/({first.reference_unit})"
     settings = {
         "sensor": dict(first.sensor),
         "transverse_motion": calibration.transverse_motion,
-        "effects": [
-            {"source": e.source, "kind": e.kind, "u": e.standard_uncertainty}
-            for e in effects_of(first)
-        ],
+        "effects": list(
+            {
+                (e.source, e.kind, e.standard_uncertainty): {
+                    "source": e.source,
+                    "kind": e.kind,
+                    "u": e.standard_uncertainty,
+                }
+                for output in calibration.outputs.values()
+                for along in calibration.motions.values() or (first,)
+                for e in effects_of(_chain_of(output, along))
+            }.values()
+        ),
         "records": [record.name for record in first.records],
     }
     return Matrix(outputs, axes, frequency, values, u, freedom, unit, settings)
@@ -232,9 +247,60 @@ def _motion(
             replace(record, response=along.reference)
             for record, along in zip(records, motion.records, strict=True)
         ]
-        tones = measure_tones(signals, tones_hz)
+        first = next(iter(calibration.outputs.values()))
+        tones = _known_removed(
+            measure_tones(signals, tones_hz),
+            first.reference_known_response,
+            motion.reference_known_response,
+            first.source,
+        )
         columns.append(tones.response / tones.reference)
     return np.stack(columns, axis=1)
+
+
+def _known_removed(
+    tones: MeasuredResponse,
+    reference: KnownResponse | None,
+    response: KnownResponse | None,
+    where: str,
+) -> MeasuredResponse:
+    """Return tones of two channels without the known responses of these.
+
+    Raises:
+        InputError: a tone lies outside the band in which a response is known.
+    """
+    for name, known in (("reference", reference), ("response", response)):
+        if known is None:
+            continue
+        low, high = known.band_hz
+        outside = (tones.frequency_hz < low) | (tones.frequency_hz > high)
+        if outside.any():
+            raise InputError(
+                "A record's frequency is outside the band of a known response.",
+                expected=f"{low:g} to {high:g} Hz, as {known.source} states",
+                found=f"{tones.frequency_hz[outside][0]:.6g} Hz",
+                where=where or "calibration in memory",
+                remedy="leave that record out, or state the response further",
+            )
+        at = known.value(tones.frequency_hz)
+        lines = known.value(tones.line_hz)
+        rounding = tones.rounding
+        if rounding is not None:
+            rounding = np.array(rounding)
+            rounding[:, int(name == "response")] /= np.abs(at) ** 2
+        removed = {name: getattr(tones, name) / at, "rounding": rounding}
+        lines_name = f"line_{name}"
+        tones = replace(tones, **removed, **{lines_name: getattr(tones, lines_name) / lines})
+    return tones
+
+
+def _chain_of(output: Calibration, along: Calibration) -> Calibration:
+    """Return an output's calibration with what another one states of its reference."""
+    return replace(
+        output,
+        reference_known_response=along.reference_known_response,
+        reference_standard_uncertainty=along.reference_standard_uncertainty,
+    )
 
 
 def _row(
@@ -278,7 +344,6 @@ def _row(
 
 
 def _with_effects(
-    first: Calibration,
     calibration: AxesCalibration,
     outputs: Sequence[str],
     axes: Sequence[str],
@@ -293,23 +358,11 @@ def _with_effects(
     """
     square = u**2
     noise = u[..., 0] ** 2
-    turn = values / np.maximum(np.abs(values), SMALLEST)
-    for effect in effects_of(first):
-        if effect.kind not in USABLE_KINDS:
-            raise InputError(
-                "An effect cannot be used in a calibration of several axes.",
-                expected="kind gain, phase, timing or mounting",
-                found=effect.kind,
-                where=f"{first.source}, [[uncertainty]] {effect.source!r}",
-                remedy="leave it out, or state it as gain or phase",
-            )
-        change = effect.standard_uncertainty * pattern(effect, None, frequency)
-        both = (
-            np.abs(values)[..., None]
-            * np.stack([np.real(change), np.imag(change)], axis=1)[:, None, None, :]
-        )
-        square[..., 0] += (both[..., 0] * turn.real) ** 2 + (both[..., 1] * turn.imag) ** 2
-        square[..., 1] += (both[..., 0] * turn.imag) ** 2 + (both[..., 1] * turn.real) ** 2
+    for i, output in enumerate(outputs):
+        for j, axis in enumerate(axes):
+            stated = calibration.outputs[output]
+            chain = _chain_of(stated, calibration.motions.get(axis, stated))
+            square[:, i, j] += _effects_squared(chain, frequency, values[:, i, j])
     for i, output in enumerate(outputs):
         for j, axis in enumerate(axes):
             if axis != output and output in axes:
@@ -317,6 +370,32 @@ def _with_effects(
                 square[:, i, j] += ((calibration.transverse_motion * main) ** 2)[:, None]
     total = np.mean(square, axis=-1)
     return np.sqrt(square), freedom * (total / np.maximum(noise, SMALLEST)) ** 2
+
+
+def _effects_squared(
+    calibration: Calibration, frequency: FloatArray, values: ComplexArray
+) -> FloatArray:
+    """Return u² of the parts of an element by the stated effects of its chain, shape (n, 2).
+
+    Raises:
+        InputError: an effect needs a model.
+    """
+    square = np.zeros((len(frequency), 2))
+    for effect in effects_of(calibration):
+        if effect.kind not in USABLE_KINDS:
+            raise InputError(
+                "An effect cannot be used in a calibration of several axes.",
+                expected="kind gain, phase, timing or mounting",
+                found=effect.kind,
+                where=f"{calibration.source}, [[uncertainty]] {effect.source!r}",
+                remedy="leave it out, or state it as gain or phase",
+            )
+        size = effect.standard_uncertainty * pattern(effect, None, frequency)
+        turn = values / np.maximum(np.abs(values), SMALLEST)
+        both = np.abs(values) * np.real(size), np.abs(values) * np.imag(size)
+        square[:, 0] += (both[0] * turn.real) ** 2 + (both[1] * turn.imag) ** 2
+        square[:, 1] += (both[0] * turn.imag) ** 2 + (both[1] * turn.real) ** 2
+    return square
 
 
 def _u_of_size(parts: FloatArray, u: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ nothing with the closed forms that are fitted.
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,13 @@ import pytest
 from bench.adversary.cases import BY_NAME
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.signal import StateSpace, lfilter, lfiltic, lsim, zpk2ss
 from tests.support.real_data import real_data
 
 import vibrident
-from vibrident import Calibration, InputError, Record
+from vibrident import Calibration, InputError, KnownResponse, Record
 from vibrident.base.errors import ModelError
+from vibrident.data.known import DigitalFilter
 from vibrident.fit.decay.examine import examine
 
 RATE = 2000.0
@@ -271,3 +274,47 @@ def test_noise_of_1_over_f_is_no_drift():
     """Of 0.5 % of the motion: a line may be fitted along, but nothing is said."""
     trial = BY_NAME["decay/alone 4/in-sharp/1/f 0.5 %"].trial()
     assert vibrident.identify(trial.calibration(), model=trial.model).warnings == ()
+
+
+#: Channels by which a decay is recorded; each adds free motion of its own.
+CHANNELS = {
+    "slow corner": KnownResponse.from_corners([8.0], [300.0], 10.0),
+    "two equal corners": KnownResponse.from_corners([3.0, 3.0]),
+    "resonance": KnownResponse.from_poles(np.roots([1.0, 60.0, (2 * np.pi * 90.0) ** 2]), [0.0]),
+    "digital filter": KnownResponse.from_filter([0.1, 0.1], [1.0, -1.5, 0.7], rate_hz=RATE),
+}
+
+
+def recorded(channel, natural_hz, damping, samples, rng):
+    """A release after rest, integrated by a fine step through the channel's own state space; 1e-4 of noise."""
+    (shape,) = channel.shapes
+    fine = 1 if isinstance(shape, DigitalFilter) else 16
+    series = swing(natural_hz, damping, fine * samples, before=fine * 50.0, rate=fine * RATE)
+    if fine == 1:
+        held = lfiltic(shape.numerator, shape.denominator, [series[0] * shape.at(0.0).real] * 3, [series[0]] * 3)
+        seen = lfilter(shape.numerator, shape.denominator, series, zi=held)[0]
+    else:
+        system = StateSpace(*zpk2ss(shape.zeros, shape.poles, shape.gain))
+        rest = np.linalg.solve(system.A, -system.B[:, 0] * series[0])
+        times = np.arange(series.size) / (fine * RATE)
+        seen = lsim(system, series, times, X0=rest)[1][::fine]
+    return seen + 1e-4 * np.std(seen) * rng.standard_normal(seen.size)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_a_known_channel_adds_only_free_motion_of_its_own(name, rng):
+    series = recorded(CHANNELS[name], 40.0, 0.05, 1500, rng)
+    known = replace(decays(series), response_known_response=CHANNELS[name])
+    result = vibrident.identify(known)
+    assert result.fit.adequate
+    for key, truth in (("natural_frequency", 40.0), ("damping_ratio", 0.05)):
+        parameter = result.parameters[key]
+        assert parameter.value == pytest.approx(truth, abs=4.0 * parameter.standard_uncertainty)
+        assert parameter.standard_uncertainty < 1e-3 * truth
+    assert result.settings["known_responses"][0]["channel"] == "response"
+
+
+def test_a_channel_that_is_known_as_a_table_is_refused_for_decays():
+    table = KnownResponse.from_table([1.0, 500.0], [1.0, 1.0], [0.0, 0.0])
+    with pytest.raises(InputError, match="A table of the channel's response does not tell how a free decay passes it"):
+        vibrident.identify(replace(decays(swing(40.0, 0.05, 900)), response_known_response=table))

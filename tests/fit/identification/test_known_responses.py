@@ -15,7 +15,7 @@ from tests.support.known_channels import (
     seismometer,
 )
 
-from vibrident import Calibration, InputError, KnownResponse, ResponseTable, correct, identify, predict
+from vibrident import Calibration, InputError, KnownResponse, ResponseTable, identify, predict
 from vibrident.data.io import write_calibration
 
 NAMES = ("sensitivity", "natural_frequency", "damping_ratio")
@@ -192,8 +192,6 @@ def test_a_prediction_takes_it_out_and_what_does_not_refuses_by_name(tmp_path):
     predicted = predict(result, known)
     assert predicted.rmse is not None
     assert predicted.rmse < 2e-3 * np.std(known.records[0].response)
-    with pytest.raises(InputError, match="A correction takes no known response"):
-        correct(result, known)
     with pytest.raises(InputError, match="A written calibration takes no known response"):
         write_calibration(tmp_path, known)
 

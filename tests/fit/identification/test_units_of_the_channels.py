@@ -17,7 +17,7 @@ PICKUP = ("velocity-pickup", {"generator_constant": 28.8, "natural_frequency": 4
 GAINS = ("sensitivity", "generator_constant", "conversion_coefficient")
 POWERS_OF_THE_RATE = {
     "natural_frequency": 1, "natural_angular_frequency": 1, "resonance_frequency": 1, "generator_constant": 1,
-    "conversion_coefficient": 2,
+    "conversion_coefficient": 2, "free_period": -1,
 }  # fmt: skip
 TONES = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]
 

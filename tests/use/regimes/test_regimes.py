@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from tests.support.changed_sensor import Life, calibration
+from tests.support.changed_sensor import Life, answered, calibration
 
-from vibrident import Result, identify
+from vibrident import Calibration, Result, identify
 from vibrident.physics.simulation import Sensor, simulate, with_noise
+from vibrident.use.regimes.pieces import is_alike_throughout
 
 RATE_HZ = 8000.0
 SAMPLES = 12000
@@ -85,6 +88,39 @@ def test_another_model_is_no_change(rng):
     assert result.settings["explained_by"] == "accelerometer+mode2"
 
 
+def pulses(rng: np.random.Generator) -> np.ndarray:
+    """A train of pulses, one about every fiftieth of a second, of different sizes."""
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    begins = np.arange(150, SAMPLES, 400) / RATE_HZ
+    sizes = rng.uniform(0.5, 1.5, begins.size)
+    return sum(s * np.exp(-0.5 * ((time_s - at) / 2e-4) ** 2) for s, at in zip(sizes, begins, strict=True))
+
+
+@pytest.mark.parametrize(("excitation", "quantity"), [("shock", "acceleration"), ("random", "drive")])
+def test_a_resistor_switched_in_under_pulses_and_under_a_held_drive(rng, excitation, quantity):
+    """Between pulses the sensor is at rest: the change is seen by the next one."""
+    lives = [Life(0, 600.0, 0.1, 0.1), Life(6000, 600.0, 0.3, 0.1)]
+    u = pulses(rng) if excitation == "shock" else rng.standard_normal(SAMPLES // 16).repeat(16)
+    y = answered(u, RATE_HZ, lives)
+    y = y + 1e-3 * np.std(y) * rng.normal(size=SAMPLES)
+    result = identify(Calibration.from_arrays(u, y, RATE_HZ, quantity=quantity, excitation=excitation))
+    units, _ = off(result, lives)
+    assert units < 4.0
+    assert result.settings["regimes"][1]["from_s"] == pytest.approx(6000 / RATE_HZ, abs=400 / RATE_HZ)
+
+
+def test_motion_that_is_not_alike_shows_no_regimes():
+    """A sweep shows each mode at another time, a single shock is over soon."""
+    sensor = {"sensitivity": 0.1, "natural_frequency": 600.0, "damping_ratio": 0.1}
+    sensor |= {"mode2_frequency": 900.0, "mode2_damping": 0.02, "mode2_gain": 0.05}
+    loose = Sensor("loose", "accelerometer with a second mode", "accelerometer+mode2", sensor)
+    for kind in ("sweep", "shock"):
+        motion = {"sampling_rate_hz": RATE_HZ, "samples": SAMPLES, "frequencies_hz": [10.0, 1500.0]}
+        (record,) = simulate(loose, kind, **motion, repeats=1, seed=1).records
+        assert not is_alike_throughout(record)
+    assert is_alike_throughout(replace(record, reference=pulses(np.random.default_rng(1))))
+
+
 def draw(rng: np.random.Generator) -> tuple[list[Life], float]:
     """Two or three lives of a fifth of a record or more, and the noise."""
     count = int(rng.integers(2, 4))
@@ -100,7 +136,8 @@ def draw(rng: np.random.Generator) -> tuple[list[Life], float]:
         if kind == "range":
             gain *= float(rng.choice([0.1, 10.0]))
         if kind in ("damping", "all"):
-            damping = float(np.clip(damping * rng.uniform(1.3, 4.0), 0.03, 0.9))
+            factor = rng.uniform(1.3, 4.0)
+            damping = float(min(damping * factor, 0.9) if damping < 0.6 else damping / factor)
         if kind in ("frequency", "all"):
             natural_hz *= float(1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.1))
         life = Life(begin, natural_hz, damping, gain)

@@ -24,6 +24,8 @@ MEGABYTE = 1_000_000
 MAX_FILES = 500
 MAX_RESULTS = 20  # most results of one page; the oldest are evicted
 ACCEPTED_ENDINGS = (*by_ending(), ".toml", ".json")  # endings of accepted files
+#: Endings of responses of instruments, which no reader of records takes.
+RESPONSE_ENDINGS = (".xml", ".resp", ".pz", ".sacpz")
 _MAX_NAME_LENGTH = 120
 _MAX_DOWNLOADS = 4
 _UNSAFE = re.compile(r"[^\w.+ -]+")
@@ -54,6 +56,7 @@ class Session:
         self._result_sizes: dict[Path, int] = {}
         self._made = 0
         self._written = False
+        self._known: set[str] = set()
 
     def open(self) -> None:
         """Make the folders unless they exist."""
@@ -65,6 +68,7 @@ class Session:
         shutil.rmtree(self.folder, ignore_errors=True)
         self._sizes = {}
         self._result_sizes = {}
+        self._known = set()
         self._written = False
 
     def laboratory_file(self, kind: str) -> Path | None:
@@ -85,6 +89,7 @@ class Session:
         """Remove the data, keep their results."""
         shutil.rmtree(self.data, ignore_errors=True)
         self._sizes = {}
+        self._known = set()
         self._written = False
 
     @property
@@ -97,7 +102,13 @@ class Session:
     def files(self) -> list[str]:
         """Return the names of the data files, in natural order."""
         readers = by_ending()
-        return [name for name in self.names if Path(name).suffix.lower() in readers]
+        names = [name for name in self.names if name not in self._known]
+        return [name for name in names if Path(name).suffix.lower() in readers]
+
+    @property
+    def known_files(self) -> list[str]:
+        """Return the names of the files that state known responses, in natural order."""
+        return [name for name in self.names if name in self._known]
 
     @property
     def used_bytes(self) -> int:
@@ -134,13 +145,14 @@ class Session:
         if self._written:
             self.remove(CALIBRATION)
 
-    def reserve_path(self, name: str, size: int) -> Path:
+    def reserve_path(self, name: str, size: int, *, known: bool = False) -> Path:
         """Return the path for a file of this name and size.
 
-        A calibration file replaces one of the same name.
+        A calibration file replaces one of the same name. ``known``: it states a known response.
         """
         safe = safe_name(name)
-        if Path(safe).suffix.lower() not in ACCEPTED_ENDINGS:
+        endings = (*by_ending(), ".json", *RESPONSE_ENDINGS) if known else ACCEPTED_ENDINGS
+        if Path(safe).suffix.lower() not in endings:
             raise unknown_format(Path(safe).suffix, safe)
         if safe.lower() == CALIBRATION:
             self.forget_calibration()
@@ -161,18 +173,22 @@ class Session:
         if existing is not None:
             self.remove(existing)
         self._sizes[safe] = size
+        if known:
+            self._known.add(safe)
         return self.data / safe
 
     def remove(self, name: str) -> None:
         """Remove one file."""
         if self._sizes.pop(name, None) is not None:
             (self.data / name).unlink(missing_ok=True)
+            self._known.discard(name)
             self._written = self._written and name != CALIBRATION
 
     @property
     def state(self) -> dict[str, Any]:
         """Return what the folders do not tell: sizes, and whether the page wrote a file."""
-        return {"sizes": dict(self._sizes), "written": self._written}
+        known = sorted(self._known)
+        return {"sizes": dict(self._sizes), "written": self._written, "known": known}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take up a folder that was kept; a file that had not arrived whole is removed."""
@@ -185,6 +201,7 @@ class Session:
                 path.unlink()
         self.rescan()
         self._written = state["written"] and CALIBRATION in self._sizes
+        self._known = {*state.get("known", ())} & {*self._sizes}
         result_files = sorted(self.results.glob("*.json"), key=lambda path: int(path.stem))
         for path in result_files:
             both = (path, path.with_suffix(".toml"))
@@ -302,11 +319,13 @@ def refuse_outside(file: Path) -> None:
     These are paths that are absolute or lead upwards.
     """
     from vibrident.data.io.calibration_file import read_calibration_file
+    from vibrident.data.io.known_files import known_files
 
     document = read_calibration_file(file)
     named = [document.table.file] if document.table else []
     for entry in document.records:
         named += [entry.file, *([entry.reference_file] if entry.reference_file else [])]
+    named += known_files(document)
     for name in named:
         parts = re.split(r"[/\\]", name)
         if parts[0] in ("", "~") or ".." in parts or ":" in parts[0]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from vibrident.show.views import Sentence
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
-    from vibrident.data.records import Record
+    from vibrident.data.records import Calibration
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
     from vibrident.use.tracking.session import Session
@@ -46,8 +46,10 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     from vibrident.data.io.calibration_file import read_calibration_file
     from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
+    from vibrident.data.sources.kinds.calibration_records import chunks_of
     from vibrident.data.sources.source import SourceRequest
     from vibrident.use.tracking.following import interval_of_records
+    from vibrident.use.tracking.known import known_effects, without_known
     from vibrident.use.tracking.outcome import tracked_result
     from vibrident.use.tracking.session import Session
     from vibrident.use.tracking.state import Settings
@@ -55,16 +57,19 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     known = load_result(request.result)
     folder = request.folder
     described = read_calibration_file(request.calibration)
-    channels = {name: getattr(described, name).known_response for name in ("reference", "response")}
-    refuse_known(channels, "Tracking", str(request.calibration))
     kind = SOURCES[request.source]
     rates = [described.sampling.rate_hz, *(entry.rate_hz for entry in described.records)]
     rate_hz = next(filter(None, rates), None)
     length_s = 0.0
+    data: Calibration | None = None
     if request.source == RECORDS:
-        records = _records(request.calibration, known)
-        rate_hz = records[0].sampling_rate_hz
-        length_s = sum(record.duration_s for record in records)
+        data = without_known(_data(request.calibration, known))
+        rate_hz = data.records[0].sampling_rate_hz
+        length_s = sum(record.duration_s for record in data.records)
+    else:
+        channels = ("reference", "response")
+        stated = {name: getattr(described, name).known_response for name in channels}
+        refuse_known(stated, "Tracking of samples as they come", str(request.calibration))
     if rate_hz is None:
         raise InputError(
             "The sampling rate is not given.",
@@ -80,6 +85,9 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     )
     every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
     session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
+    if data is not None:
+        effects = known_effects(data, known.to_sensor())
+        session.effects = replace(session.effects, known=effects)
     key = {
         "result": known.to_json(),
         "file": request.calibration.read_text(encoding="utf-8"),
@@ -91,7 +99,8 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
         described, request.calibration, rate_hz, request.address, position, request.idle_s
     )
     with files.rows:
-        _run(kind.open(wanted), session, files, tell, resumable=kind.resumable, length_s=length_s)
+        chunks = chunks_of(data) if data is not None and data.known_responses else kind.open(wanted)
+        _run(chunks, session, files, tell, resumable=kind.resumable, length_s=length_s)
         document = files.end()
     result = tracked_result(known, session).save(folder / "result.json")
     return _describe(document, folder, dict(known.sensor)), [
@@ -130,13 +139,13 @@ def _walks(store: str | None, known: Result, tell: ProgressReporter) -> float | 
     return tuple(walks.get(name, DRIFT_PER_YEAR) for name in names)
 
 
-def _records(calibration: Path, known: Result) -> Sequence[Record]:
-    """Return the records, which must be in the unit of the result."""
+def _data(calibration: Path, known: Result) -> Calibration:
+    """Return the calibration, whose records must be in the unit of the result."""
     from vibrident.data.io import read_guarded
 
     data = read_guarded(calibration)
     data.require_response(known.response_unit, "A table has no samples to track a sensor by.")
-    return data.records
+    return data
 
 
 def _run(

@@ -66,9 +66,7 @@ def read_axes(path: str | os.PathLike[str]) -> AxesCalibration:
 
     def read(response: Mapping[str, Any], reference: Mapping[str, Any]) -> Calibration:
         axis_document = {**document, "response": response, "reference": reference}
-        calibration = calibration_of(checked_calibration(axis_document, where), file.parent, where)
-        calibration.refuse_known_responses("A calibration of several axes")
-        return calibration
+        return calibration_of(checked_calibration(axis_document, where), file.parent, where)
 
     outputs = {axis: read(response, first) for axis, response in responses.items()}
     first_response = next(iter(responses.values()))

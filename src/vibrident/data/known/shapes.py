@@ -64,6 +64,11 @@ class RationalResponse:
         return np.asarray(value, dtype=complex)
 
     @property
+    def time_poles(self) -> list[complex]:
+        """Return the poles of its free motion in time, 1/s."""
+        return [complex(pole) for pole in self.poles]
+
+    @property
     def top_hz(self) -> float:
         """Return the highest frequency at which it is known."""
         return np.inf
@@ -120,6 +125,12 @@ class DigitalFilter:
     def top_hz(self) -> float:
         """Return the highest frequency at which it is known."""
         return 0.5 * self.rate_hz
+
+    @property
+    def time_poles(self) -> list[complex]:
+        """Return the poles of its free motion in time, 1/s."""
+        roots = np.roots(np.trim_zeros(self.denominator, "b"))
+        return [complex(pole) for pole in self.rate_hz * np.log(roots.astype(complex))]
 
 
 @dataclass(frozen=True, eq=False)

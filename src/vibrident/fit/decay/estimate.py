@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
+from vibrident.data.known import KnownResponse, Tabulated
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.decay.examine import Decays, drifts, examine, misfits_of, verdict
 from vibrident.fit.decay.motion import DecayFit, oscillator_of
@@ -38,7 +39,8 @@ class FreeDecays(Estimator):
 
     def fit(self, evidence: Evidence, progress: Progress = silent) -> Estimate:
         """Return the estimate of natural frequency and damping ratio."""
-        decays = examine(evidence.records, progress)
+        poles = channel_poles(evidence.calibration.response_known_response)
+        decays = examine(evidence.records, progress, poles)
         fit = decays.fit
         assert fit.trace is not None
         return Estimate(
@@ -59,19 +61,42 @@ def gathered(calibration: Calibration, model: SensorModel) -> Evidence:
     Of the stated systematic effects only that of the clock applies: all frequencies scale with it.
 
     Raises:
-        InputError: no record can be used, or the model has further parameters, which a decay does
-            not determine.
+        InputError: no record can be used, the model has further parameters, which a decay does not
+            determine, or the response of the channel is known as a table.
     """
     _require_one_oscillator(model)
+    known = calibration.response_known_response
+    channel_poles(known)
     effects = tuple(effect for effect in calibration.effects if effect.kind == "clock")
     adapted = replace(
         calibration,
         effects=effects,
         reference_standard_uncertainty=0.0,
         reference_known_response=None,
+        response_known_response=known and replace(known, effects=()),
         mounting=None,
     )
     return Evidence.gather(adapted, oscillator_of(model))
+
+
+def channel_poles(known: KnownResponse | None) -> tuple[complex, ...]:
+    """Return the poles of a channel, 1/s, with imaginary parts of zero and above.
+
+    Raises:
+        InputError: its response is a table, which has none.
+    """
+    poles: list[complex] = []
+    for shape in () if known is None else known.shapes:
+        if isinstance(shape, Tabulated):
+            raise InputError(
+                "A table of the channel's response does not tell how a free decay passes it.",
+                expected="poles and zeros, corners or filter coefficients of [response]",
+                found=f"a table, {known.source if known else ''}",
+                where="known_response of [response]",
+                remedy="state the response in one of these ways, or add records with a reference",
+            )
+        poles += shape.time_poles
+    return tuple(pole for pole in poles if pole.imag >= 0.0)
 
 
 def decays_at(estimate: Estimate) -> tuple[Decays, DecayFit]:

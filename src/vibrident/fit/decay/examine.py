@@ -132,14 +132,19 @@ class Decays:
         return {"decays": entries}
 
 
-def examine(records: Sequence[Record], progress: Progress = silent) -> Decays:
+def examine(
+    records: Sequence[Record],
+    progress: Progress = silent,
+    channel_poles: tuple[complex, ...] = (),
+) -> Decays:
     """Return the fit of one oscillator to free decays, and the changes within them.
 
     Args:
         records: screened, of excitation ``decay``.
         progress: called at every step of the last descents.
+        channel_poles: of the recording channel, 1/s.
     """
-    starts = [weighed(free_stretch(record)) for record in records]
+    starts = [weighed(free_stretch(record, channel_poles)) for record in records]
     stretches = [start.stretches[0] for start in starts]
     fits = (fit(stretches, *start.values, progress) for start in starts)
     best = min(fits, key=lambda candidate: candidate.cost)

@@ -12,6 +12,9 @@ The free motion of a damped oscillator, at any damping, is
 Every output of a linear second-order sensor moves like this when nothing drives it: displacement or
 velocity pickup, delayed or averaged. Both functions depend on μ² alone, so they pass smoothly from
 oscillation (μ imaginary) to two real poles. The gain only scales a and b.
+
+So does a channel of known response: what it adds is free motion at its own poles, e^{pt}, whose
+amplitudes are further linear unknowns. Its zeros, its gain and its delay do not matter.
 """
 
 from __future__ import annotations
@@ -33,6 +36,8 @@ from vibrident.physics.models.base import OSCILLATOR as NAMES
 from vibrident.physics.models.base import Derived
 from vibrident.physics.models.cores.accelerometer import ACCELEROMETER
 
+#: Poles that differ by less than this part of one are the same.
+SAME_POLE = 1e-6
 #: Singular values below this fraction of the largest belong to directions without information.
 MIN_SINGULAR_VALUE = 1e-10
 
@@ -120,6 +125,7 @@ class Stretch:
         scale: standard deviation of the whitened noise.
         drift: whether a straight line is among the unknowns.
         further_columns: of further unknowns, shape (samples, n); None without any.
+        channel_poles: of the recording channel, 1/s, those of positive imaginary part or real.
     """
 
     name: str
@@ -131,6 +137,7 @@ class Stretch:
     scale: float = 1.0
     drift: bool = False
     further_columns: FloatArray | None = None
+    channel_poles: tuple[complex, ...] = ()
 
     @property
     def time_s(self) -> FloatArray:
@@ -152,11 +159,28 @@ class Stretch:
         columns = [np.ones((time.size, 1))]
         if self.drift:
             columns.append((time / time[-1] - 0.5)[:, None])
+        if self.channel_poles:
+            columns.append(pole_columns(self.channel_poles, time))
         if self.further_columns is not None:
             columns.append(self.further_columns)
         if self.noise.tones_hz:
             columns.append(tone_columns(self.noise.tones_hz, time))
         return np.concatenate(columns, axis=1)
+
+
+def pole_columns(poles: Sequence[complex], time_s: FloatArray) -> FloatArray:
+    """Return the free motion of poles, real and imaginary part of each, shape (samples, n).
+
+    A pole that is there for the k-th time has t^k beside it.
+    """
+    columns = [np.zeros((time_s.size, 0))]
+    for number, pole in enumerate(poles):
+        order = sum(abs(earlier - pole) < SAME_POLE * abs(pole) for earlier in poles[:number])
+        wave = (time_s / time_s[-1]) ** order * np.exp(pole * time_s)
+        columns.append(wave.real[:, None])
+        if pole.imag > 0.0:
+            columns.append(wave.imag[:, None])
+    return np.concatenate(columns, axis=1)
 
 
 def basis_of(columns: FloatArray) -> FloatArray:

@@ -15,7 +15,14 @@ from numpy import fft
 from vibrident.base.fft_lengths import fast_length
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray, Record
-from vibrident.fit.decay.motion import DecayFit, Stretch, fit, free_motion, shortened
+from vibrident.fit.decay.motion import (
+    DecayFit,
+    Stretch,
+    fit,
+    free_motion,
+    pole_columns,
+    shortened,
+)
 
 #: The last sample of at least this fraction of the largest deviation lies after the release.
 FREE_FRACTION = 0.7
@@ -35,16 +42,24 @@ FOREIGN_PROBABILITY = 0.01
 FOREIGN_PROBABILITY_OF_MORE = 5e-4
 
 
-def free_stretch(record: Record) -> DecayFit:
+def free_stretch(record: Record, channel_poles: tuple[complex, ...] = ()) -> DecayFit:
     """Return the fit, with equal weights, of the free part of a record.
 
     Args:
         record: screened, with a response that changes.
+        channel_poles: of the recording channel, 1/s.
     """
     valid = record.mask
     index = np.arange(record.samples)
     response = np.interp(index, index[valid], record.response[valid])
-    complete = Stretch(record.name, 0, response, np.array(valid), record.sampling_rate_hz)
+    complete = Stretch(
+        record.name,
+        0,
+        response,
+        np.array(valid),
+        record.sampling_rate_hz,
+        channel_poles=channel_poles,
+    )
     tail = float(np.median(response[-max(8, response.size // 10) :]))
     deviation = np.abs(response - tail)
     safe = int(np.flatnonzero(deviation >= FREE_FRACTION * np.max(deviation))[-1])
@@ -58,6 +73,8 @@ def free_stretch(record: Record) -> DecayFit:
             trial := started(shortened(complete, earlier), complete.scale), extended
         ):
             return trial
+    if channel_poles:  # whose own motion imitates what comes right before the release
+        return extended.refitted(shortened(extended.stretches[0], _window(extended) // 4))
     return extended
 
 
@@ -94,16 +111,15 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
     costs = []
     points = _points(stretch.response.size)
     time = points / stretch.rate_hz
+    further = [np.ones((time.size, 1)), pole_columns(stretch.channel_poles, time)]
     values = stretch.response[points]
     total = float(np.sum((values - values.mean()) ** 2)) or 1.0
     for frequency in _frequencies(stretch):
         for damping in DAMPING_GRID:
             natural = frequency / np.sqrt(1.0 - damping**2) if damping < 0.9 else frequency
-            columns = np.concatenate(
-                [free_motion(natural, damping, time), np.ones((time.size, 1))], axis=1
-            )
+            columns = np.concatenate([free_motion(natural, damping, time), *further], axis=1)
             columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-            matrix = columns.T @ columns + 1e-12 * np.eye(3)
+            matrix = columns.T @ columns + 1e-12 * np.eye(columns.shape[1])
             explained = columns.T @ values
             misfit = float(values @ values - explained @ np.linalg.solve(matrix, explained))
             costs.append((misfit / total, natural, damping))
@@ -151,7 +167,10 @@ def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
     """Return the first sample of the motion, searched backwards from one that surely is."""
     length = _window(decay)
     offset = float(decay.parts[0].linear[2])
-    motion = free_motion(*decay.values, np.arange(length) / complete.rate_hz)
+    time_s = np.arange(length) / complete.rate_hz
+    motion = np.hstack(
+        [free_motion(*decay.values, time_s), pole_columns(complete.channel_poles, time_s)]
+    )
     basis = np.linalg.qr(motion / np.maximum(np.linalg.norm(motion, axis=0), 1e-300))[0]
     values = complete.response - offset
 

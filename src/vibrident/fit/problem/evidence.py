@@ -69,7 +69,10 @@ class Evidence:
         Raises:
             InputError: no record can be used, or a record declared as a sine is not a sine.
         """
-        chain = chain_of(calibration)
+        free = bool(calibration.records) and all(
+            record.excitation == "decay" for record in calibration.records
+        )
+        chain = None if free else chain_of(calibration)  # a channel only scales free motion
         if calibration.table is not None:
             known = calibration if chain is None else without_chain(calibration, chain)
             return cls(known, model, (), None, None, ())

@@ -116,11 +116,11 @@ def deconvolved(record: Record, chain: Chain) -> Record:
         if chain.response is None:
             return record
         raise InputError(
-            "A free decay cannot be freed of what its channel does to it.",
+            "A free decay beside other records keeps the response of its channel.",
             expected="records with a reference where [response] states a known_response",
             found=f"excitation = {record.excitation!r}",
             where=f"record {record.name!r}",
-            remedy="leave the decay out, or the known response",
+            remedy="leave the decays out, or identify them by themselves",
         )
     band_hz = _band_of(record, chain)
     if record.excitation == "sine":

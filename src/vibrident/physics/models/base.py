@@ -285,6 +285,13 @@ ANGULAR_FREQUENCY = Derived(
     symbol="ωn",
     needs=OSCILLATOR[:1],
 )
+FREE_PERIOD = Derived(
+    "free_period",
+    "s",
+    lambda parameters: 1.0 / parameters[OSCILLATOR[0]],
+    symbol="T0",
+    needs=OSCILLATOR[:1],
+)
 
 
 def has_peak(parameters: Parameters) -> bool:

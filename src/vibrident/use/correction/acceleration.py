@@ -21,7 +21,6 @@ from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.screening import Finding
 from vibrident.result.loading import GivenResult, as_result
-from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.background import (
     check_ends,
     measure_background,
@@ -39,6 +38,7 @@ from vibrident.use.correction.band import (
     motion_share,
     stated_band,
 )
+from vibrident.use.correction.chain import MeasuringChain
 from vibrident.use.correction.compensation import Compensation
 from vibrident.use.correction.components import (
     removed_deviation,
@@ -48,6 +48,7 @@ from vibrident.use.correction.components import (
 from vibrident.use.correction.peak import (
     Agreement,
     Peak,
+    ReferenceMotion,
     compare_with_reference,
     find_peak,
     reference_in_band,
@@ -117,7 +118,8 @@ def correct(
         result: of an identification, or the path of its ``result.json``; its parameters, their
             uncertainties and correlation are used.
         records: a calibration, the path of a calibration file, or records alone; a reference is
-            used for comparison only. Records without a reference have the excitation ``decay``.
+            used for comparison only, and the known response of ``[response]`` is removed with the
+            sensor's. Records without a reference have the excitation ``decay``.
         band_hz: lowest and highest frequency to restore; None: chosen for each record from its
             noise and its motion. The low-pass falls to zero over the octave above the highest.
         noise: standard deviation of white noise of the response, response unit; None: from the
@@ -142,13 +144,17 @@ def correct(
     sensor = result.to_sensor("a correction")
     sensor.require_uncertainty()
     quantity: Quantity = "acceleration"
+    recorded_unit = result.response_unit
+    reference_known = channel = None
     if isinstance(records, str | os.PathLike):
         records = as_calibration(records)
     if isinstance(records, Calibration):
-        records.refuse_known_responses("A correction")
         records.require_response(result.response_unit, "A table holds no response in time.")
         quantity = records.quantity
         selected = records.records
+        recorded_unit = records.units["response"]
+        reference_known = records.reference_known_response
+        channel = records.response_known_response
     else:
         selected = tuple(records)
     if noise is not None and not (np.isfinite(noise) and noise >= 0):
@@ -159,11 +165,22 @@ def correct(
             where="noise",
             remedy="correct it, or leave it to be estimated",
         )
+<<<<<<< HEAD
     usable, findings = screened_by_response(selected, result.response_unit)
     motion = sensor.quantity
     unit = sensor.input_unit
+=======
+    usable, findings = screened_by_response(selected, recorded_unit)
+    drive = result.reference.get("quantity") == "drive"
+    unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
+>>>>>>> known
     correction = partial(
-        _correct_record, sensor=sensor, quantity=quantity, band_hz=band_hz, noise=noise, unit=unit
+        _correct_record,
+        chain=MeasuringChain(sensor, channel),
+        motion=ReferenceMotion(quantity, reference_known),
+        band_hz=band_hz,
+        noise=noise,
+        unit=unit,
     )
     corrections = [_correct_from_rest(record, correction) for record in usable]
     calibrated = tuple(result.response.frequency_hz.tolist())
@@ -197,8 +214,8 @@ def _correct_from_rest(record: Record, correction: Callable[[Record], Correction
 
 def _correct_record(
     record: Record,
-    sensor: IdentifiedSensor,
-    quantity: Quantity,
+    chain: MeasuringChain,
+    motion: ReferenceMotion,
     band_hz: tuple[float, float] | None,
     noise: float | None,
     unit: str,
@@ -206,16 +223,19 @@ def _correct_record(
     baseline = estimate_baseline(record, noise)
     values = bridged_response(record) - baseline.offset
     rate = record.sampling_rate_hz
-    highest, why = highest_frequency(sensor, rate)
-    low_edge = sensor.zeros_at_rest > 0 and baseline.rest_samples == 0
+    highest, why = highest_frequency(chain, rate)
+    known_from_hz = chain.known_from_hz
+    low_edge = known_from_hz > 0.0 or (chain.zeros_at_rest > 0 and baseline.rest_samples == 0)
+    edges = {"low_edge": low_edge, "known_from_hz": known_from_hz}
     event = motion_share(values)
     for _ in range(BAND_ROUNDS):
-        content = measure_content(values, rate, sensor, baseline, event, highest)
+        content = measure_content(values, rate, chain, baseline, event, highest)
         if band_hz is None:
-            band = choose_band(content, rate, highest, low_edge=low_edge)
+            band = choose_band(content, rate, highest, **edges)
         else:
-            band = stated_band(band_hz, highest, why, low_edge=low_edge)
-        compensation = Compensation.from_baseline(sensor, band, rate, record.samples, baseline)
+            band = stated_band(band_hz, highest, why, **edges)
+        compensation = Compensation.from_baseline(chain, band, rate, record.samples, baseline)
+        compensation = compensation.with_better_ends(values)
         spectrum = compensation.spectrum(values)
         acceleration = compensation.restored(spectrum)
         event = motion_share(acceleration)
@@ -229,7 +249,7 @@ def _correct_record(
         record, values, acceleration, components, compensation.band, baseline, unit
     )
     components["background"] = background.deviation
-    findings = (*check_ends(record, values, baseline), *background.findings)
+    findings = [*check_ends(record, values, baseline), *background.findings]
     unknown = unknown_samples(record, compensation)
     hidden = float(np.max(np.abs(acceleration[unknown]), initial=0.0))
     acceleration = np.where(unknown, np.nan, acceleration)
@@ -240,11 +260,17 @@ def _correct_record(
     )
     if peak is not None and hidden > abs(peak.value):
         peak = None
-    reference = reference_in_band(record, quantity, compensation)
+    reference = reference_in_band(record, motion, compensation)
+    if reference is None and record.reference is not None and motion.known is not None:
+        text = (
+            f"{record.name}: the motion is not compared with the reference, whose known response "
+            f"does not cover {0.5 * band.low_hz:.4g} to {band.stop_hz:.4g} Hz."
+        )
+        findings.append(Finding("band_sensitive", text))
     agreement = (
         None
         if reference is None
-        else compare_with_reference(record, quantity, acceleration, components, reference)
+        else compare_with_reference(record, motion, acceleration, components, reference)
     )
     return Correction(
         record,
@@ -258,7 +284,7 @@ def _correct_record(
         reference,
         agreement,
         compensation.integrations,
-        findings,
+        tuple(findings),
     )
 
 

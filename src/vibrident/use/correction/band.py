@@ -20,7 +20,7 @@ from scipy import fft
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.result.sensor import IdentifiedSensor
+from vibrident.use.correction.chain import MeasuringChain
 from vibrident.use.correction.quiet import Baseline, periodogram
 
 BINS_PER_OCTAVE = 12  # spectral bins, and candidates of an edge
@@ -33,8 +33,6 @@ LOBE_OCTAVES = 0.5  # beyond a zero, in which a pulse's spectrum rises again
 MIN_ENVELOPE_BINS = 6  # with motion, from which an exponent is taken
 TAPER_SHARE = 0.05  # part of a record in which its window rises from zero, and falls to it again
 MAX_STOP_OF_HALF_RATE = 0.98  # end of the low-pass, in units of half the sampling rate
-#: End of the low-pass, in units of the first zero of an averaging window.
-MAX_STOP_OF_WINDOW_ZERO = 0.9
 MIN_EDGE_PERIODS = 4.0  # of either edge of the band in a record
 
 
@@ -146,7 +144,7 @@ def motion_share(values: FloatArray) -> float:
 def measure_content(
     values: FloatArray,
     rate: float,
-    sensor: IdentifiedSensor,
+    chain: MeasuringChain,
     baseline: Baseline,
     event: float,
     highest: float,
@@ -156,7 +154,7 @@ def measure_content(
     Args:
         values: response without its offset, shape (samples,).
         rate: samples per second.
-        sensor: the sensor.
+        chain: the sensor with its channel.
         baseline: rest, offset and noise of the record.
         event: part of the record with motion, 0 to 1.
         highest: highest frequency used, Hz.
@@ -173,7 +171,7 @@ def measure_content(
     used = (frequency > 0) & (frequency <= highest)
     frequency = frequency[used]
     power = power[used]
-    inverse = 1.0 / np.abs(sensor.frequency_response(frequency)) ** 2
+    inverse = 1.0 / np.abs(chain.frequency_response(frequency)) ** 2
     noise = baseline.noise(frequency)
     number = np.floor(BINS_PER_OCTAVE * np.log2(frequency / frequency[0])).astype(int)
     _, number, size = np.unique(number, return_inverse=True, return_counts=True)
@@ -233,18 +231,14 @@ def _with_envelope(
     return np.where(x > 0, envelope, acceleration)
 
 
-def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str]:
+def highest_frequency(chain: MeasuringChain, rate: float) -> tuple[float, str]:
     """Return the frequency at which the low-pass must be zero, Hz, and the reason."""
-    last = MAX_STOP_OF_HALF_RATE * 0.5 * rate
-    why = "half the sampling rate"
-    length = max((sensor.values[name] for name in sensor.model.windows), default=0.0)
-    if length and MAX_STOP_OF_WINDOW_ZERO / length < last:
-        last = MAX_STOP_OF_WINDOW_ZERO / length
-        why = "the first zero of the averaging window"
-    return last, why
+    return chain.highest_frequency(rate, MAX_STOP_OF_HALF_RATE * 0.5 * rate)
 
 
-def choose_band(content: Content, rate: float, highest: float, *, low_edge: bool) -> Band:
+def choose_band(
+    content: Content, rate: float, highest: float, *, low_edge: bool, known_from_hz: float = 0.0
+) -> Band:
     """Return the band with the smallest sum of noise and removed part.
 
     Args:
@@ -252,9 +246,21 @@ def choose_band(content: Content, rate: float, highest: float, *, low_edge: bool
         rate: samples per second.
         highest: frequency at which the low-pass must be zero, Hz.
         low_edge: whether a lower edge is needed, because the sensor has no response to constant
-            acceleration.
+            acceleration, or its channel is not known there.
+        known_from_hz: lowest frequency at which the channel is known.
+
+    Raises:
+        InputError: the record is too short for what is known of the channel.
     """
-    lowest = MIN_EDGE_PERIODS * rate / content.samples
+    lowest = max(MIN_EDGE_PERIODS * rate / content.samples, 2.0 * known_from_hz)
+    if low_edge and 4.0 * lowest > highest:
+        raise InputError(
+            "No band of this record can be restored.",
+            expected="a record many periods long, of a channel that is known over octaves",
+            found=f"a lower edge of {lowest:.6g} Hz and an end at {highest:.6g} Hz",
+            where="band",
+            remedy="use a longer record, or state the known_response of [response] further",
+        )
     high = _candidates(min(lowest, 0.25 * highest), 0.5 * highest)
     low = _candidates(lowest, max(0.25 * high[-1], lowest)) if low_edge else np.zeros(1)
     cost = (
@@ -269,7 +275,14 @@ def choose_band(content: Content, rate: float, highest: float, *, low_edge: bool
     return Band(float(low[first]), float(high[second]), words)
 
 
-def stated_band(band_hz: tuple[float, float], highest: float, why: str, *, low_edge: bool) -> Band:
+def stated_band(
+    band_hz: tuple[float, float],
+    highest: float,
+    why: str,
+    *,
+    low_edge: bool,
+    known_from_hz: float = 0.0,
+) -> Band:
     """Return the band that the user states.
 
     Raises:
@@ -299,6 +312,15 @@ def stated_band(band_hz: tuple[float, float], highest: float, why: str, *, low_e
             found="0 Hz, and a record that begins in the middle of a motion",
             where="band",
             remedy="give a lower edge, or a record with some samples before the motion",
+        )
+    if low < 2.0 * known_from_hz:
+        raise InputError(
+            "The band begins where the response of the channel is not known.",
+            expected=f"a lower edge of {2.0 * known_from_hz:.6g} Hz or more (the band falls to "
+            f"zero over the octave below, and the known response begins at {known_from_hz:.6g} Hz)",
+            found=f"{low:g} Hz",
+            where="band",
+            remedy="give a higher edge, or state the known_response of [response] further down",
         )
     return Band(low, high, "stated by the user")
 

@@ -6,14 +6,15 @@ sample on, as many times as there are poles, and the rest of the inverse is regu
 rule's own response is divided out, so the integral is that of the band-limited signal. Other
 records keep a lower edge of the band.
 
-Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise.
-The error of that continuation is a sum over the response's own samples, so its variance follows
-from the response's autocovariance.
+Beyond its ends a record is continued: by rest if it is at rest, by its point reflection otherwise,
+or by its mirror image where a lower edge would spread the step of the former. The
+error of that continuation is a sum over the response's own samples, so its variance follows from
+the response's autocovariance.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,8 +25,8 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import FloatArray
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
-from vibrident.result.sensor import IdentifiedSensor
 from vibrident.use.correction.band import Band
+from vibrident.use.correction.chain import MeasuringChain
 from vibrident.use.correction.quiet import Baseline, periodogram
 
 #: Length of the filter's kernel on either side, in periods of the narrowest slope of L.
@@ -43,31 +44,29 @@ KERNEL_SHARE = 0.99  # part of the kernel's sum of magnitudes within its reach
 class Compensation:
     """Compensation of one record."""
 
-    sensor: IdentifiedSensor
+    chain: MeasuringChain  # whose response is inverted
     band: Band  # to restore
     rate: float  # samples per second
     samples: int  # of the record
     integrations: int  # from rest, before the filter: 0, 1 or 2
     baseline: Baseline  # where the record begins or ends at rest, it is continued by rest
+    mirrored: bool = False  # continued by its mirror image, where it is not at rest
 
     @classmethod
     def from_baseline(
-        cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, baseline: Baseline
+        cls, chain: MeasuringChain, band: Band, rate: float, samples: int, baseline: Baseline
     ) -> Compensation:
         """Return the compensation for a record with its baseline."""
-        poles = sensor.zeros_at_rest if band.low_hz == 0.0 else 0
-        return cls(sensor, band, rate, samples, poles, baseline)
+        poles = max(chain.zeros_at_rest, 0) if band.low_hz == 0.0 else 0
+        return cls(chain, band, rate, samples, poles, baseline)
 
     @cached_property
     def pad(self) -> int:
         """Return the number of samples by which the record is continued on either side."""
-        model = self.sensor.model
-        values = self.sensor.values
         slope = min(self.band.high_hz, 0.5 * self.band.low_hz or np.inf)
-        reach = KERNEL_PERIODS * self.rate / slope + abs(float(model.delay_s(values))) * self.rate
-        numerator = np.trim_zeros(np.array(model.rational(values).numerator, dtype=float), "f")
-        roots = np.roots(numerator[::-1]) if numerator.size > 1 else np.zeros(0)
-        if roots.size:  # the inverse rings at the sensor's zeros
+        reach = KERNEL_PERIODS * self.rate / slope + abs(self.chain.delay_s) * self.rate
+        roots = self.chain.zeros
+        if roots.size:  # the inverse rings at the zeros
             reach += POLE_TIME_CONSTANTS * self.rate / max(float(np.min(np.abs(roots.real))), 1e-9)
         return int(np.clip(np.ceil(reach), 16, self.samples - 1))
 
@@ -100,7 +99,7 @@ class Compensation:
         """Return L/H at the lines."""
         gain = np.zeros(self.frequency_hz.shape, dtype=complex)
         inside = self._within
-        gain[inside] = self.lowpass[inside] / self.sensor.frequency_response(
+        gain[inside] = self.lowpass[inside] / self.chain.frequency_response(
             self.frequency_hz[inside]
         )
         return gain
@@ -117,15 +116,25 @@ class Compensation:
 
     @cached_property
     def slopes(self) -> ComplexArray:
-        """Return the derivative of ``after_integration`` by each parameter: −G H'/H.
+        """Return the derivative of ``after_integration`` by each parameter and effect: −G H'/H.
 
-        Its shape is (parameters, lines).
+        Its shape is (parameters + effects, lines).
         """
-        gain = np.zeros((len(self.sensor.model.parameters), self.frequency_hz.size), dtype=complex)
-        inside = self.frequency_hz[self._within]
-        relative = self.sensor.slopes(inside) / self.sensor.frequency_response(inside)
+        relative = self.chain.relative_slopes(self.frequency_hz[self._within])
+        gain = np.zeros((len(relative), self.frequency_hz.size), dtype=complex)
         gain[:, self._within] = -self.after_integration[self._within] * relative
         return gain
+
+    def with_better_ends(self, values: FloatArray) -> Compensation:
+        """Return the compensation with the mirror image beyond the ends where its error is less.
+
+        Only a lower edge spreads the step of a point reflection, which is that of the last sample,
+        over the record. ``values``: the response without its offset.
+        """
+        if self.band.low_hz == 0.0:
+            return self
+        both = self, replace(self, mirrored=True)
+        return min(both, key=lambda each: float(np.sum(each.end_deviation(values) ** 2)))
 
     def spectrum(self, values: FloatArray) -> ComplexArray:
         """Return the transform of the record, integrated and continued, shape (lines,).
@@ -150,11 +159,12 @@ class Compensation:
 
     def _continued(self, values: FloatArray) -> FloatArray:
         before = after = np.zeros(self.pad)
+        about, sign = (0.0, 1.0) if self.mirrored else (2.0, -1.0)
         if not self.baseline.rest_samples:
-            before = (2.0 * values[0] - values[self.pad : 0 : -1]) * self._taper[::-1]
+            before = (about * values[0] + sign * values[self.pad : 0 : -1]) * self._taper[::-1]
         # the integral of a rest continues by reflection
         if not self.baseline.rests_at_end or self.integrations:
-            after = (2.0 * values[-1] - values[-2 : -self.pad - 2 : -1]) * self._taper
+            after = (about * values[-1] + sign * values[-2 : -self.pad - 2 : -1]) * self._taper
         return np.concatenate([before, values, after])
 
     @cached_property
@@ -264,8 +274,8 @@ class Compensation:
             )
             weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
             weights[pad - beyond] = reached
-            weights[pad + beyond] = reached * taper
-            weights[pad] = -2.0 * np.sum(reached * taper)
+            weights[pad + beyond] = reached * taper * (-1.0 if self.mirrored else 1.0)
+            weights[pad] = 0.0 if self.mirrored else -2.0 * np.sum(reached * taper)
             power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
             variances.append(float(np.sum(power * weight)) / size)
         return np.interp(np.arange(pad), computed, variances)

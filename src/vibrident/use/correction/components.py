@@ -3,7 +3,8 @@
 The uncertainty has these origins, each a series over the samples:
 
 - noise: of the response, with its spectrum, through the filter;
-- model: the covariance of the parameters through ∂â/∂θ, with their correlation; and, of a model
+- model: the covariance of the parameters through ∂â/∂θ, with their correlation; the stated
+  uncertainty of the known response of the channel; and, of a model
   that its calibration rejected, a relative error as large as its deviations from the measured
   points;
 - band: what the low-pass removes: at each instant the highest octave kept, scaled by the ratio of
@@ -39,7 +40,7 @@ def uncertainty_components(
     slopes = compensation.restored(spectrum, compensation.slopes)
     baseline = compensation.baseline
     variance = np.einsum(
-        "ik,ij,jk->k", slopes, compensation.sensor.covariance, slopes, optimize=True
+        "ik,ij,jk->k", slopes, compensation.chain.covariance, slopes, optimize=True
     )
     if baseline.offset_uncertainty > 0:
         constant = compensation.restored(compensation.spectrum(np.ones_like(values)))
@@ -68,7 +69,7 @@ def _misfit_deviation(spectrum: np.ndarray, compensation: Compensation) -> Float
     values = compensation.restored(spectrum)
     width = max(1, round(LOCAL_PERIODS * compensation.rate / compensation.band.high_hz))
     nearby = np.sqrt(np.maximum(_running_mean(values**2, width), 0.0))
-    return compensation.sensor.misfit * np.maximum(np.abs(values), nearby)
+    return compensation.chain.sensor.misfit * np.maximum(np.abs(values), nearby)
 
 
 def removed_deviation(
@@ -123,7 +124,7 @@ def _removed_power(
     frequency = compensation.frequency_hz
     inside = (frequency > edges[0]) & (frequency <= edges[1])
     gain = np.zeros(frequency.shape, dtype=complex)
-    gain[inside] = (1.0 - compensation.lowpass[inside]) / compensation.sensor.frequency_response(
+    gain[inside] = (1.0 - compensation.lowpass[inside]) / compensation.chain.frequency_response(
         frequency[inside]
     )
     noise = compensation.line_mean(np.abs(gain) ** 2 * compensation.baseline.noise(frequency))

@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from vibrident.data.known import KnownResponse
 from vibrident.data.records import BoolArray, FloatArray, Quantity, Record
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.base import DERIVATIVES
 from vibrident.physics.models.slopes import ComplexArray
+from vibrident.use.correction.chain import MIN_PASSED
 from vibrident.use.correction.compensation import Compensation
 from vibrident.use.correction.quiet import bridged
 
@@ -68,7 +70,7 @@ def find_peak(
     value = sign * (top - bias)
     u = float(np.sqrt(sum(part**2 for part in parts.values())))
     freedoms = {
-        "model": compensation.sensor.degrees_of_freedom,
+        "model": compensation.chain.sensor.degrees_of_freedom,
         "noise": compensation.baseline.degrees_of_freedom,
     }
     share = sum(parts.get(name, 0.0) ** 4 / freedom for name, freedom in freedoms.items())
@@ -166,11 +168,47 @@ class Agreement:
     within_95_percent: float
 
 
+@dataclass(frozen=True)
+class ReferenceMotion:
+    """Motion of a record's reference, and the response of its channel.
+
+    Attributes:
+        quantity: of its motion.
+        known: response of its channel; None where the reference is the motion itself.
+    """
+
+    quantity: Quantity
+    known: KnownResponse | None = None
+
+    def gain(self, frequency_hz: FloatArray, used: BoolArray) -> ComplexArray | None:
+        """Return acceleration over what the reference holds, where used, else zero; or None.
+
+        None says that the channel is not known, or passes nothing, at a frequency that is used.
+        """
+        gain = np.zeros(frequency_hz.shape, dtype=complex)
+        at = frequency_hz[used]
+        gain[used] = (2j * np.pi * at) ** DERIVATIVES[self.quantity]
+        if self.known is None:
+            return gain
+        low, high = self.known.band_hz
+        passed = np.abs(self.known.value(at))
+        if np.min(at) < low or np.max(at) > high or np.min(passed) < MIN_PASSED * np.max(passed):
+            return None
+        gain[used] /= self.known.value(at)
+        return gain
+
+
 def reference_in_band(
-    record: Record, quantity: Quantity, compensation: Compensation
+    record: Record, motion: ReferenceMotion, compensation: Compensation
 ) -> FloatArray | None:
-    """Return the reference as acceleration in the band, shape (samples,), or None."""
+    """Return the reference as acceleration in the band, shape (samples,).
+
+    None where there is no reference, or its channel is not known in the whole band.
+    """
     if record.reference is None or not record.reference_mask.any():
+        return None
+    gain = motion.gain(compensation.frequency_hz, compensation.lowpass > 0.0)
+    if gain is None:
         return None
     values = bridged(record.reference, record.reference_mask)
     baseline = compensation.baseline
@@ -178,16 +216,15 @@ def reference_in_band(
         values -= np.mean(values[: baseline.rest_samples])
     else:
         values -= np.average(values, weights=np.hanning(values.size))
-    order = DERIVATIVES[quantity]
+    order = DERIVATIVES[motion.quantity]
     rests = replace(baseline, rests_at_end=baseline.rests_at_end and order == 0)
     plain = replace(compensation, integrations=0, baseline=rests)
-    gain = plain.lowpass * (2j * np.pi * plain.frequency_hz) ** order
-    return plain.restored(plain.spectrum(values), gain)
+    return plain.restored(plain.spectrum(values), plain.lowpass * gain)
 
 
 def compare_with_reference(
     record: Record,
-    quantity: Quantity,
+    motion: ReferenceMotion,
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
     reference: FloatArray,
@@ -196,7 +233,7 @@ def compare_with_reference(
 
     Args:
         record: the record.
-        quantity: of its reference.
+        motion: of its reference.
         acceleration: compensated, shape (samples,), NaN where it is not known.
         components: its standard uncertainty by origin.
         reference: as acceleration in the same band, shape (samples,).
@@ -214,7 +251,12 @@ def compare_with_reference(
     deviation = float(np.std(reference[known]))
     rmse = float(np.sqrt(np.mean(off**2)))
     unfiltered = None
+<<<<<<< HEAD
     if DERIVATIVES[quantity] == 0 and record.reference is not None:
+=======
+    as_it_is = motion.known is None and motion.quantity in ("acceleration", "drive")
+    if as_it_is and record.reference is not None:
+>>>>>>> known
         raw = np.asarray(record.reference)[known]
         raw = raw - np.mean(raw - reference[known])
         unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))

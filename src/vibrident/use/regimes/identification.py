@@ -19,11 +19,20 @@ from vibrident.physics.models import model_of
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result, ResultWarning
 from vibrident.use.regimes.change_time import change_sample
-from vibrident.use.regimes.pieces import Piece, cut, find_regimes, joined, piece_samples
+from vibrident.use.regimes.pieces import (
+    Piece,
+    cut,
+    find_regimes,
+    is_alike_throughout,
+    joined,
+    piece_samples,
+)
 from vibrident.use.regimes.shared import share
 
-#: Motion that is alike throughout: each part of it tells what the others do.
+#: Motion that is alike throughout: each part of it tells what the others do. So may a train of
+#: pulses or of short sweeps.
 STEADY = ("random", "multisine")
+TRAINS = ("shock", "sweep")
 #: Warnings of a fit that may be of a sensor that changed.
 DOUBTS = {"lack_of_fit", "regimes", "weakly_determined"}
 #: Digits of values in words.
@@ -131,11 +140,14 @@ def _period(regime: Piece, rate_hz: float) -> int:
 
 
 def _may_have_changed(calibration: Calibration, result: Result) -> bool:
-    """Return whether a fit is doubtful, and of one record of steady motion."""
+    """Return whether a fit is doubtful, and of one record whose motion is alike throughout."""
     records = calibration.records
-    if len(records) != 1 or records[0].excitation not in STEADY:
+    if len(records) != 1 or records[0].optical is not None:
         return False
-    return bool(DOUBTS & set(result.warning_codes)) and records[0].optical is None
+    if not DOUBTS & set(result.warning_codes):
+        return False
+    excitation = records[0].excitation
+    return excitation in STEADY or (excitation in TRAINS and is_alike_throughout(records[0]))
 
 
 def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:

@@ -12,10 +12,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import fft
 
 from vibrident.base.errors import VibridentError
 from vibrident.base.tails import chi2_tail
-from vibrident.data.records import Calibration, FloatArray
+from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.estimators import choose
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.optimise import silent
@@ -29,6 +30,11 @@ MIN_PIECES = 4
 MIN_PIECE_SAMPLES = 512
 #: Chance that noise separates two pieces of one regime.
 FALSE_CHANGE = 1e-6
+#: Bands of a spectrum by which pieces are compared, the least share of the power of one that
+#: counts, and how many times less of it a piece may have than the pieces on average.
+ALIKE_BANDS = 12
+MIN_BAND_SHARE = 0.01
+MAX_POWER_RATIO = 30.0
 #: With more regimes the sensor changes all the time, and has none.
 MAX_REGIMES = 6
 
@@ -94,6 +100,23 @@ def cut(calibration: Calibration, span: slice) -> Calibration:
 def piece_samples(samples: int) -> int:
     """Return the samples of a piece of a record."""
     return samples // max(min(samples // MIN_PIECE_SAMPLES, MAX_PIECES), 1)
+
+
+def is_alike_throughout(record: Record) -> bool:
+    """Return whether the reference has the same spectrum in each piece, but for its size.
+
+    Else a model that lacks something looks like a change: each piece shows another part of it.
+    """
+    assert record.reference is not None
+    length = piece_samples(record.samples)
+    moving = np.where(record.reference_mask, record.reference, 0.0)
+    pieces = moving[: record.samples // length * length].reshape(-1, length)
+    power = np.abs(np.asarray(fft.rfft(pieces * np.hanning(length)))) ** 2
+    edges = np.unique(np.geomspace(1, power.shape[1], ALIKE_BANDS + 1).astype(int))
+    shares = np.add.reduceat(power[:, : edges[-1]], edges[:-1], axis=1)
+    mean = shares.mean(axis=0)
+    moved = mean > MIN_BAND_SHARE * mean.sum()
+    return bool(np.all(shares[:, moved] > mean[moved] / MAX_POWER_RATIO))
 
 
 def find_regimes(

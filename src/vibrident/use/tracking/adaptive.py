@@ -8,6 +8,7 @@ from vibrident.data.records import Calibration
 from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.result import Result
 from vibrident.use.correction import Corrections, correct
+from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.outcome import tracked_result
 from vibrident.use.tracking.session import Session
 from vibrident.use.tracking.state import Settings
@@ -33,11 +34,14 @@ def correct_tracked(
             tracking session.
     """
     calibration.require_response(result.response_unit, "A table holds no response in time.")
-    chunks = list(chunks_of(calibration))
+    data = without_known(calibration)
+    chunks = list(chunks_of(data))
     settings = Settings(reference_uncertainty=calibration.reference_standard_uncertainty)
     session = Session.from_result(
         result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings
     )
+    effects = known_effects(data, result.to_sensor())
+    session.effects = replace(session.effects, known=effects)
     parts = []
     for record, chunk in zip(calibration.records, chunks, strict=True):
         session.take(chunk)

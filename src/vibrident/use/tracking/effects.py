@@ -17,6 +17,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.uncertainty.budget import DATA
 from vibrident.result import Result
 from vibrident.use.comparison import REFERENCE_SOURCE
+from vibrident.use.tracking.known import KnownEffects
 from vibrident.use.tracking.state import Estimate
 
 SCATTER = "noise, and the calibration that the session began with"
@@ -30,6 +31,7 @@ class CarriedEffects:
     contributions: FloatArray  # standard uncertainty of each in each parameter, (rows, parameters)
     start: FloatArray  # covariance of the calibration, (parameters, parameters)
     reference: FloatArray  # relative u of the session's own reference, at the gain, (parameters,)
+    known: KnownEffects  # of the known responses of the session's own channels
 
     @classmethod
     def from_result(
@@ -54,7 +56,8 @@ class CarriedEffects:
         parts = [
             [(row.get("contributions") or {}).get(name) or 0.0 for name in names] for row in rows
         ]
-        return cls(rows, np.array(parts).reshape(len(rows), len(names)), start, reference)
+        contributions = np.array(parts).reshape(len(rows), len(names))
+        return cls(rows, contributions, start, reference, KnownEffects.none(len(names)))
 
     def _variances(self, read: Estimate) -> FloatArray:
         """Return the variances of an estimate without its reference's, (parameters,)."""
@@ -70,7 +73,8 @@ class CarriedEffects:
         """Return an estimate with the effects in its covariance, correlated as calibrated."""
         variance = np.sum(self.contributions**2, axis=0)
         share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
-        covariance = read.covariance + self.start * np.outer(share, share)
+        moves = self.known.contributions * self.fresh(read)
+        covariance = read.covariance + self.start * np.outer(share, share) + moves.T @ moves
         u = np.sqrt(np.diag(covariance)).tolist()
         named = dict(zip(read.values, u, strict=True))
         return replace(read, uncertainty=named, covariance=covariance)
@@ -88,6 +92,8 @@ class CarriedEffects:
             known = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
             known |= {"standard_uncertainty": relative, "unit": "", "degrees_of_freedom": None}
             rows.append((known, self.reference * np.abs(list(read.values.values()))))
+        channels = zip(self.known.rows, fresh * np.abs(self.known.contributions), strict=True)
+        rows += [(dict(row), part) for row, part in channels]
         carried = zip(self.rows, fresh * self.contributions, strict=True)
         rows += [(dict(row), part) for row, part in carried]
         return [

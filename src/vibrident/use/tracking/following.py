@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from vibrident.data.sources.source import Chunk
 from vibrident.result import Result
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
+from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.outcome import tracked_result
 from vibrident.use.tracking.session import Session
 from vibrident.use.tracking.state import Alarm, Estimate, Settings
@@ -186,7 +187,7 @@ def track(
     Args:
         result: of an identification, or the path of its ``result.json``: the sensor at the start.
         calibration: records in the order of time, of one sampling rate, each with a reference; or
-            the path of a calibration file.
+            the path of a calibration file. Known responses of its channels are taken out.
         every_s: time between estimates, s; None: a hundredth of the records, 1 s at most.
         false_alarms_per_day: expected of noise alone, in a day of motion.
         drift_per_year: random walk of the parameters in a year, relative, one for all or one each.
@@ -210,6 +211,7 @@ def track(
     start = as_result(result)
     data = as_calibration(calibration)
     data.require_response(start.response_unit, "A table has no samples to track a sensor by.")
+    data = without_known(data)
     chunks = chunks_of(data)
     sampling_rate_hz = data.records[0].sampling_rate_hz
     length_s = sum(record.duration_s for record in data.records)
@@ -222,7 +224,10 @@ def track(
         drift_per_year=drift_per_year,
         reference_uncertainty=data.reference_standard_uncertainty,
     )
-    estimates = [estimate for chunk in chunks for estimate in tracker._session.take(chunk)]
+    session = tracker._session
+    known = known_effects(data, start.to_sensor())
+    session.effects = replace(session.effects, known=known)
+    estimates = [estimate for chunk in chunks for estimate in session.take(chunk)]
     estimates.append(tracker.finish())
     return Tracking(tuple(estimates), tracker.alarms, tracker.to_result(), tracker.to_dict())
 

@@ -24,6 +24,7 @@ from vibrident.app.web.form.description import (
     describe_guess,
 )
 from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.known import KnownResponses
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.form.written import edit_as_text
 from vibrident.app.web.language import phrase, say, spoken
@@ -239,6 +240,9 @@ class ColumnsStep:
         with self.more, contextlib.suppress(_Outdated):
             await self._group([section for each in _GROUPS for section in each], "more", 4)
             self._rows()
+            known = KnownResponses(self.user, self._edited, self.data.show)
+            self.groups += [(place, [path]) for path, place in known.places.items()]
+            self._visible()
 
     async def _group(self, sections: Sequence[str], level: str, heading: int) -> None:
         """Ask for the keys of sections that are of a level."""

@@ -47,11 +47,14 @@ NEEDED = (
     *("reference.column", "response.column", "interferometer.carrier_hz"),
     *("uncertainty.standard_uncertainty", "uncertainty.frequency_hz"),
 )
+#: Lists of entries within the sections of channels.
+KNOWN_RESPONSES = ("reference.known_response", "response.known_response")
 #: What one entry of a list of sections is called.
 ENTRY_NAMES = {
     "records": phrase("Record"),
     "uncertainty": phrase("Source"),
     "cmc": phrase("Capability"),
+    "known_response": phrase("Known response"),
 }
 
 
@@ -114,7 +117,12 @@ class Description:
         return self.signals or (self.get("reference.column"),)
 
     def pairs(self, files: Sequence[str]) -> list[tuple[str, str | None]]:
-        """Return the file of each record with that of its reference, None where it is the same."""
+        """Return the file of each record with that of its reference, None where it is the same.
+
+        Files of known responses are no records.
+        """
+        known = {entry.get("file") for path in KNOWN_RESPONSES for entry in self.get(path) or ()}
+        files = [file for file in files if file not in known]
         return pair_files(files, "" if self.table or self.decay else self.optical_part)
 
     def applies(self, path: str) -> bool:
@@ -128,6 +136,7 @@ class Description:
             **dict.fromkeys(("response.column", "response.full_scale"), records),
             **{f"reference.{key}": records and not light for key in CHANNEL_KEYS},
             "reference.column": records and not light and not self.decay,
+            KNOWN_RESPONSES[0]: not light and not self.decay,
             "reference.quantity": self.table or not light,
             "reference.unit": drive if self.table else not light,
             **{key: bool(light) for key in KEYS if key.startswith("interferometer.")},
@@ -160,6 +169,7 @@ def describe_guess(guess: Columns, excitation: str = "sine", optical_part: str =
 
 def calibration_text(description: Description, files: Sequence[str]) -> str:
     """Return the calibration file as text; InputError where a choice is missing or not allowed."""
+    files = [file for pair in description.pairs(files) for file in pair if file is not None]
     if description.table and len(files) != 1:
         problem = "A tabulated response is one file."
         number = f"{len(files)} files"
@@ -194,8 +204,23 @@ def _document(description: Description, files: Sequence[str]) -> Iterator[tuple[
             for number, entry in enumerate(entries, start=1):
                 _require_filled(section, number, entry)
             yield section, entries
-        elif filled := _filled(description, section):
+        elif filled := {**_filled(description, section), **_known(description, section)}:
             yield section, filled
+
+
+def _known(description: Description, section: str) -> dict[str, Any]:
+    """Return the known responses of a channel; refused where one says nothing."""
+    path = f"{section}.known_response"
+    entries = description.get(path) if path in KNOWN_RESPONSES else None
+    if not entries or not description.applies(path):
+        return {}
+    for number, entry in enumerate(entries, start=1):
+        if not {"file", "highpass_hz", "lowpass_hz"} & {*entry}:
+            label = phrase("File")
+            entry_name = ENTRY_NAMES["known_response"].lower()
+            problem = f"“{label}” of {entry_name} {number} is empty."
+            raise _form_error(problem, "a file, or a corner", "nothing", "fill it in")
+    return {"known_response": entries}
 
 
 def _require_filled(section: str, number: int, entry: dict[str, Any]) -> None:

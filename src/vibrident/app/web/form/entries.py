@@ -121,6 +121,12 @@ class Rows:
             if self.rare and not self.with_all:
                 ui.checkbox(say("By temperature"), on_change=self._reveal).props("dense")
 
+    def offer(self, name: str, options: Mapping[Any, str]) -> None:
+        """Offer other choices of a key, in all rows."""
+        self.options = {**self.options, name: options}
+        for row in self.rows:
+            row[name].set_options(dict(options), value=row[name].value)
+
     def _reveal(self, event: events.ValueChangeEventArguments) -> None:
         """Show or hide the rare keys."""
         self.with_all = bool(event.value)

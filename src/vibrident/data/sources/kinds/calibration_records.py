@@ -9,6 +9,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.reading import read_guarded
 from vibrident.data.io.sampling import SAME_RATE
+from vibrident.data.known import refuse_known
 from vibrident.data.records import Calibration
 from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
@@ -19,7 +20,8 @@ def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
     Raises:
         InputError: a record lacks a reference, or the sampling rates differ.
     """
-    calibration.refuse_known_responses("Tracking")
+    remaining = {name: known.shapes for name, known in calibration.known_responses.items()}
+    refuse_known(remaining, "Tracking", calibration.source or "calibration in memory")
     rates = {record.sampling_rate_hz for record in calibration.records}
     apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
     if apart or any(record.reference is None for record in calibration.records):

@@ -16,6 +16,7 @@ import numpy as np
 from vibrident.physics.models.base import (
     ANGULAR_FREQUENCY,
     DAMPING_RATIO,
+    FREE_PERIOD,
     NATURAL_FREQUENCY,
     OSCILLATOR,
     Derived,
@@ -52,6 +53,7 @@ VELOCITY_PICKUP = Model(
     response=_response,
     derived=(
         ANGULAR_FREQUENCY,
+        FREE_PERIOD,
         Derived("resonance_frequency", "Hz", _resonance, has_peak, symbol="f0", needs=OSCILLATOR),
     ),
     oscillator=OSCILLATOR,

@@ -1,0 +1,102 @@
+"""Known responses of the channels of tracked records: taken out, and their uncertainty projected.
+
+An error of a known response changes log H over frequency. What it moves the parameters by is the
+least-squares projection of that change onto their slopes, weighted by the motion of the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy import fft
+
+from vibrident.data.known.unsure import change_by
+from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.fit.response.deconvolution import chain_of, deconvolved
+from vibrident.result.sensor import IdentifiedSensor
+
+
+@dataclass(frozen=True, eq=False)
+class KnownEffects:
+    """Effects of the known responses of the session's channels.
+
+    Attributes:
+        rows: of a budget.
+        contributions: how far one u of each moves each parameter, shape (rows, parameters).
+    """
+
+    rows: tuple[Mapping[str, Any], ...]
+    contributions: FloatArray
+
+    @classmethod
+    def none(cls, parameters: int) -> KnownEffects:
+        """Return no effects on so many parameters."""
+        return cls((), np.zeros((0, parameters)))
+
+
+def without_known(calibration: Calibration) -> Calibration:
+    """Return a calibration of records as the sensor's own motion and output.
+
+    Raises:
+        InputError: a record is too short for the known responses, or is a free decay.
+    """
+    chain = chain_of(calibration)
+    if chain is None:
+        return calibration
+    known = calibration.known_responses.items()
+    remaining = {f"{name}_known_response": response.taken_out() for name, response in known}
+    records = tuple(deconvolved(_without_overdriven(r), chain) for r in calibration.records)
+    return replace(calibration, records=records, **remaining)
+
+
+def _without_overdriven(record: Record) -> Record:
+    """Return a record without the samples at the full scale of its response."""
+    overdriven = np.abs(record.response) >= (record.response_full_scale or np.inf)
+    return record.without_response(overdriven, "full scale") if overdriven.any() else record
+
+
+def known_effects(calibration: Calibration, sensor: IdentifiedSensor) -> KnownEffects:
+    """Return the effects of known responses on the parameters of a sensor.
+
+    Args:
+        calibration: records without their known responses.
+        sensor: the sensor.
+    """
+    responses = calibration.known_responses.values()
+    effects = [effect for response in responses for effect in response.effects]
+    none = KnownEffects.none(len(sensor.covariance))
+    if not effects:
+        return none
+    slopes: list[FloatArray] = []
+    changes: list[FloatArray] = []
+    for record in calibration.records:
+        assert record.reference is not None
+        low_hz, high_hz = record.band_hz or (0.0, np.inf)
+        moving = np.where(record.reference_mask, record.reference, 0.0)
+        motion = np.asarray(fft.rfft(moving * np.hanning(record.samples)))
+        hz = np.array(fft.rfftfreq(record.samples, 1.0 / record.sampling_rate_hz), dtype=float)
+        inside = (hz >= max(low_hz, hz[1])) & (hz <= high_hz)
+        response = motion[inside] * sensor.frequency_response(hz[inside], calibration.quantity)
+        change = np.array([response * change_by(effect, hz[inside]) for effect in effects]).T
+        slope = (motion[inside] * sensor.slopes(hz[inside], calibration.quantity)).T
+        slopes += [slope.real, slope.imag]
+        changes += [change.real, change.imag]
+    design = np.concatenate(slopes)
+    scale = np.linalg.norm(design, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    moves = np.linalg.lstsq(design / scale, np.concatenate(changes), rcond=None)[0]
+    rows = tuple(
+        {
+            "source": effect.source,
+            "type": "B",
+            "kind": effect.kind,
+            "standard_uncertainty": effect.standard_uncertainty,
+            "unit": "",
+            "degrees_of_freedom": None,
+        }
+        for effect in effects
+    )
+    return KnownEffects(rows, (moves / scale[:, None]).T)
