@@ -128,7 +128,7 @@ def predict_mounted(
             f"The {name.removesuffix('_hz').replace('_', ' ')} of a mounting cannot be used.",
             f"a finite number{', 0 or' if may_be_zero else ''} above 0",
             f"{name} = {value!r}",
-            f"correct ⟦plan.{name}⟧",
+            f"correct {name}",
         )
     mounted = sensor
     if frequency_hz is not None:
@@ -138,7 +138,7 @@ def predict_mounted(
             "The result has no mounting.",
             f"a result with '+{_mounting().name}', or the frequency of the mounting",
             f"model {sensor.model.name!r}",
-            "state ⟦plan.frequency_hz⟧ of the mounting, √(k/m)/2π",
+            "state the frequency of the mounting, √(k/m)/2π",
         )
     mounted = _scaled(mounted, stiffness, mass)
     if frequencies_hz is None:
@@ -233,7 +233,7 @@ def _mass_ratio(ratio: float, mass: float) -> float:
             "The sensor cannot be lighter than its seismic mass.",
             f"mass above {seismic:.3g} of the present one",
             f"mass = {mass:g}",
-            "correct ⟦plan.mass⟧",
+            "state a larger mass",
         )
     return float(f"{seismic / (mass - seismic):.12g}")
 
