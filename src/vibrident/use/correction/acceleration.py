@@ -165,15 +165,8 @@ def correct(
             where="noise",
             remedy="correct it, or leave it to be estimated",
         )
-<<<<<<< HEAD
-    usable, findings = screened_by_response(selected, result.response_unit)
-    motion = sensor.quantity
-    unit = sensor.input_unit
-=======
     usable, findings = screened_by_response(selected, recorded_unit)
-    drive = result.reference.get("quantity") == "drive"
-    unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
->>>>>>> known
+    unit = sensor.input_unit
     correction = partial(
         _correct_record,
         chain=MeasuringChain(sensor, channel),
@@ -188,7 +181,7 @@ def correct(
     inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
     more = [finding for each in corrections for finding in _findings(each, findings, calibrated)]
     findings = (*inherited, *findings, *more)
-    return Corrections(tuple(corrections), findings, unit, result.model, motion)
+    return Corrections(tuple(corrections), findings, unit, result.model, sensor.quantity)
 
 
 def _correct_from_rest(record: Record, correction: Callable[[Record], Correction]) -> Correction:

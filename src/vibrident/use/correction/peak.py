@@ -251,12 +251,8 @@ def compare_with_reference(
     deviation = float(np.std(reference[known]))
     rmse = float(np.sqrt(np.mean(off**2)))
     unfiltered = None
-<<<<<<< HEAD
-    if DERIVATIVES[quantity] == 0 and record.reference is not None:
-=======
-    as_it_is = motion.known is None and motion.quantity in ("acceleration", "drive")
+    as_it_is = motion.known is None and DERIVATIVES[motion.quantity] == 0
     if as_it_is and record.reference is not None:
->>>>>>> known
         raw = np.asarray(record.reference)[known]
         raw = raw - np.mean(raw - reference[known])
         unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))
