@@ -33,7 +33,7 @@ from bench.fleet_page import keep
 from vibrident.base import parcel
 from vibrident.base.process import Process
 from vibrident.data.io import write_calibration
-from vibrident.lab.fleet import Local, Orders, RunRequest, run, worker
+from vibrident.lab.fleet import LocalScheduler, Orders, RunRequest, run, worker
 from vibrident.lab.fleet.batch import Done, fingerprints
 from vibrident.lab.fleet.key import Fingerprint, fingerprint
 from vibrident.lab.fleet.parts import load_arrow, write_part
@@ -151,7 +151,7 @@ def _wall(folder: Path, workers: int) -> tuple[float, float]:
     out = folder / f"{workers}"
     run(
         RunRequest([str(folder / "data")], Orders(str(out), results=False), fresh=True),
-        Local(workers),
+        LocalScheduler(workers),
     )
     tables = [
         pq.read_table(part, columns=["finished", "seconds"])

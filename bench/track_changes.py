@@ -18,8 +18,8 @@ from vibrident.data.sources.source import Chunk
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import Sensor, sensor_named
 from vibrident.use.tracking.causes import Cause
-from vibrident.use.tracking.session import Session
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.session import TrackingSession
+from vibrident.use.tracking.state import TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
 SAMPLES = 40000
@@ -32,7 +32,9 @@ HOUR_S = 3600.0
 RAMP = 0.01
 BENDS = 0.05  # part of the force at the largest response
 MAX_RAMP_SAMPLES = 4e7  # samples of a ramp at most
-BETWEEN = np.log(86400.0 / Settings().false_alarms_per_day)  # false alarms, s, as a logarithm
+BETWEEN = np.log(
+    86400.0 / TrackerSettings().false_alarms_per_day
+)  # false alarms, s, as a logarithm
 
 
 class Motion:
@@ -159,11 +161,11 @@ def named() -> list[Figure]:
     ]
 
 
-def _session(one: Motion) -> Session:
-    return Session(one.tracker(), 1024, {}, Cause(None, "", one.values))
+def _session(one: Motion) -> TrackingSession:
+    return TrackingSession(one.tracker(), 1024, {}, Cause(None, "", one.values))
 
 
-def _said(session: Session) -> str:
+def _said(session: TrackingSession) -> str:
     return ", ".join(alarm.what for alarm in session.alarms) or "nothing"
 
 

@@ -16,7 +16,7 @@ from tests.support.tracked import ACCELEROMETER, fed, record, tracker
 from bench.against import ENVIRONMENTS, ask
 from bench.figures import Figure, Options, Section, steps
 from vibrident.data.records import FloatArray
-from vibrident.use.tracking.network import INPUT_TAPS, Linearised, Network
+from vibrident.use.tracking.network import INPUT_TAPS, LinearisedCell, SensorNetwork
 
 RUNS = 60
 SAMPLES = 8000
@@ -38,7 +38,7 @@ PEERS = {
 def measure(options: Options) -> Section:
     """Error, coverage and time a sample."""
     runs = 3 if options.quick else RUNS
-    network = Network.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
+    network = SensorNetwork.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
     truth = np.array(list(TRUTH.values()))
     rows = []
     begin = 0.0
@@ -53,7 +53,7 @@ def measure(options: Options) -> Section:
         count = len(u) - INPUT_TAPS + 1
         inputs = network.inputs(u, count)
         response = y[-first : count - first]
-        out, _ = Linearised.at_point(one.network, np.ones(3)).run(one.state.cell, inputs)
+        out, _ = LinearisedCell.at_point(one.network, np.ones(3)).run(one.state.cell, inputs)
         columns = np.insert(out[:, 1 + network.order :], 0, 1.0, axis=1)  # the offset's
         noise = NOISE * np.std(y) / np.hypot(1.0, NOISE)
         more = response - out[:, 0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from collections.abc import Iterator
 
 import pytest
@@ -68,3 +69,12 @@ def test_no_name_and_no_docstring_is_a_riddle():
                 complaints.append(f"{path}:{number}: {len(text)} characters")
     if complaints:
         pytest.fail("\n".join(complaints), pytrace=False)
+
+
+def test_a_class_name_stands_for_one_class():
+    classes = defaultdict(list)
+    for module in modules():
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.ClassDef):
+                classes[node.name].append(f"{module}:{node.lineno}")
+    assert {name: lines for name, lines in classes.items() if len(lines) > 1} == {}

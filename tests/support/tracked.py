@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from tests.support.random_record import RATE_HZ, TRUTH, Real
 
 from vibrident.physics.models import parse
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.state import TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
 BAND_HZ = (20.0, 4000.0)
-USUAL = Settings()
+USUAL = TrackerSettings()
 ACCELEROMETER = parse("accelerometer")
 
 
@@ -66,7 +66,7 @@ def record(
 
 
 def tracker(
-    rng: np.random.Generator | None = None, u: float = 0.05, off: float = 0.02, settings: Settings = USUAL
+    rng: np.random.Generator | None = None, u: float = 0.05, off: float = 0.02, settings: TrackerSettings = USUAL
 ) -> Tracker:
     """From start values off by normal errors of ``off``, stated with a relative uncertainty ``u``."""
     errors = np.zeros(3) if rng is None else off * rng.normal(size=3)

@@ -49,7 +49,7 @@ class Schedule:
 
 
 @dataclass(frozen=True, eq=False)
-class Trained:
+class TrainingOutcome:
     """Outcome of training.
 
     Attributes:
@@ -68,7 +68,7 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class TrainedSensor:
     """Trained parameters of a sensor, and the training.
 
     Attributes:
@@ -77,7 +77,7 @@ class Fitted:
 
     parameters: dict[str, float]
     weights: int
-    trained: Trained
+    trained: TrainingOutcome
 
 
 def train(
@@ -90,7 +90,7 @@ def train(
     rng: np.random.Generator,
     few: bool = False,
     progress: Progress = silent,
-) -> Trained:
+) -> TrainingOutcome:
     """Train the inexact arrays of ``model``, any pytree, on windows.
 
     ``windows``: a pytree of arrays with a common leading axis; ``loss``: (model, batch) → mean
@@ -144,7 +144,9 @@ def train(
         if waited >= schedule.patience:
             converged = True
             break
-    return Trained(eqx.combine(best, fixed), tuple(training), tuple(judged), best_epoch, converged)
+    return TrainingOutcome(
+        eqx.combine(best, fixed), tuple(training), tuple(judged), best_epoch, converged
+    )
 
 
 def _forwards(cost: Loss) -> Callable[[Any, Any], tuple[Any, Any]]:

@@ -31,7 +31,7 @@ from vibrident.result.parts import (
     Fit,
     MeasuredCurve,
     Parameter,
-    Part,
+    ResultPart,
     ResultWarning,
     Signal,
     Training,
@@ -53,7 +53,7 @@ TRACKED = "tracked"
 
 
 @dataclass(frozen=True)
-class Result(Part):
+class Result(ResultPart):
     """Outcome of an identification, as ``result.json`` holds it.
 
     Attributes:

@@ -33,7 +33,12 @@ from vibrident.show.views import (
     Sentence,
     Table,
 )
-from vibrident.use.conformity import DEVIATION, Judgement, judge_requirements, ratio_uncertainty
+from vibrident.use.conformity import (
+    DEVIATION,
+    JudgedRequirement,
+    judge_requirements,
+    ratio_uncertainty,
+)
 
 
 def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ...]:
@@ -68,7 +73,7 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     return (Sentence(rule), replace(table, notes=(say("text", "probability"),)))
 
 
-def _judged(result: Result, row: Judgement, say: Say) -> tuple[str, ...]:
+def _judged(result: Result, row: JudgedRequirement, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
         point = reference_value(result)
         place = "" if point is None else point.nominal

@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web.language import say, say_count
-from vibrident.app.web.session import Session
+from vibrident.app.web.session import PageSession
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS, page_word
 from vibrident.base.errors import InputError, VibridentError
@@ -29,7 +29,7 @@ _MAX_LISTED_NAMES = 12  # most names in a list; the rest is counted
 def show_error(
     place: ui.element,
     error: BaseException,
-    session: Session | None = None,
+    session: PageSession | None = None,
     labels: Mapping[str, str] = LABELS,
 ) -> None:
     """Show an error in a box, in the words of the form; for unexpected ones, the number in the log.
@@ -82,7 +82,7 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
             ui.label(f"{say(reason)}: {list_names(names)}")
 
 
-def show_faults(place: ui.element, errors: Sequence[InputError], session: Session) -> None:
+def show_faults(place: ui.element, errors: Sequence[InputError], session: PageSession) -> None:
     """Show what is wrong in the files, each problem once with its places."""
     places: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
@@ -163,7 +163,7 @@ class Text:
         self._label.text = text
 
 
-class Chart:
+class ChartView:
     """A chart from its JSON, which is passed to the browser unread.
 
     NiceGUI's own element would copy every number several times, and asks plotly to fit charts that
@@ -187,7 +187,7 @@ class GrowingChart:
     def __init__(self, place: ui.element, height: int) -> None:
         self.place = place
         self.height = height
-        self.chart: Chart | None = None
+        self.chart: ChartView | None = None
         self.points = 0
 
     def grows_to(self, points: int) -> bool:
@@ -204,7 +204,7 @@ class GrowingChart:
         drawn = json.dumps(figure).encode()
         if self.chart is None:
             with self.place:
-                self.chart = Chart(drawn, self.height)
+                self.chart = ChartView(drawn, self.height)
         else:
             self.chart.show(drawn)
 
@@ -216,7 +216,7 @@ class GrowingChart:
 
 
 def _for_page(
-    error: InputError, session: Session | None, labels: Mapping[str, str] = LABELS
+    error: InputError, session: PageSession | None, labels: Mapping[str, str] = LABELS
 ) -> InputError:
     """Return the error in the words of the page, without the server's folders."""
     error_on_page = error.in_words(page_word(labels))

@@ -102,7 +102,7 @@ class SensorsStep:
                 ui.html(f"<h3>{html(say('Sensors'))}</h3>", sanitize=False)
                 ui.html(known["table"], sanitize=False)  # escaped in the process that made it
 
-    def _draft(self, draft: register.Draft, owner: User, named: NamedResult) -> None:
+    def _draft(self, draft: register.CertifiableResult, owner: User, named: NamedResult) -> None:
         lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")
         missing = html(lacking if draft.missing else say("complete"))
         serial = html(draft.serial_number or say("no serial number"))

@@ -30,7 +30,7 @@ _UNSAFE = re.compile(r"[^\w.+ -]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
-class Session:
+class PageSession:
     """Files of one user, in a private folder below ``parent``.
 
     The folder is made with the first file; ``name``: of a kept one. ``limit_mb``: most megabytes of

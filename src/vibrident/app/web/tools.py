@@ -186,7 +186,7 @@ class ToolsStep:
             ui.html(now.shown["tables"], sanitize=False).classes("scroll")  # escaped in the process
             for heading, chart, height in now.shown["charts"]:
                 ui.html(f"<h3>{html(heading)}</h3>", sanitize=False)
-                frame.Chart(chart, height)
+                frame.ChartView(chart, height)
             if now.archive is not None:
                 count = len(now.shown["files"])
                 archive = now.archive

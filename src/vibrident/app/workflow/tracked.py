@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vibrident.data.records import Record
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
-    from vibrident.use.tracking.session import Session
+    from vibrident.use.tracking.session import TrackingSession
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     from vibrident.data.sources.source import SourceRequest
     from vibrident.use.tracking.following import interval_of_records
     from vibrident.use.tracking.outcome import tracked_result
-    from vibrident.use.tracking.session import Session
-    from vibrident.use.tracking.state import Settings
+    from vibrident.use.tracking.session import TrackingSession
+    from vibrident.use.tracking.state import TrackerSettings
 
     known = load_result(request.result)
     folder = request.folder
@@ -73,13 +73,15 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
             where=str(request.calibration),
             remedy="add rate_hz = … (samples per second)",
         )
-    settings = Settings(
+    settings = TrackerSettings(
         request.false_alarms_per_day,
         _walks(request.store, known, tell),
         described.reference.standard_uncertainty,
     )
     every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
-    session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
+    session = TrackingSession.from_result(
+        known, rate_hz, described.reference.quantity, every_s, settings
+    )
     key = {
         "result": known.to_json(),
         "file": request.calibration.read_text(encoding="utf-8"),
@@ -141,7 +143,7 @@ def _records(calibration: Path, known: Result) -> Sequence[Record]:
 
 def _run(
     chunks: Iterator[Chunk],
-    session: Session,
+    session: TrackingSession,
     files: TrackingFiles,
     tell: ProgressReporter,
     *,

@@ -308,7 +308,7 @@ def _control(history: Life) -> dict[str, Any] | None:
         return None
     dates = [history.entries[i].date for i in places]
     charts = control.charts(np.array(residuals), np.array(restart))
-    unassumed: Sequence[control.Chart | None] = [None] * len(charts)
+    unassumed: Sequence[control.ControlChart | None] = [None] * len(charts)
     if history.assumed:
         anew, *_ = _residuals(history, history.identified_covariance)
         unassumed = control.charts(np.array(anew), np.array(restart))

@@ -97,7 +97,7 @@ class _Solved:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
+class SensorDrift:
     """Drift of a sensor from its calibrations; times in years, all else in one unit."""
 
     time: FloatArray  # of each calibration, shape (n,), ascending

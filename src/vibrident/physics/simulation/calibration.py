@@ -25,8 +25,8 @@ from vibrident.physics.simulation.motion import Motion
 from vibrident.physics.simulation.noise import ChannelNoise
 from vibrident.physics.simulation.rk4 import rk4_response
 from vibrident.physics.simulation.scheme import (
-    Plan,
     Seed,
+    SimulationSettings,
     Take,
     one_third_octave,
     stream,
@@ -152,7 +152,9 @@ def simulate(
     rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
     peak = chosen.amplitude if amplitude is None else float(amplitude)
     natural = parse(chosen.model).typical_frequency(chosen.parameters)
-    plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
+    plan = SimulationSettings(
+        _frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed
+    )
     takes = plan.takes(excitation, repeats)
     if excitation_snr_db is not None:
         snr_db = excitation_snr_db

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.screening import Finding
-from vibrident.use.correction.band import Band
+from vibrident.data.screening import ScreeningFinding
+from vibrident.use.correction.band import PassBand
 from vibrident.use.correction.quiet import Baseline
 
 RECORD_PARTS = 16  # into which a record is divided
@@ -33,7 +33,7 @@ class Background:
     """Signal in addition to the motion."""
 
     deviation: FloatArray  # standard uncertainty of every sample by it, shape (samples,)
-    findings: tuple[Finding, ...]
+    findings: tuple[ScreeningFinding, ...]
 
 
 def measure_background(
@@ -41,7 +41,7 @@ def measure_background(
     values: FloatArray,
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
-    band: Band,
+    band: PassBand,
     baseline: Baseline,
     unit: str,
 ) -> Background:
@@ -113,16 +113,16 @@ def _still_parts(values: FloatArray, rest_samples: int, inner: BoolArray) -> lis
     return before + ([slice(after[-1].start, after[0].stop)] if after else [])
 
 
-def _shift(name: str, mean: float, unit: str) -> Finding:
+def _shift(name: str, mean: float, unit: str) -> ScreeningFinding:
     text = (
         f"{name}: the acceleration comes to {mean:.3g} {unit} on average after the motion: the "
         "response's zero has drifted or shifted since the beginning. The uncertainty of every "
         "sample holds that."
     )
-    return Finding("drift", text)
+    return ScreeningFinding("drift", text)
 
 
-def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[Finding]:
+def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[ScreeningFinding]:
     """Return the findings of a shock that does not begin and end at rest."""
     findings = []
     if record.excitation != "shock":
@@ -133,7 +133,7 @@ def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[F
             "unknown; near the beginning the uncertainty is a guess from the rest of the record. "
             "Record some rest before the motion."
         )
-        findings.append(Finding("short_record", text))
+        findings.append(ScreeningFinding("short_record", text))
     block = max(MIN_PART_SAMPLES, values.size // 50)
     index = np.arange(block)
     last = values[-block:] - np.polyval(np.polyfit(index, values[-block:], 1), index)
@@ -146,17 +146,17 @@ def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[F
             f"{record.name}: the record ends in the middle of the motion; near its end the "
             "uncertainty is a guess from the rest of the record. Record longer."
         )
-        findings.append(Finding("short_record", text))
+        findings.append(ScreeningFinding("short_record", text))
     return findings
 
 
-def starts_in_motion(name: str) -> Finding:
+def starts_in_motion(name: str) -> ScreeningFinding:
     """Return the finding of a motion that begins with the record."""
     text = (
         f"{name}: the motion begins at the record's first sample. The sensor is taken to have been "
         "at rest before, as it is at the end. Record some rest before the motion."
     )
-    return Finding("short_record", text)
+    return ScreeningFinding("short_record", text)
 
 
 def with_rest_prepended(record: Record, samples: int) -> Record:

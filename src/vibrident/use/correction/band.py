@@ -39,7 +39,7 @@ MIN_EDGE_PERIODS = 4.0  # of either edge of the band in a record
 
 
 @dataclass(frozen=True)
-class Band:
+class PassBand:
     """Band that the compensation passes."""
 
     low_hz: float  # L = 1 from here, L = 0 below low_hz/2; zero if L passes constant acceleration
@@ -76,7 +76,7 @@ def _step(x: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Content:
+class AccelerationSpectrum:
     """Acceleration and noise of a record in bins of frequency; powers as in ``quiet``."""
 
     frequency_hz: FloatArray  # of the bins, shape (bins,)
@@ -106,12 +106,12 @@ class Content:
         ) ** 2
         return np.sqrt(np.sum(gain * self.acceleration * self.lines, axis=-1) / self.event)
 
-    def bound(self, band: Band) -> float:
+    def bound(self, band: PassBand) -> float:
         """Return an upper bound of the removed acceleration, m/s²."""
         amplitude = np.sqrt(np.maximum(self.acceleration, 0.0) * self.samples)
         return float(np.sum((1.0 - band.passed(self.frequency_hz)) * amplitude * self.lines))
 
-    def ratio(self, band: Band) -> float:
+    def ratio(self, band: PassBand) -> float:
         """Return the rms of the removed part over that of the highest octave in the band."""
         weights = self.acceleration * self.lines
         removed = 1.0 - passed(self.frequency_hz, 0.0, band.high_hz)
@@ -124,7 +124,7 @@ class Content:
         )
 
 
-def top_octave(frequency_hz: FloatArray, band: Band) -> FloatArray:
+def top_octave(frequency_hz: FloatArray, band: PassBand) -> FloatArray:
     """Return the gain that selects the highest octave of the band."""
     return band.passed(frequency_hz) - passed(frequency_hz, band.low_hz, 0.5 * band.high_hz)
 
@@ -150,7 +150,7 @@ def measure_content(
     baseline: Baseline,
     event: float,
     highest: float,
-) -> Content:
+) -> AccelerationSpectrum:
     """Return the spectra of a record's acceleration and noise.
 
     Args:
@@ -191,7 +191,9 @@ def measure_content(
         centre, acceleration, has_motion, limit, LOBE_OCTAVES if transient else 0.0
     )
     lines = 2.0 * size / count
-    return Content(centre, lines, acceleration, mean(noise * inverse), count, event, has_motion)
+    return AccelerationSpectrum(
+        centre, lines, acceleration, mean(noise * inverse), count, event, has_motion
+    )
 
 
 def _tapered(count: int) -> FloatArray:
@@ -244,7 +246,9 @@ def highest_frequency(sensor: IdentifiedSensor, rate: float) -> tuple[float, str
     return last, why
 
 
-def choose_band(content: Content, rate: float, highest: float, *, low_edge: bool) -> Band:
+def choose_band(
+    content: AccelerationSpectrum, rate: float, highest: float, *, low_edge: bool
+) -> PassBand:
     """Return the band with the smallest sum of noise and removed part.
 
     Args:
@@ -266,10 +270,12 @@ def choose_band(content: Content, rate: float, highest: float, *, low_edge: bool
     words = "least sum of noise and removed part"
     if second == high.size - 1:
         words = "widest that sampling rate and sensor allow"
-    return Band(float(low[first]), float(high[second]), words)
+    return PassBand(float(low[first]), float(high[second]), words)
 
 
-def stated_band(band_hz: tuple[float, float], highest: float, why: str, *, low_edge: bool) -> Band:
+def stated_band(
+    band_hz: tuple[float, float], highest: float, why: str, *, low_edge: bool
+) -> PassBand:
     """Return the band that the user states.
 
     Raises:
@@ -300,7 +306,7 @@ def stated_band(band_hz: tuple[float, float], highest: float, why: str, *, low_e
             where="band",
             remedy="give a lower edge, or a record with some samples before the motion",
         )
-    return Band(low, high, "stated by the user")
+    return PassBand(low, high, "stated by the user")
 
 
 def _candidates(first: float, last: float) -> FloatArray:

@@ -25,7 +25,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.band import Band
+from vibrident.use.correction.band import PassBand
 from vibrident.use.correction.quiet import Baseline, periodogram
 
 #: Length of the filter's kernel on either side, in periods of the narrowest slope of L.
@@ -44,7 +44,7 @@ class Compensation:
     """Compensation of one record."""
 
     sensor: IdentifiedSensor
-    band: Band  # to restore
+    band: PassBand  # to restore
     rate: float  # samples per second
     samples: int  # of the record
     integrations: int  # from rest, before the filter: 0, 1 or 2
@@ -52,7 +52,7 @@ class Compensation:
 
     @classmethod
     def from_baseline(
-        cls, sensor: IdentifiedSensor, band: Band, rate: float, samples: int, baseline: Baseline
+        cls, sensor: IdentifiedSensor, band: PassBand, rate: float, samples: int, baseline: Baseline
     ) -> Compensation:
         """Return the compensation for a record with its baseline."""
         poles = sensor.zeros_at_rest if band.low_hz == 0.0 else 0

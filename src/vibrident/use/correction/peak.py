@@ -154,7 +154,7 @@ def _noise_bias(
 
 
 @dataclass(frozen=True)
-class Agreement:
+class ReferenceAgreement:
     """Compensated acceleration against the reference's, away from the record's ends."""
 
     rmse: float  # against the reference in the same band, m/s²
@@ -191,7 +191,7 @@ def compare_with_reference(
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
     reference: FloatArray,
-) -> Agreement | None:
+) -> ReferenceAgreement | None:
     """Compare the acceleration with the reference where both are known.
 
     Args:
@@ -220,4 +220,6 @@ def compare_with_reference(
         unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))
     top = float(reference[known][np.argmax(np.abs(reference[known]))])
     inside = float(np.mean(np.abs(off) <= 1.96 * u[known]))
-    return Agreement(rmse, rmse / deviation if deviation > 0 else None, unfiltered, top, inside)
+    return ReferenceAgreement(
+        rmse, rmse / deviation if deviation > 0 else None, unfiltered, top, inside
+    )

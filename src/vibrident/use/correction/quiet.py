@@ -17,7 +17,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import resolution, runs_of_true
-from vibrident.data.screening import Finding, screen
+from vibrident.data.screening import ScreeningFinding, screen
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. All
 #: others begin gradually, which could be taken for rest.
@@ -130,7 +130,7 @@ def estimate_baseline(record: Record, noise: float | None = None) -> Baseline:
 
 def screened_by_response(
     records: Sequence[Record], unit: str
-) -> tuple[list[Record], list[Finding]]:
+) -> tuple[list[Record], list[ScreeningFinding]]:
     """Screen the records as for a fit, but by their response.
 
     Samples of the reference alone are not needed. ``unit``: of the response.
@@ -148,7 +148,7 @@ def screened_by_response(
             )
         except InputError as error:
             refused = error
-            findings.append(Finding("dead_channel", f"{error.found}"))
+            findings.append(ScreeningFinding("dead_channel", f"{error.found}"))
             continue
         valid = by_response.mask
         known = np.zeros(record.samples, dtype=bool)
@@ -166,7 +166,7 @@ def screened_by_response(
                         )
                     cause = lost_time[0].message.split(";")[0]
                     text = f"{cause}; the samples beside that are left out."
-                    lost_time = [Finding("clock_suspect", text)]
+                    lost_time = [ScreeningFinding("clock_suspect", text)]
                 remarks = (*(f for f in remarks if f in of_both), *lost_time)
         usable.append(replace(record, valid=valid, reference_valid=known))
         findings += remarks

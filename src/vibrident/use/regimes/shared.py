@@ -13,7 +13,7 @@ import numpy as np
 
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.use.regimes.pieces import Piece
+from vibrident.use.regimes.pieces import PieceEstimate
 
 #: Chance that a parameter that is one number is taken for several.
 FALSE_DIFFERENCE = 0.01
@@ -34,7 +34,7 @@ class Shared:
     covariances: FloatArray
 
 
-def share(regimes: Sequence[Piece]) -> Shared:
+def share(regimes: Sequence[PieceEstimate]) -> Shared:
     """Return the parameters of regimes, those in common where the data allow it."""
     values = np.array([regime.values for regime in regimes])
     covariances = np.array([regime.covariance for regime in regimes])

@@ -9,7 +9,7 @@ from vibrident.physics.models import ParameterSpec
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import (
     NORMAL_KURTOSIS,
-    Change,
+    ChangeTest,
     changed_coordinates,
     likelihood_ratio,
     score_test,
@@ -100,7 +100,7 @@ class Changes:
             s.pending[0] = 0.0
         return False
 
-    def _test_segment(self, level: int) -> tuple[Change, float, float]:
+    def _test_segment(self, level: int) -> tuple[ChangeTest, float, float]:
         """Test a change at the start of a segment.
 
         A segment that is noisier than the noise before it is tested against its own noise.

@@ -77,7 +77,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ChangeTest:
     """Outcome of a score test of a change."""
 
     order: list[int]  # parameters in the order in which they explain most
@@ -101,7 +101,7 @@ class Change:
         return self.before[:, 0] - self.before[:, 1:] @ amount, amount
 
 
-def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
+def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> ChangeTest:
     """Test a change at the start of a segment.
 
     Args:
@@ -123,7 +123,7 @@ def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> Change
     table = np.empty((p, p + 1))
     table[:, :p] = segment[nuisances:m, nuisances:m] - projected[:, 1:]
     table[:, p] = segment[nuisances:m, m] - projected[:, 0]
-    return Change(
+    return ChangeTest(
         *order_by_score(table, segment.diagonal()[nuisances:m]), table, responses[nuisances:]
     )
 

@@ -33,7 +33,7 @@ MAX_STEP_FACTOR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class SensorNetwork:
     """Fixed properties of a sensor's network: its model, sampling, and the filters of its inputs.
 
     The parameters are kept as coordinates: values over their ``scale``.
@@ -51,7 +51,7 @@ class Network:
     @classmethod
     def from_start_values(
         cls, model: SensorModel, values: Mapping[str, float], quantity: Quantity, interval_s: float
-    ) -> Network:
+    ) -> SensorNetwork:
         """Return the network at its start values.
 
         Args:
@@ -166,7 +166,7 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearisedCell:
     """Cell and sensitivities at one point, as a linear system s' = A s + B c, o = H s + F c.
 
     s: x, then ∂x of each parameter, then M by columns; o: y, its derivatives by the initial states,
@@ -179,7 +179,7 @@ class Linearised:
     f: FloatArray  # shape (O, q)
 
     @classmethod
-    def at_point(cls, network: Network, coordinates: FloatArray) -> Linearised:
+    def at_point(cls, network: SensorNetwork, coordinates: FloatArray) -> LinearisedCell:
         """Linearise the network at these coordinates, shape (P,)."""
         w, slopes = network.weights(coordinates)
         n = network.order

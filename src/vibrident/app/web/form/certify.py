@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.entries import PLAIN, RowEntries, entry, filled
 from vibrident.app.web.laboratories import LABORATORY_FILES
 from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.state import NamedResult
@@ -149,7 +149,7 @@ class CertificateForm:
             values = stated.get(name) or []
             known = {name: say(in_words(name)) for name in self.known["parameters"]}
             words = {"sensitivity_deviation": say("deviation of the sensitivity"), **known}
-            self.entries[name] = Rows(
+            self.entries[name] = RowEntries(
                 ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
                 [value if isinstance(value, Mapping) else {"name": value} for value in values],
@@ -183,7 +183,9 @@ class CertificateForm:
     def _read(self) -> CertificateData:
         """Return the checked form; None for entries of the result that the form leaves empty."""
         values = {
-            name: element.value if isinstance(element, Rows) else filled(_KEYS[name], element.value)
+            name: element.value
+            if isinstance(element, RowEntries)
+            else filled(_KEYS[name], element.value)
             for name, element in self.entries.items()
         }
         stated = {name: value for name, value in values.items() if value not in (None, [])}

@@ -80,7 +80,7 @@ def filled(key: Key, entered: Any, unit: tuple[str, float] | None = None) -> Any
     return value
 
 
-class Rows:
+class RowEntries:
     """Entries of several keys each, with a button for one more."""
 
     def __init__(
@@ -138,7 +138,7 @@ class Rows:
                 unit = key.asked_in({**usual, **value})
                 options = self.options.get(name)
                 if key.kind == "pairs":
-                    row[name] = Bands(value.get(name) or (), unit)
+                    row[name] = BandEntries(value.get(name) or (), unit)
                     row[name].on_change = lambda: self._edited(row)
                     continue
                 row[name] = entry(key, value.get(name), options=options, unit=unit)
@@ -184,7 +184,7 @@ class Rows:
         return stated
 
 
-class Bands(Rows):
+class BandEntries(RowEntries):
     """A value by frequency within a row: bands, or single frequencies, with a value each.
 
     ``unit``: of the values, and how many of it are one of the file's unit.
@@ -218,7 +218,9 @@ class Bands(Rows):
 
 def _show_unit(element: Any, unit: str) -> None:
     """Show the unit behind what is filled in; of bands, behind the value of each."""
-    if isinstance(element, Bands):
+    if isinstance(element, BandEntries):
         element.unit = unit
-    for each in [row["value"] for row in element.rows] if isinstance(element, Bands) else [element]:
+    for each in (
+        [row["value"] for row in element.rows] if isinstance(element, BandEntries) else [element]
+    ):
         each.props["suffix"] = unit

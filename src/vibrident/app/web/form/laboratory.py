@@ -13,7 +13,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
-from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.entries import PLAIN, RowEntries, entry, filled
 from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import phrase, say, spoken
@@ -165,7 +165,7 @@ class LaboratoryStep:
         columns_form = self.user.applicable_form
         if self.user.session.names and columns_form is None:
             ui.label(say("The sources are those of the calibration file that came with the data."))
-        self.lists: dict[str, Rows] = {}
+        self.lists: dict[str, RowEntries] = {}
         for name in _LISTS:
             values = profile[name] if columns_form is None else columns_form.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
@@ -178,7 +178,7 @@ class LaboratoryStep:
                         "rare": ("from_c", "to_c"),
                     }
                 keys = source_keys() if name == "uncertainty" else ENTRIES[name]
-                rows = Rows(ENTRY_NAMES[name], keys, values, **ways)
+                rows = RowEntries(ENTRY_NAMES[name], keys, values, **ways)
                 rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
             self.lists[name] = rows
 
@@ -204,7 +204,7 @@ class LaboratoryStep:
             assert section is not None
             ui.html(f"<h3>{html(say('Instruments'))}</h3>", sanitize=False)
             instruments = stated.get("instruments") or []
-            rows = Rows("Instrument", [*keys_of(section).values()], instruments)
+            rows = RowEntries("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
             for kind in LABORATORY_FILES:
                 self._file_choice(kind)
@@ -254,7 +254,7 @@ class LaboratoryStep:
             user.require("identify", "change a laboratory's profile")
             values = {
                 name: element.value
-                if isinstance(element, Rows)
+                if isinstance(element, RowEntries)
                 else filled(_KEYS[name], element.value)
                 for name, element in self.entries.items()
             }
