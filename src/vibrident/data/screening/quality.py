@@ -196,7 +196,7 @@ def _without_spoilt(
     findings += copied
     longest = (
         MAX_RUN_SAMPLES
-        if record.reference is not None and record.excitation in LINEAR
+        if record.reference is not None and record.excitation in (*LINEAR, "shock")
         else MAX_SHORT_RUN_SAMPLES
     )
     channels = {
@@ -323,7 +323,7 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue
-        moved = moves(other_channel, wild[label])
+        moved = moves(channels[label], other_channel, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
             at_once = [
                 event.may_be_short_wild
