@@ -139,7 +139,7 @@ def write(draw: Draw, folder: Path) -> Path:
     return folder / "c.toml"
 
 
-def _calibration_text(draw: Draw, names: dict[str, str], main: str, other: str) -> str:
+def _calibration_text(draw: Draw, names: dict[str, str], main: str, second: str) -> str:
     factor = REFERENCES[draw.quantity][draw.reference_unit]
     gain = 2.5 if draw.scaled == "gain" else 1.0
     scale = gain
@@ -155,7 +155,7 @@ def _calibration_text(draw: Draw, names: dict[str, str], main: str, other: str) 
         lines += [f"scale = {RESPONSES[draw.response_unit]!r}", 'unit = "V"']
     lines += ["[sampling]"] + ([f"rate_hz = {rate!r}"] if rate is not None else [])
     lines += ["[[records]]", f'file = "{main}"', 'excitation = "random"']
-    lines += [f'reference_file = "{other}"'] if draw.later else []
+    lines += [f'reference_file = "{second}"'] if draw.later else []
     return "\n".join(lines) + "\n"
 
 
@@ -364,9 +364,9 @@ def outcome(draw: Draw, path: Path) -> tuple[str, str]:
             name = parameter
     if worst <= TOLERANCE_U:
         return "right", ""
-    said = ", ".join(result.warning_codes)
-    kind = "fit" if _is_read_rightly(draw, calibration) else "said" if said else "silent"
-    return kind, f"{name} {worst:.3g} u {said}"
+    codes = ", ".join(result.warning_codes)
+    kind = "fit" if _is_read_rightly(draw, calibration) else "said" if codes else "silent"
+    return kind, f"{name} {worst:.3g} u {codes}"
 
 
 def _is_read_rightly(draw: Draw, calibration: vibrident.Calibration) -> bool:

@@ -33,10 +33,12 @@ class Motion:
 
     def planned(self) -> Plan:
         """Return the plan of its points."""
-        known = SENSOR if self.model == "accelerometer" else {"sensitivity": SENSOR["sensitivity"]}
+        parameters = (
+            SENSOR if self.model == "accelerometer" else {"sensitivity": SENSOR["sensitivity"]}
+        )
         return plan(
             self.model,
-            known,
+            parameters,
             frequencies_hz=self.frequency_hz,
             magnitude_uncertainty=MAGNITUDE_U * self.worse,
             phase_uncertainty_rad=math.radians(PHASE_U_DEG) * self.worse,
@@ -118,10 +120,15 @@ def excitations() -> str:
 
 def _row(motion: Motion) -> tuple[str, ...]:
     planned = motion.planned()
-    return motion.words, motion.span, *(_told(planned, name) for name in SENSOR), motion.remark
+    return (
+        motion.words,
+        motion.span,
+        *(_printed_uncertainty(planned, name) for name in SENSOR),
+        motion.remark,
+    )
 
 
-def _told(planned: Plan, name: str) -> str:
+def _printed_uncertainty(planned: Plan, name: str) -> str:
     """Return the relative standard uncertainty of a parameter, in percent."""
     parameter = planned.parameters.get(name)
     if parameter is None:

@@ -85,11 +85,11 @@ def truth(sensor: Sensor) -> dict[str, float]:
     values = dict(sensor.parameters)
     angular = TAU * values["natural_frequency"]
     values["natural_angular_frequency"] = angular
-    left = 1.0 - 2.0 * values["damping_ratio"] ** 2
+    damping_term = 1.0 - 2.0 * values["damping_ratio"] ** 2
     if sensor.parts[0] == "accelerometer":
         values["conversion_coefficient"] = values["sensitivity"] * angular**2
-        if left > 0.0:
-            values["resonance_frequency"] = values["natural_frequency"] * np.sqrt(left)
-    elif left > 0.0:
-        values["resonance_frequency"] = values["natural_frequency"] / np.sqrt(left)
+        if damping_term > 0.0:
+            values["resonance_frequency"] = values["natural_frequency"] * np.sqrt(damping_term)
+    elif damping_term > 0.0:
+        values["resonance_frequency"] = values["natural_frequency"] / np.sqrt(damping_term)
     return values

@@ -52,8 +52,8 @@ def serving(folder: Path, *command: str, ending: int = signal.SIGTERM) -> Iterat
     pytest.importorskip("nicegui")
     begin = time.monotonic()
     log = folder / "log"
-    own = {"TMPDIR": str(folder), "XDG_DATA_HOME": str(folder / "data"), "PYTHONUNBUFFERED": "1"}
-    environment = os.environ | own
+    folders = {"TMPDIR": str(folder), "XDG_DATA_HOME": str(folder / "data"), "PYTHONUNBUFFERED": "1"}
+    environment = os.environ | folders
     for name in [name for name in environment if name.startswith(("NICEGUI", "PYTEST"))]:
         del environment[name]
     with (
@@ -71,8 +71,8 @@ def serving(folder: Path, *command: str, ending: int = signal.SIGTERM) -> Iterat
             except subprocess.TimeoutExpired:
                 made.kill()
                 raise
-    left = [path for path in folder.iterdir() if path.name.startswith("vibrident-")]
-    assert ending != signal.SIGTERM or not left, "temporary files are left"
+    leftovers = [path for path in folder.iterdir() if path.name.startswith("vibrident-")]
+    assert ending != signal.SIGTERM or not leftovers, "temporary files are left"
 
 
 def _busy_s(pid: int, elapsed_s: float) -> float:
@@ -87,16 +87,16 @@ def _busy_s(pid: int, elapsed_s: float) -> float:
 def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path) -> Server:
     assert process.stdout is not None
     line = process.stdout.readline()
-    found = re.search(r"http://\S+", line)
-    assert found, line + process.stdout.read() + log.read_text()
+    match = re.search(r"http://\S+", line)
+    assert match, line + process.stdout.read() + log.read_text()
     while time.monotonic() < begin + WAIT_MS / 1000:
         try:
             with (
                 contextlib.suppress(urllib.error.HTTPError),
-                urllib.request.urlopen(found.group(), timeout=5) as answer,
+                urllib.request.urlopen(match.group(), timeout=5) as answer,
             ):
                 answer.read()  # a refusal is an answer too
-            return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
+            return Server(process, match.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
         except OSError:
             time.sleep(0.05)
     raise AssertionError("the page does not answer")

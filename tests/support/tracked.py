@@ -41,8 +41,8 @@ def motion(kind: str, samples: int, rng: np.random.Generator) -> Real:
     spectrum = np.zeros(lines.size, complex)
     phases = np.exp(2j * np.pi * rng.random(chosen.size))
     spectrum[chosen] = phases * (np.abs(rng.normal(size=(2, chosen.size))).sum(0) if kind == "random" else 1.0)
-    found = np.fft.irfft(spectrum, samples)
-    return found / np.std(found)
+    signal = np.fft.irfft(spectrum, samples)
+    return signal / np.std(signal)
 
 
 def answered(u: Real, values: Mapping[str, float] = TRUTH, model: str = "accelerometer") -> Real:
@@ -75,9 +75,9 @@ def tracker(
     return Tracker(ACCELEROMETER, start, covariance, RATE_HZ, settings=settings)
 
 
-def fed(one: Tracker, u: Real, y: Real, cuts: Callable[[int], list[int]] = lambda n: []) -> Tracker:
+def fed(sensor_tracker: Tracker, u: Real, y: Real, cuts: Callable[[int], list[int]] = lambda n: []) -> Tracker:
     """The tracker after these samples, cut into chunks at ``cuts``."""
     for a, b in zip(np.split(u, cuts(len(u))), np.split(y, cuts(len(u))), strict=True):
-        one.feed(a, b)
-    one.finish()
-    return one
+        sensor_tracker.feed(a, b)
+    sensor_tracker.finish()
+    return sensor_tracker
