@@ -120,7 +120,7 @@ class Study:
     def _file(self) -> Path:
         return ROOT / "bench" / "results" / f"{self.name}.jsonl"
 
-    def _lines_of(self, commit: str) -> Iterator[dict[str, Any]]:
+    def _stored_lines(self, commit: str) -> Iterator[dict[str, Any]]:
         if self._file.exists():
             for text in self._file.read_text(encoding="utf-8").splitlines():
                 line = json.loads(text)

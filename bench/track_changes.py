@@ -18,6 +18,7 @@ from vibrident.data.sources.source import Chunk
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import Sensor, sensor_named
 from vibrident.use.tracking.causes import Cause
+from vibrident.use.tracking.effects import CarriedEffects
 from vibrident.use.tracking.session import TrackingSession
 from vibrident.use.tracking.state import TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
@@ -166,7 +167,11 @@ def named() -> list[Figure]:
 
 
 def _session(motion: Motion) -> TrackingSession:
-    return TrackingSession(motion.tracker(), 1024, {}, Cause(None, "", motion.values))
+    tracker = motion.tracker()
+    count = tracker.network.parameters
+    no_effects = CarriedEffects((), np.zeros((0, count)), np.eye(count), np.zeros(count))
+    cause = Cause(None, "", motion.values)
+    return TrackingSession(tracker, 1024, {}, cause, no_effects)
 
 
 def _causes(session: TrackingSession) -> str:
