@@ -132,8 +132,8 @@ def description(code: Firmware) -> list[str]:
         f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
         (
             f"  error {_error(correction.response(f), inverse)} (double), "
-            f"{_error(correction.in_single_precision().response(f), inverse)} (float), over {low!r} "
-            f"Hz to {high!r} Hz"
+            f"{_error(correction.in_single_precision().response(f), inverse)} (float), "
+            f"over {low!r} Hz to {high!r} Hz"
         ),
     ]
     if len(upper_hz):
