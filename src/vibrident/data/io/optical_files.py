@@ -64,6 +64,8 @@ MAX_APART_SAMPLES = 0.01
 #: A shock is kept at a rate that leaves at most this share of its response's power to the ends of
 #: the record.
 MAX_SHARE_OUTSIDE = 2e-3
+#: Of the thinning from one trial to the next, until that holds.
+THINNING_RATIO = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +363,7 @@ def _record(
     if entry.excitation == "shock":
         outside = power_share_outside(raw.response, aligned)
         while outside > MAX_SHARE_OUTSIDE and every > least:
-            every = max(int(0.8 * every), least)
+            every = max(int(THINNING_RATIO * every), least)
             demodulated, aligned = demodulate_every(every)
             outside = power_share_outside(raw.response, aligned)
         require_pulse(aligned, outside, raw.name)

@@ -27,8 +27,9 @@ from vibrident.data.screening.wild import (
     moves,
 )
 
-#: Share of the reference's power above 0.45 of the sampling rate from which on aliasing is
-#: reported.
+#: Part of half the sampling rate above which no anti-alias filter leaves any power …
+ALIAS_BAND = 0.9
+#: … and share of the reference's power there from which on aliasing is reported.
 MIN_ALIAS_POWER = 0.01
 #: Samples on either side that an interpolation of the reference uses.
 REACH = 40
@@ -375,7 +376,7 @@ def _aliasing_findings(record: Record) -> list[ScreeningFinding]:
         values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
     power = np.abs(fft.rfft((values - values.mean()) * np.hanning(record.samples))) ** 2
     total = float(power.sum())
-    above = float(power[int(0.9 * power.shape[0]) :].sum())
+    above = float(power[int(ALIAS_BAND * power.shape[0]) :].sum())
     if above <= MIN_ALIAS_POWER * total:
         return []
     text = (

@@ -46,15 +46,17 @@ STOP_BAND_ATTENUATION_DB = 160.0
 
 @functools.cache
 def _filter() -> FloatArray:
-    """Return the filter: a Kaiser-windowed sinc at the fine rate, odd length, sum one."""
+    """Return the filter: a Kaiser-windowed sinc at the fine rate, odd length, sum one.
+
+    Kaiser (1974) gives length and shape of the window for a stop band and a transition.
+    """
     width = 2.0 * np.pi * (STOP_BAND_EDGE - PASS_BAND_EDGE) / OVERSAMPLING
     half = int(np.ceil((STOP_BAND_ATTENUATION_DB - 8.0) / (2.285 * width) / 2.0))
     n = np.arange(-half, half + 1)
     # Twice the band's middle, in cycles per fine sample.
     cut = (PASS_BAND_EDGE + STOP_BAND_EDGE) / OVERSAMPLING
-    taps = (
-        cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, 0.1102 * (STOP_BAND_ATTENUATION_DB - 8.7))
-    )
+    shape = 0.1102 * (STOP_BAND_ATTENUATION_DB - 8.7)
+    taps = cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, shape)
     return taps / taps.sum()
 
 

@@ -63,6 +63,8 @@ from vibrident.use.correction.quiet import (
 BAND_ROUNDS = 2  # of the choice of the band; the first improves the part of the record with motion
 TOP_OF_PEAK = 0.5  # a shock's top is above this part of its peak
 MAX_NARROWER_OCTAVES = 3.0  # by which bands for the top are narrower
+MIN_HIDDEN_SHARE = 0.1  # of a peak, in which hidden content is reported
+MAX_EXTRAPOLATION = 1.5  # band over the highest calibrated frequency; more is reported
 #: Warnings of the result that concern every sample.
 INHERITED_WARNINGS = ("lack_of_fit", "weakly_determined", "nonlinear")
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
@@ -316,14 +318,14 @@ def _findings(
             ScreeningFinding(causes[0].code if causes else "clipped", f"{name}: {text}")
         )
     peak = correction.peak
-    if peak is not None and peak.components["band"] > 0.1 * abs(peak.value):
+    if peak is not None and peak.components["band"] > MIN_HIDDEN_SHARE * abs(peak.value):
         text = (
             f"{name}: the motion has content above {correction.band.high_hz:.4g} Hz that the noise "
             "or the sampling hides; it may change the peak by "
             f"{100 * peak.components['band'] / abs(peak.value):.2g} % (k = 1)."
         )
         findings.append(ScreeningFinding("band_sensitive", text))
-    if calibrated_hz and correction.band.high_hz > 1.5 * calibrated_hz[-1]:
+    if calibrated_hz and correction.band.high_hz > MAX_EXTRAPOLATION * calibrated_hz[-1]:
         text = (
             f"{name}: restored up to {correction.band.high_hz:.4g} Hz by extrapolation of the "
             f"model, which was calibrated up to {calibrated_hz[-1]:.4g} Hz."

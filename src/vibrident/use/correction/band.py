@@ -21,7 +21,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.result.sensor import IdentifiedSensor
-from vibrident.use.correction.quiet import Baseline, periodogram
+from vibrident.use.correction.quiet import HANN_LINE_VARIANCE, Baseline, periodogram
 
 BINS_PER_OCTAVE = 12  # spectral bins, and candidates of an edge
 #: A bin has motion if its power exceeds the noise by so many standard deviations of the bin's mean.
@@ -183,7 +183,7 @@ def measure_content(
 
     centre = mean(frequency)
     level = mean(noise)
-    spread = (1.0 if transient else 1.94) / size + baseline.spread
+    spread = (1.0 if transient else HANN_LINE_VARIANCE) / size + baseline.spread
     has_motion = mean(power) > level * (1.0 + MIN_MOTION_DEVIATIONS * np.sqrt(spread))
     acceleration = np.maximum(mean((power - noise) * inverse), 0.0)
     limit = level * mean(inverse) * (1.0 + MIN_MOTION_DEVIATIONS * np.sqrt(spread))
