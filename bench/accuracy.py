@@ -86,4 +86,5 @@ def _rate(rate_hz: float) -> str:
 
 
 def _message_of(error: Exception) -> str:
-    return f"no result: {type(error).__name__}: {str(error).splitlines()[0]}"
+    first_clause = str(error).splitlines()[0].split(":")[0]
+    return f"no result: {type(error).__name__}: {first_clause}"
