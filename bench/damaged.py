@@ -43,7 +43,7 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     for line in lines:
         file, damage = line["cell"].split("/")
         runs_of[file, damage] += line["runs"]
-    runs = [run for own in runs_of.values() for run in own]
+    runs = [run for cell_runs in runs_of.values() for run in cell_runs]
     wrong = [run for run in runs if run["outcome"] not in ("read", "refused")]
     peak = max((run["peak_bytes"] for run in runs), default=0)
     rescued = Counter(

@@ -395,14 +395,14 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.simplefilter("error", RuntimeWarning)
-            found, why = outcome(draw, write(draw, Path(folder)))
-        counts[draw.form, found] += 1
+            kind, why = outcome(draw, write(draw, Path(folder)))
+        counts[draw.form, kind] += 1
         must_be_right = draw.claimed != "wrong" and not (
             draw.is_unit_stated and draw.scaled == "conversion"
         )
-        if found in ("silent", "said", "fit") or (found == "refused" and must_be_right):
-            reasons[f"{draw.form} {found}: {why[:70]}"] += 1
-            print(seed, draw.form, found, why, draw.later, draw.claimed, draw.scaled, flush=True)
+        if kind in ("silent", "said", "fit") or (kind == "refused" and must_be_right):
+            reasons[f"{draw.form} {kind}: {why[:70]}"] += 1
+            print(seed, draw.form, kind, why, draw.later, draw.claimed, draw.scaled, flush=True)
     for form in forms:
         print(
             form,

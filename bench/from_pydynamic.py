@@ -132,10 +132,9 @@ def _curves(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
             np.array(parts[0]) + 1j * np.array(parts[1]) if isinstance(parts, list) else parts
         )
         # Samples of delay.
-        whole = [np.exp(2j * np.pi * GRID_HZ * shift / RATE_HZ) for shift in (-1, 0, 1)]
-        return (
-            f"{min(float(np.max(np.abs(theirs_here * late / wanted - 1.0))) for late in whole):.1e}"
-        )
+        shifts = [np.exp(2j * np.pi * GRID_HZ * shift / RATE_HZ) for shift in (-1, 0, 1)]
+        errors = [float(np.max(np.abs(theirs_here * shift / wanted - 1.0))) for shift in shifts]
+        return f"{min(errors):.1e}"
 
     filtered, _ = model_filter(sensor_of(identify_exactly()), RATE_HZ)
     ours = filtered.response(GRID_HZ) / filtered.late(GRID_HZ)

@@ -161,7 +161,7 @@ def coverage(name: str, count: int, seed: int = 1) -> dict[str, float]:
     """Share of the intervals that hold the true value, by what they are of."""
     rng = np.random.default_rng(seed)
     figures = [STUDIES[name](rng) for _ in range(count)]
-    return {key: float(np.mean([one[key] for one in figures])) for key in figures[0]}
+    return {key: float(np.mean([shares[key] for shares in figures])) for key in figures[0]}
 
 
 def main(count: int, names: list[str]) -> None:

@@ -133,11 +133,11 @@ def u_ratio(trial: Trial, result: Result) -> float | None:
     with suppress(VibridentError):
         sound = identify(trial.sound(), model=trial.model).parameters
         pairs = [
-            (own.standard_uncertainty, sound[name].standard_uncertainty)
-            for name, own in result.parameters.items()
+            (stated.standard_uncertainty, sound[name].standard_uncertainty)
+            for name, stated in result.parameters.items()
             if name in trial.truth and name in sound
         ]
-        return round(max(own / other for own, other in pairs if own and other), 3)
+        return round(max(stated / without for stated, without in pairs if stated and without), 3)
     return None
 
 
@@ -222,13 +222,13 @@ def as_normal(ratio: float, freedom: float) -> float:
 
 def heeded(name: str, result: Result) -> bool:
     """Return whether a warning other than of polarity would keep a person from a parameter."""
-    own = (name, *MADE_OF.get(name, ()))
+    names = (name, *MADE_OF.get(name, ()))
     for warning in result.warnings:
         if warning.code == "polarity":
             continue
         if warning.code in OF_PARAMETERS:
             text = named(warning.message)
-            if any(part in text for part in own):
+            if any(part in text for part in names):
                 return True
         else:
             return True

@@ -60,16 +60,16 @@ def serving(folder: Path, *command: str, ending: int = signal.SIGTERM) -> Iterat
         log.open("w") as errors,
         subprocess.Popen(
             [*command, "--no-browser"], stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
-        ) as made,
+        ) as process,
     ):
         try:
-            yield _ready(made, begin, log, folder)
+            yield _ready(process, begin, log, folder)
         finally:
-            made.send_signal(ending)  # a suite in the background ignores SIGINT, and its children with it
+            process.send_signal(ending)  # a suite in the background ignores SIGINT, and its children with it
             try:
-                made.wait(20)
+                process.wait(20)
             except subprocess.TimeoutExpired:
-                made.kill()
+                process.kill()
                 raise
     leftovers = [path for path in folder.iterdir() if path.name.startswith("vibrident-")]
     assert ending != signal.SIGTERM or not leftovers, "temporary files are left"
@@ -143,8 +143,8 @@ def choose(page, label: str, option: str) -> None:
 def simulated(folder: Path, *arguments: str) -> list[Path]:
     """A short calibration of known truth, without what its columns mean."""
     folder.mkdir(exist_ok=True)
-    made = ("--samples", "2000", "--rate", "12800", "--seed", "4")
-    printed("simulate", "--out", ".", *made, *arguments, folder=folder)
+    settings = ("--samples", "2000", "--rate", "12800", "--seed", "4")
+    printed("simulate", "--out", ".", *settings, *arguments, folder=folder)
     (folder / "calibration.toml").unlink()
     return sorted(folder.glob("*.csv"))
 

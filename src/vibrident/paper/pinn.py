@@ -68,9 +68,11 @@ def fit_pinn(
     records = [dataset.calibration.records[i] for i in dataset.training]
     span = min(SPAN_STEPS, *(record.samples for record in records))
     first = (records[0].samples - span) // 2
-    part = slice(first, first + span)
-    excitation = np.stack([reference_of(r)[part] for r in records], axis=1) / dataset.reference.unit
-    response = np.stack([r.response[part] for r in records], axis=1) / dataset.response.unit
+    window = slice(first, first + span)
+    excitation = (
+        np.stack([reference_of(r)[window] for r in records], axis=1) / dataset.reference.unit
+    )
+    response = np.stack([r.response[window] for r in records], axis=1) / dataset.response.unit
     points = CollocationPoints(np.arange(span) / span, excitation, response)
     held = np.arange(span) % 5 == 4
     duration = span * records[0].sampling_interval_s

@@ -209,10 +209,10 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     extra_columns = columns_of_points(result, say)
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
-        place = SensitivityPoint(
+        point = SensitivityPoint(
             nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known)
         )
-        row = _row(place, scale.factor, phases)
+        row = _row(point, scale.factor, phases)
         rows.append((*row[:_BESIDE], *(extra.cell(i) for extra in extra_columns), *row[_BESIDE:]))
     notes = [
         say("text", "measured_note"),

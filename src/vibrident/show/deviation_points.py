@@ -80,10 +80,10 @@ def by_point(result: Result) -> dict[int, JudgedRequirement]:
     value = reference_value(result)
     if value is None or not value.magnitude:
         return {}
-    place = value.magnitude, value.magnitude_uncertainty
+    measured_pair = value.magnitude, value.magnitude_uncertainty
     judging = "gain" not in unstated(result)
     known = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
-    rows = judge_points(result, value.frequency_hz, place, limited=judging)
+    rows = judge_points(result, value.frequency_hz, measured_pair, limited=judging)
     return dict(zip(known, rows, strict=True))
 
 

@@ -94,8 +94,8 @@ def measured_at(result: Result, where: Nominal) -> SensitivityPoint | None:
         return None
     magnitude, u = _averaged(points, "magnitude", there)
     phase, u_phase = _averaged(points, "phase_deg", there)
-    place = where.name, float(np.mean(points.frequency_hz[there]))
-    return SensitivityPoint(*place, magnitude, _known(phase), _known(u), _known(u_phase))
+    averages = where.name, float(np.mean(points.frequency_hz[there]))
+    return SensitivityPoint(*averages, magnitude, _known(phase), _known(u), _known(u_phase))
 
 
 def _averaged(points: MeasuredCurve, quantity: str, there: BoolArray) -> tuple[float, float]:
@@ -136,8 +136,8 @@ def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
 
 def _own_point(curve: Curve, i: int, where: Nominal) -> SensitivityPoint:
     values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
-    place = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
-    return SensitivityPoint(*place, *(_known(column[i]) for column in values))
+    point = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
+    return SensitivityPoint(*point, *(_known(column[i]) for column in values))
 
 
 def _known(value: float) -> float | None:

@@ -335,11 +335,11 @@ def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
     off = np.abs(points.deviation_percent)
     if np.isnan(off).all():
         return ""
-    place = int(np.nanargmax(off))
+    index = int(np.nanargmax(off))
     mean = plain(float(np.nanmean(off)), 2)
-    largest = plain(float(off[place]), 2)
+    largest = plain(float(off[index]), 2)
     return say(
-        "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[place]:.5g}"
+        "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[index]:.5g}"
     )
 
 

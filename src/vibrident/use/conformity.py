@@ -228,8 +228,8 @@ def ratio_uncertainty(
         base_common: contributions to that, shape (sources,).
     """
     independent = [
-        max(total**2 - float(np.sum(part**2)), 0.0)
-        for total, part in ((u, common), (base_u, base_common))
+        max(total**2 - float(np.sum(shared**2)), 0.0)
+        for total, shared in ((u, common), (base_u, base_common))
     ]
     rounding = 8.0 * np.finfo(float).eps
     independent = [

@@ -264,7 +264,8 @@ def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArra
     # part of repeatability in the variance of the mean
     share = np.clip(np.diag(repeatability) / np.maximum(np.diag(covariance), 1e-300), 0.0, 1.0)
     repeated, remounted = (
-        covariance * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share))
+        covariance * np.outer(weights, weights)
+        for weights in (np.sqrt(share), np.sqrt(1.0 - share))
     )
     mixed = covariance - repeated - remounted  # of the correlations, none on the diagonal
     rows = [

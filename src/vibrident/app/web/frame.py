@@ -27,7 +27,7 @@ _MAX_LISTED_NAMES = 12  # most names in a list; the rest is counted
 
 
 def show_error(
-    place: ui.element,
+    element: ui.element,
     error: BaseException,
     session: PageSession | None = None,
     labels: Mapping[str, str] = LABELS,
@@ -37,10 +37,10 @@ def show_error(
     ``labels``: by setting, or by option of a command.
     """
     known = _error_to_show(error)
-    if place.is_deleted:  # the page was left meanwhile
+    if element.is_deleted:  # the page was left meanwhile
         return
-    place.clear()
-    with place, ui.element("div").classes("error").props("role=alert"):
+    element.clear()
+    with element, ui.element("div").classes("error").props("role=alert"):
         if not isinstance(known, InputError):
             _spoken_as_is(str(known)).classes("problem")
             return
@@ -69,12 +69,12 @@ async def run_sandboxed(
         return None
 
 
-def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
+def show_left_out(element: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
     """Show the omitted files, by reason."""
-    if place.is_deleted or not left_out:
+    if element.is_deleted or not left_out:
         return
     number = sum(map(len, left_out.values()))
-    with place, ui.element("div").classes("warning").props('role=alert id="left-out"'):
+    with element, ui.element("div").classes("warning").props('role=alert id="left-out"'):
         singular = "{count} file was left out; the rest is here."
         plural = "{count} files were left out; the rest is here."
         ui.label(say_count(number, singular, plural)).classes("problem")
@@ -82,14 +82,14 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
             ui.label(f"{say(reason)}: {list_names(names)}")
 
 
-def show_faults(place: ui.element, errors: Sequence[InputError], session: PageSession) -> None:
+def show_faults(element: ui.element, errors: Sequence[InputError], session: PageSession) -> None:
     """Show what is wrong in the files, each problem once with its places."""
     places: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
         places.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(
             error.where
         )
-    with place, ui.element("div").classes("warning").props("role=alert"):
+    with element, ui.element("div").classes("warning").props("role=alert"):
         singular = "To mend before you identify, in {count} file:"
         plural = "To mend before you identify, in {count} files:"
         ui.label(say_count(len(errors), singular, plural)).classes("problem")
@@ -133,9 +133,9 @@ def add_group(title: str, heading: int = 3) -> ui.element:
     """
     if heading:
         ui.html(f"<h{heading}>{html(title)}</h{heading}>", sanitize=False)
-    place = ui.element("div").classes("fields w-full").props("role=group")
-    place.props["aria-label"] = title
-    return place
+    group = ui.element("div").classes("fields w-full").props("role=group")
+    group.props["aria-label"] = title
+    return group
 
 
 def scroll_to(section: ui.element) -> None:

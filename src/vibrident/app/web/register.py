@@ -40,8 +40,8 @@ def sensors(store: str, wanted: str, code: str) -> dict[str, Any]:
         if opened.revision() is None:
             return {"count": None, "table": ""}
         rows = all_due(opened, Question())
-    part = wanted.strip().casefold()
-    named = [row for row in rows if part in str(row["serial_number"]).casefold()]
+    sought = wanted.strip().casefold()
+    named = [row for row in rows if sought in str(row["serial_number"]).casefold()]
     return {
         "count": len(named),
         "table": fragment(language(code), _table(named, language(code))) if named else "",

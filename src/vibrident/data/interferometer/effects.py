@@ -72,15 +72,15 @@ class CyclicError:
 
     def amplitude(self, index: int) -> tuple[float, float]:
         """Return the amplitude of one order, by its index, and its standard uncertainty, rad."""
-        part = slice(2 * index, 2 * index + 2)
-        u = float(np.sqrt(0.5 * np.trace(self.covariance[part, part])))
-        return float(np.hypot(*self.waves[part])), u
+        pair = slice(2 * index, 2 * index + 2)
+        u = float(np.sqrt(0.5 * np.trace(self.covariance[pair, pair])))
+        return float(np.hypot(*self.waves[pair])), u
 
     def rarity(self, index: int) -> float:
         """Return the probability by chance of an amplitude at least as large."""
-        part = slice(2 * index, 2 * index + 2)
-        wave = self.waves[part]
-        covariance = self.covariance[part, part] + self.by_ellipse[part, part]
+        pair = slice(2 * index, 2 * index + 2)
+        wave = self.waves[pair]
+        covariance = self.covariance[pair, pair] + self.by_ellipse[pair, pair]
         square = float(wave @ np.linalg.solve(covariance, wave))
         # Hotelling's T² of two amplitudes
         return float(np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom)))
@@ -224,8 +224,8 @@ def harmonics_of_sine(
     """
     rows = []
     for n in ORDERS:
-        part = 2.0 * j1(n * amplitude) / max(amplitude, 1e-300)
-        rows += [-part * np.sin(n * mean), part * np.cos(n * mean)]
+        bessel = 2.0 * j1(n * amplitude) / max(amplitude, 1e-300)
+        rows += [-bessel * np.sin(n * mean), bessel * np.cos(n * mean)]
     return np.array([frequency_hz]), np.array(rows, dtype=complex)[:, None]
 
 

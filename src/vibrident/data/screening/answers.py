@@ -186,10 +186,10 @@ class PredictedResponse:
         regular_sizes = np.abs(channel.series[~channel.wild])
         return float(np.max(np.abs(sizes))) > float(np.max(regular_sizes))
 
-    def breaks_off(self, place: int) -> bool:
+    def breaks_off(self, index: int) -> bool:
         """Tell whether the response at a sample does not follow from its past and the reference."""
         near = slice(
-            max(place - MAX_SAMPLES_APART, ORDER), place + self.delay + ORDER + MAX_SAMPLES_APART
+            max(index - MAX_SAMPLES_APART, ORDER), index + self.delay + ORDER + MAX_SAMPLES_APART
         )
         own_part = np.convolve(
             self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid"

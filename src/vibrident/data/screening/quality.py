@@ -288,7 +288,7 @@ def _longest_part(
     if places.size:
         answers = PredictedResponse.all_from_channels(**channels)
         places = places[
-            [all(answer.breaks_off(int(place)) for answer in answers) for place in places]
+            [all(answer.breaks_off(int(index)) for answer in answers) for index in places]
         ]
     if places.size == 0:
         return record, []
@@ -299,7 +299,7 @@ def _longest_part(
     outside[
         edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)
     ] = False
-    times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
+    times = ", ".join(f"{index / record.sampling_rate_hz:.6g}" for index in places)
     observation = (
         f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
         "only the longest unbroken part is used"

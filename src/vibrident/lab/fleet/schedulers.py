@@ -126,10 +126,10 @@ class Dask(Scheduler):
             and not where.rpartition(":")[2].isdigit()
         ):
             raise self._unreachable("no port")  # Dask would wait for it at the end
-        place = {"scheduler_file": where} if in_file else {"address": where}
+        address = {"scheduler_file": where} if in_file else {"address": where}
         try:
             self._client = distributed.Client(
-                **place, timeout=self._PATIENCE_S, set_as_default=False
+                **address, timeout=self._PATIENCE_S, set_as_default=False
             )
         except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
             raise self._unreachable(f"{type(error).__name__}: {error}") from error

@@ -169,8 +169,8 @@ def _grouped(
         Kinds, the most frequent first, shape (parts, kinds); kind of each row, −1 if it is not
         identified.
     """
-    sizes = tuple(int(part.max(initial=-1)) + 2 for part in parts)  # −1 is a number too
-    kind = np.ravel_multi_index(tuple(part[identified] + 1 for part in parts), sizes)
+    sizes = tuple(int(column.max(initial=-1)) + 2 for column in parts)  # −1 is a number too
+    kind = np.ravel_multi_index(tuple(column[identified] + 1 for column in parts), sizes)
     distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(order.size, dtype=np.int32)

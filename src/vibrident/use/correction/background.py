@@ -64,11 +64,11 @@ def measure_background(
     worst = 0.0
     worst_part = slice(0, 0)
     parts = _still_parts(values, baseline.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
-    for part in parts:
-        power = float(np.mean(acceleration[part] ** 2))
-        expected = float(np.mean(u[part] ** 2))
+    for still_part in parts:
+        power = float(np.mean(acceleration[still_part] ** 2))
+        expected = float(np.mean(u[still_part] ** 2))
         independent = max(
-            1.0, 2.0 * acceleration[part].size * band.high_hz / record.sampling_rate_hz
+            1.0, 2.0 * acceleration[still_part].size * band.high_hz / record.sampling_rate_hz
         )
         excess = power - expected
         if (
@@ -76,7 +76,7 @@ def measure_background(
             and excess > worst
         ):
             worst = excess
-            worst_part = part
+            worst_part = still_part
     if worst == 0.0:
         return nothing
     level = float(np.sqrt(np.mean(noise[worst_part] ** 2)))
@@ -104,9 +104,9 @@ def _still_parts(values: FloatArray, rest_samples: int, inner: BoolArray) -> lis
     before = [slice(0, rest_samples)] if rest_samples >= MIN_PART_SAMPLES else []
     after: list[slice] = []
     for last in range(values.size, rest_samples + count, -count):
-        part = values[last - count : last]
-        line = np.polyval(np.polyfit(index, part, 1), index)
-        if np.std(part - line) > MAX_REST_DEVIATION * largest or len(after) == MAX_LAST_PARTS:
+        block = values[last - count : last]
+        line = np.polyval(np.polyfit(index, block, 1), index)
+        if np.std(block - line) > MAX_REST_DEVIATION * largest or len(after) == MAX_LAST_PARTS:
             break
         if inner[last - count : last].all():
             after.append(slice(last - count, last))

@@ -36,7 +36,7 @@ def change_sample(
     free = _free_motion(behind, record.sampling_rate_hz, high - low)
     places = np.unique(np.linspace(1, high - low - 1, CANDIDATES).astype(int))
     while True:
-        squares = [_squares(place, residuals, free) for place in places.tolist()]
+        squares = [_squares(index, residuals, free) for index in places.tolist()]
         best = int(np.argmin(squares))
         first = places[max(best - 1, 0)]
         last = places[min(best + 1, len(places) - 1)]
@@ -45,14 +45,14 @@ def change_sample(
         places = np.unique(np.linspace(first, last, CANDIDATES).astype(int))
 
 
-def _squares(place: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:
+def _squares(index: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:
     """Return the sum of squares of the residual with a change at a sample."""
     before, behind = residuals
-    after = behind[place:]
+    after = behind[index:]
     columns = free[:, : len(after)]
     amounts = np.linalg.lstsq(columns @ columns.T, columns @ after, rcond=None)[0]
     residual = after - amounts @ columns
-    start = before[:place]
+    start = before[:index]
     return float(start @ start + residual @ residual)
 
 

@@ -46,8 +46,8 @@ def share(regimes: Sequence[PieceEstimate]) -> Shared:
     weights = np.zeros((scaled.size, scaled.size))
     count = values.shape[1]
     for number, information in enumerate(informations):
-        place = slice(number * count, (number + 1) * count)
-        weights[place, place] = information
+        block = slice(number * count, (number + 1) * count)
+        weights[block, block] = information
     normal = design.T @ weights @ design
     inverse = np.linalg.pinv(normal, hermitian=True)
     solution = design @ (inverse @ (design.T @ (weights @ scaled.ravel())))

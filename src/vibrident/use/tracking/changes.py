@@ -230,10 +230,10 @@ class Changes:
         ):
             s.pending[6] -= 1.0
             return
-        for place, amount, u in changed:
-            spec = net.model.parameters[place]
-            scale = float(net.scale[place])
-            value = float(s.point[k + place] + before[k + place]) * scale
+        for index, amount, u in changed:
+            spec = net.model.parameters[index]
+            scale = float(net.scale[index])
+            value = float(s.point[k + index] + before[k + index]) * scale
             what = _name_of(spec, value, value + amount * scale, u * scale)
             self.alarms.append(
                 Alarm(start, detected, spec.name, value, value + amount * scale, u * scale, what)

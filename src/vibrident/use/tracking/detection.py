@@ -204,7 +204,7 @@ def changed_coordinates(
     u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
     changed = solve_changes(table, chosen)
     return [
-        (place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)
+        (index, float(changed[index]), float(each)) for index, each in zip(chosen, u, strict=True)
     ]
 
 
@@ -289,7 +289,7 @@ def suspect_segments(
                 axis=0
             )
             segments += [
-                (int(count + place + 1) << level, level) for place in np.flatnonzero(tested)
+                (int(count + index + 1) << level, level) for index in np.flatnonzero(tested)
             ]
         if count & 1:  # the first half of the first segment is in the block so far
             gram = part[level, nuisances:, nuisances:]

@@ -140,10 +140,10 @@ class SensorNetwork:
         """Return the weights of a step, and their derivatives by each coordinate."""
         at = self._weights(coordinates)
         slopes = []
-        for place in range(self.parameters):
+        for index in range(self.parameters):
             moved = coordinates.astype(complex)
-            moved[place] += 1j * STEP
-            slopes.append(Weights(*(np.imag(part) / STEP for part in self._weights(moved))))
+            moved[index] += 1j * STEP
+            slopes.append(Weights(*(np.imag(weight) / STEP for weight in self._weights(moved))))
         return at, slopes
 
     def _weights(self, coordinates: np.ndarray) -> Weights:
@@ -253,9 +253,9 @@ class LinearisedCell:
         end = starts[bundles]
         if remainder:
             last = inputs[bundles * STEPS_AT_ONCE :].ravel()
-            part = (
+            remainder_output = (
                 free[: remainder * rows] @ end + forced[: remainder * rows, : remainder * q] @ last
             )
-            out = np.concatenate([out, part.reshape(remainder, rows)])
+            out = np.concatenate([out, remainder_output.reshape(remainder, rows)])
             end = powers[remainder] @ end + ends[remainder] @ last
         return out, end

@@ -198,9 +198,9 @@ class Tracker:
         net = self.network
         s.clock[1] += len(response)
         queues = []
-        for place, waiting, new in ((7, s.reference, reference), (8, s.response, response)):
-            skipped = min(int(s.clock[place]), len(new))
-            s.clock[place] -= skipped
+        for index, waiting, new in ((7, s.reference, reference), (8, s.response, response)):
+            skipped = min(int(s.clock[index]), len(new))
+            s.clock[index] -= skipped
             queues.append(np.concatenate([waiting, new[skipped:]]))
         s.reference, s.response = queues
         while (
@@ -254,8 +254,8 @@ class Tracker:
                 self.settings.block if s.clock[9] else self.settings.block // PARTS_OF_FIRST_BLOCK
             )
             steps = min(length - int(s.block[0]), len(response) - done)
-            part = slice(done, done + steps)
-            done += self._accumulate(inputs[part], response[part])
+            span = slice(done, done + steps)
+            done += self._accumulate(inputs[span], response[span])
             if s.block[0] >= length:
                 self._learner.end_block()
 

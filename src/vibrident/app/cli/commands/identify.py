@@ -152,7 +152,7 @@ def identify(
 
 
 def _identified(
-    request: IdentifyRequest, files: list[Path], place: Path, plots: bool, excerpts: bool
+    request: IdentifyRequest, files: list[Path], output_folder: Path, plots: bool, excerpts: bool
 ) -> list[Any]:
     from vibrident.data.io import read_guarded
 
@@ -163,7 +163,7 @@ def _identified(
     with painter(wanted=plots) as artist:
         with ProgressBar("Identifying") as progress:
             results = run(request, calibrations, progress)
-        for result, folder in zip(results, result_folders(files, place), strict=True):
+        for result, folder in zip(results, result_folders(files, output_folder), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
                 with ProgressBar("Drawing"):

@@ -132,8 +132,8 @@ class RowEntries:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.place, frame.add_group(f"{say(self.name)} {number}", 0) as place:
-            place.classes(remove="fields", add="entries-row")
+        with self.place, frame.add_group(f"{say(self.name)} {number}", 0) as group:
+            group.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
                 options = self.options.get(name)

@@ -192,10 +192,10 @@ class LaboratoryStep:
     def _laboratory(self, stated: Mapping[str, Any]) -> None:
         """Ask for what the certificates of a laboratory have in common."""
         self.entries: dict[str, Any] = {}
-        place = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
-        place.props("id=laboratory-data")
+        expansion = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
+        expansion.props("id=laboratory-data")
         fields = {field.key: field for field in form(spoken().code) if field.key in LABORATORY_KEYS}
-        with place:
+        with expansion:
             with frame.add_group(say("Name and address")):
                 for name in (name for name in fields if _KEYS[name].kind != "entries"):
                     key = replace(_KEYS[name], title=fields[name].label)
