@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from vibrident.data.records import Record
 from vibrident.data.screening import screen
@@ -54,3 +55,19 @@ def test_bursts_beside_a_shock_are_left_out(seed: int) -> None:
     assert not screened.mask[wild].any()
     assert np.sum(~screened.mask) < 120
     assert {finding.code for finding in findings} == {"dead_channel"}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_an_edge_of_a_stepped_drive_is_no_wild_sample(seed: int) -> None:
+    """An edge is odd in both channels at once, whatever its size."""
+    rng = np.random.default_rng(seed)
+    drive = np.repeat(rng.standard_normal(270), 53)
+    damping = 0.86
+    poles = np.exp(2 * np.pi * rng.uniform(0.2, 0.25) * (-damping + np.array([1j, -1j]) * np.sqrt(1 - damping**2)))
+    denominator = np.poly(poles).real
+    answer = lfilter(np.array([0.0, 0.55, 0.45]) * denominator.sum(), denominator, drive)
+    answer = answer + 1e-3 * answer.std() * rng.standard_normal(answer.size)
+    record = Record(name="stairs", reference=drive, response=answer, sampling_rate_hz=RATE_HZ, excitation="random")
+    (screened,), findings = screen([record], {})
+    assert findings == ()
+    assert screened.mask.all()

@@ -204,7 +204,10 @@ def _without_spoilt(
         label: PredictedChannel.from_values(values, record.mask, longest)
         for label, values, _ in _channels(record)
     }
-    for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
+    linear = record.excitation in LINEAR and not (
+        record.reference is not None and is_stairs(record.reference[~channels["reference"].wild])
+    )
+    for label, bad in reversed(_wild(channels, linear).items()):
         record, finding = _without(
             record,
             label,
@@ -314,8 +317,8 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
-    (``linear``), one or two odd samples in both channels at once are wild: a sensor answers for
-    longer.
+    (``linear``; a drive in stairs does not), one or two odd samples in both channels at once are
+    wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
