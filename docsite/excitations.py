@@ -1,4 +1,4 @@
-"""Which motion tells what: one page, each row of its table by `vibrident plan`."""
+"""The page on the choice of the motion, each row of its table by `vibrident plan`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SENSOR = {"sensitivity": 0.1, "natural_frequency": 1000.0, "damping_ratio": 0.05
 MAGNITUDE_U, PHASE_U_DEG = 0.005, 0.5
 #: A line of broadband motion holds a part of it, and is known so many times worse than a sine.
 LINE_WORSE = 4.0
-#: Beyond this relative uncertainty a parameter is not told.
+#: Beyond this relative uncertainty a parameter is not determined.
 NOTHING = 0.5
 
 
@@ -111,7 +111,7 @@ def excitations() -> str:
         f"An accelerometer of damping ratio {plain(SENSOR['damping_ratio'], 2)}; sines in "
         f"one-third octaves, each known to {plain(100.0 * MAGNITUDE_U, 2)} % and "
         f"{plain(PHASE_U_DEG, 2)}°, and lines of the other motions "
-        f"{plain(LINE_WORSE, 2)} times worse. *Not told*: u is above "
+        f"{plain(LINE_WORSE, 2)} times worse. *Not determined*: u is above "
         f"{plain(100.0 * NOTHING, 2)} %. "
         "The uncertainty of the reference comes on top of the sensitivity's."
     )
@@ -135,5 +135,5 @@ def _printed_uncertainty(planned: Plan, name: str) -> str:
         return "–"
     u = parameter.standard_uncertainty
     if u is None or u > NOTHING * abs(parameter.value):
-        return "not told"
+        return "not determined"
     return f"{plain(100.0 * u / abs(parameter.value), 2)} %"
