@@ -138,8 +138,9 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     if timed:
         heads.append("time/s")
     units = {fit_unit(result) for result in results}
-    title = f"Fit (RMSE, MAE in {pretty(units.pop())})" if len(units) == 1 else "Fit"
-    return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
+    unit_of_errors = f" (RMSE, MAE in {pretty(units.pop())})" if len(units) == 1 else ""
+    heads_of_table = (Column("method"), *columns(*heads, kind="number"))
+    return Table(heads_of_table, tuple(rows), title=f"Fit{unit_of_errors}")
 
 
 def models(
