@@ -42,9 +42,9 @@ install: pyproject.toml | $(BIN)/python  ## at once what tests, lint and docs ne
 	$(PIP_INSTALL) --no-compile --editable '.[dev,docs]'
 	@touch $(CORE) $(NETWORK) $(DEV) $(DOCS)
 
-# Python writes the bytecode of what tests and documentation import, whatever the surroundings say: pip would compile all
-# of it.
-test test-plain quick nightly docs release: export PYTHONDONTWRITEBYTECODE :=
+# Python writes the bytecode of what demo, tests and documentation import, whatever the surroundings say: pip would
+# compile all of it.
+demo reproduce test test-plain quick nightly docs release: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV)  ## every law once
 	$(COMPILE)
@@ -110,11 +110,11 @@ $(BIN)/python $(PLAIN_VENV)/bin/python $(RELEASE_VENV)/bin/python:
 	-$@ -m pip install --quiet --quiet --disable-pip-version-check --upgrade pip
 
 $(CORE): pyproject.toml | $(BIN)/python
-	$(PIP_INSTALL) --editable .
+	$(PIP_INSTALL) --no-compile --editable .
 	@touch $@
 
 $(NETWORK): pyproject.toml | $(BIN)/python
-	$(PIP_INSTALL) --editable '.[network]'
+	$(PIP_INSTALL) --no-compile --editable '.[network]'
 	@touch $@ $(CORE)
 
 $(DEV): pyproject.toml | $(BIN)/python

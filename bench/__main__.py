@@ -36,15 +36,15 @@ SECTIONS = {
 def main(arguments: list[str] | None = None) -> int:
     """Run the chosen sections; returns 0."""
     options, chosen = _parsed(arguments)
-    taken = circumstances()
+    common = circumstances()
     sections = []
     for name in chosen:
         section = importlib.import_module(SECTIONS[name]).measure(options)
-        sections.append(replace(section, conditions={**taken, **section.conditions}))
+        sections.append(replace(section, conditions={**common, **section.conditions}))
     wide = Console(width=None if sys.stdout.isatty() else 160)
     show(sections, wide)
     path = keep(sections, tuple(SECTIONS), trial=options.quick)
-    STDERR.print(f"{taken['machine']}; commit {taken['commit']}\nwritten: {path}", soft_wrap=True)
+    STDERR.print(f"{common['machine']}; commit {common['commit']}\nwritten: {path}", soft_wrap=True)
     return 0
 
 
@@ -64,11 +64,13 @@ def _parsed(arguments: list[str] | None) -> tuple[Options, list[str]]:
         "--pairs", type=int, default=defaults.pairs, help="pairs of every ratio of times"
     )
     parser.add_argument("--quick", action="store_true", help="a short trial; nothing is published")
-    given = parser.parse_args(arguments)
-    if min(given.runs, 2) < 2 or given.jobs < 1 or given.pairs < 1:
+    arguments_ = parser.parse_args(arguments)
+    if min(arguments_.runs, 2) < 2 or arguments_.jobs < 1 or arguments_.pairs < 1:
         parser.error("expected --runs from 2, --jobs and --pairs from 1")
-    options = Options(given.runs, given.jobs, given.pairs, given.quick)
-    return options, [name for name in SECTIONS if given.only is None or name in given.only]
+    options = Options(arguments_.runs, arguments_.jobs, arguments_.pairs, arguments_.quick)
+    return options, [
+        name for name in SECTIONS if arguments_.only is None or name in arguments_.only
+    ]
 
 
 if __name__ == "__main__":

@@ -58,7 +58,12 @@ def _figure(evidence: Evidence, name: str, rate_hz: float, samples: int) -> Figu
         estimate = Ipnn(discretisation=name).fit(evidence)
     except (VibridentError, np.linalg.LinAlgError) as error:
         return Figure(
-            what, {}, "error", high=high, absolute=True, note="; ".join([*notes, _said(error)])
+            what,
+            {},
+            "error",
+            high=high,
+            absolute=True,
+            note="; ".join([*notes, _message_of(error)]),
         )
     errors = relative_errors(estimate.coordinates.values(estimate.z))
     notes += [] if estimate.trace.converged else [estimate.trace.status]
@@ -80,5 +85,6 @@ def _rate(rate_hz: float) -> str:
     return f"{rate_hz / 1e6:g} MHz" if rate_hz >= 1e6 else f"{rate_hz / 1e3:g} kHz"
 
 
-def _said(error: Exception) -> str:
-    return f"no result: {type(error).__name__}: {str(error).splitlines()[0]}"
+def _message_of(error: Exception) -> str:
+    first_clause = str(error).splitlines()[0].split(":")[0]
+    return f"no result: {type(error).__name__}: {first_clause}"

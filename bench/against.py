@@ -160,20 +160,20 @@ def _played(match: Match, python: Path, pairs: int, versions: dict[str, Any]) ->
     estimate = match.fit()  # warm
     theirs = []
     ours = []
-    found = {}
+    peer = {}
     for _ in range(pairs):
         try:
-            found = _peer(match, python)
+            peer = _peer(match, python)
         except subprocess.CalledProcessError as error:
-            said = (error.stderr.strip().splitlines() or ["no message"])[-1]
-            return [Figure(f"{match.peer} ({match.settings})", {}, note=f"failed: {said}")]
-        theirs.append(found["seconds"])
+            message = (error.stderr.strip().splitlines() or ["no message"])[-1]
+            return [Figure(f"{match.peer} ({match.settings})", {}, note=f"failed: {message}")]
+        theirs.append(peer["seconds"])
         ours.append(seconds(match.fit, match.repeats))
-    versions[match.peer] = found["versions"]
+    versions[match.peer] = peer["versions"]
     ratio = Ratio(tuple(theirs), tuple(ours))
-    errors = relative_errors(found["parameters"])
-    own = relative_errors(estimate.coordinates.values(estimate.z))
-    beside = " · ".join(STYLES["error"](own[name]) for name in PARAMETERS)
+    errors = relative_errors(peer["parameters"])
+    our_errors = relative_errors(estimate.coordinates.values(estimate.z))
+    listed = " · ".join(STYLES["error"](our_errors[name]) for name in PARAMETERS)
     return [
         Figure(
             f"time: {match.peer} ({match.settings}) / {match.ours}",
@@ -184,7 +184,7 @@ def _played(match: Match, python: Path, pairs: int, versions: dict[str, Any]) ->
             f"errors: {match.peer} ({match.settings})",
             errors,
             "error",
-            note=f"{match.ours}: {beside}",
+            note=f"{match.ours}: {listed}",
         ),
     ]
 

@@ -24,9 +24,13 @@ def main() -> None:
     )
     _, status, usage = os.wait4(pid, 0)
     wall = time.perf_counter() - begin
-    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    launcher = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     unit = 1 if sys.platform == "darwin" else 1024
-    figures = {"wall_s": wall, "peak_bytes": usage.ru_maxrss * unit, "launcher_bytes": own * unit}
+    figures = {
+        "wall_s": wall,
+        "peak_bytes": usage.ru_maxrss * unit,
+        "launcher_bytes": launcher * unit,
+    }
     print(json.dumps({**figures, "status": os.waitstatus_to_exitcode(status)}))
 
 

@@ -49,10 +49,10 @@ def measure(options: Options) -> Section:
     # As pip does when it installs a package.
     compileall.compile_dir(str(Path(vibrident.__file__).parent), quiet=2)
     with tempfile.TemporaryDirectory(prefix="vibrident-bench-") as folder:
-        place = Path(folder)
-        calibration = write_calibration(place / "records", noisy())
+        temporary = Path(folder)
+        calibration = write_calibration(temporary / "records", noisy())
         try:
-            figures = _starts(calibration, place, pairs)
+            figures = _starts(calibration, temporary, pairs)
         except (CommandFailed, OSError) as error:
             figures = [
                 Figure("vibrident identify / import jax", {}, high=START_TARGET, note=str(error))
@@ -60,21 +60,23 @@ def measure(options: Options) -> Section:
     return Section("cold", "Cold start, from the shell", tuple(figures), {"pairs": pairs}, remarks)
 
 
-def _starts(calibration: Path, place: Path, pairs: int) -> list[Figure]:
+def _starts(calibration: Path, temporary: Path, pairs: int) -> list[Figure]:
     program = str(Path(sys.executable).with_name("vibrident"))
-    identify = [program, "identify", str(calibration), "--out", str(place / "result")]
+    identify = [program, "identify", str(calibration), "--out", str(temporary / "result")]
 
-    def beside(name: str, command: list[str], cache: str = "cache") -> list[tuple[Child, Child]]:
+    def measured_pairs(
+        name: str, command: list[str], cache: str = "cache"
+    ) -> list[tuple[Child, Child]]:
         return [
-            (run(command, {"VIBRIDENT_CACHE": str(place / cache.format(number))}), run(IMPORT))
+            (run(command, {"VIBRIDENT_CACHE": str(temporary / cache.format(number))}), run(IMPORT))
             for number in steps(f"cold: {name}", range(pairs))
         ]
 
     run(identify), run(IMPORT)  # fills the page cache
-    drawn = beside("identify", identify)
-    first = beside("identify, first run", identify, "cache-{}")
-    plain = beside("identify --no-pictures", [*identify, "--no-pictures"])
-    helped = beside("--help", [program, "--help"])
+    drawn = measured_pairs("identify", identify)
+    first = measured_pairs("identify, first run", identify, "cache-{}")
+    plain = measured_pairs("identify --no-pictures", [*identify, "--no-pictures"])
+    helped = measured_pairs("--help", [program, "--help"])
     return [
         _ratio("identify, with pictures / import jax", drawn, START_TARGET),
         _ratio("identify, with pictures, without a cache / import jax", first, START_TARGET),
@@ -113,8 +115,8 @@ def run(command: list[str], extra: dict[str, str] | None = None) -> Child:
         raise CommandFailed(f"{Path(command[0]).name} could not be started: {_last(done.stderr)}")
     figures = json.loads(done.stdout)
     if figures["status"]:
-        said = f"{Path(command[0]).name} {command[1]} ended with status {figures['status']}"
-        raise CommandFailed(f"{said}: {_last(done.stderr)}")
+        message = f"{Path(command[0]).name} {command[1]} ended with status {figures['status']}"
+        raise CommandFailed(f"{message}: {_last(done.stderr)}")
     return Child(figures["wall_s"], figures["peak_bytes"] / 1e6)
 
 

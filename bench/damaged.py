@@ -39,11 +39,11 @@ changed that its format does not protect.
 
 def table(lines: list[dict[str, Any]], commit: str) -> str:
     """Return the page as Markdown."""
-    found: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    runs_of: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for line in lines:
         file, damage = line["cell"].split("/")
-        found[file, damage] += line["runs"]
-    runs = [run for own in found.values() for run in own]
+        runs_of[file, damage] += line["runs"]
+    runs = [run for cell_runs in runs_of.values() for run in cell_runs]
     wrong = [run for run in runs if run["outcome"] not in ("read", "refused")]
     peak = max((run["peak_bytes"] for run in runs), default=0)
     rescued = Counter(
@@ -61,8 +61,10 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
             else "."
         )
     )
-    rows = [(f"`{file}`", *(_counts(found[file, damage]) for damage in DAMAGES)) for file in FILES]
-    bombs = [run for group in GROUPS for run in found[group, "bombs"]]
+    rows = [
+        (f"`{file}`", *(_counts(runs_of[file, damage]) for damage in DAMAGES)) for file in FILES
+    ]
+    bombs = [run for group in GROUPS for run in runs_of[group, "bombs"]]
     rows.append(("bombs", _counts(bombs), *("" for _ in range(1, len(DAMAGES)))))
     page = HEAD.format(
         commit=commit,
@@ -78,8 +80,8 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
 def _counts(runs: list[dict[str, Any]]) -> str:
     """Read, refused, and anything else."""
     counts = Counter(run["outcome"] for run in runs)
-    other = sum(counts.values()) - counts["read"] - counts["refused"]
-    return f"{counts['read']}, {counts['refused']}, {other}"
+    neither = sum(counts.values()) - counts["read"] - counts["refused"]
+    return f"{counts['read']}, {counts['refused']}, {neither}"
 
 
 STUDY = Study("damaged", __doc__.splitlines()[0], 15, CELLS, block, table)

@@ -103,8 +103,8 @@ def _wav(folder: Path) -> None:
 
     soundfile.write(folder / "x.wav", np.zeros((100, 2)), 1000)
     content = bytearray((folder / "x.wav").read_bytes())
-    place = content.index(b"data") + 4
-    content[place : place + 4] = content[4:8] = (0xFFFFFFF0).to_bytes(4, "little")
+    start = content.index(b"data") + 4
+    content[start : start + 4] = content[4:8] = (0xFFFFFFF0).to_bytes(4, "little")
     content[22:24] = (1000).to_bytes(2, "little")
     (folder / "x.wav").write_bytes(bytes(content))
 

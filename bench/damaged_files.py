@@ -95,8 +95,8 @@ def _flipped(content: bytes, rng: np.random.Generator) -> bytes:
     """Return a few bits anywhere, or many at the head, where the structure is."""
     damaged = bytearray(content)
     reach = len(damaged) if rng.random() < 0.5 else min(len(damaged), 512)
-    for place in rng.integers(0, reach, size=int(rng.choice([1, 3, 30]))):
-        damaged[place] ^= 1 << int(rng.integers(0, 8))
+    for offset in rng.integers(0, reach, size=int(rng.choice([1, 3, 30]))):
+        damaged[offset] ^= 1 << int(rng.integers(0, 8))
     return bytes(damaged)
 
 
@@ -140,8 +140,8 @@ def _large_numbers(content: bytes, rng: np.random.Generator) -> bytes:
         if len(damaged) <= size:
             continue
         reach = len(damaged) - size if rng.random() < 0.3 else min(len(damaged) - size, 1024)
-        place = int(rng.integers(0, reach + 1)) // 4 * 4
-        damaged[place : place + size] = struct.pack(kind, value)
+        offset = int(rng.integers(0, reach + 1)) // 4 * 4
+        damaged[offset : offset + size] = struct.pack(kind, value)
     return bytes(damaged)
 
 
@@ -155,14 +155,14 @@ DAMAGES: Mapping[str, Bytes] = {
 
 
 def write_damaged(
-    folder: Path, name: str, damage: str, seed: int, whole: Mapping[str, bytes]
+    folder: Path, name: str, damage: str, seed: int, undamaged: Mapping[str, bytes]
 ) -> Path:
     """Write one damaged file and its companions; returns the argument of the command."""
     rng = np.random.default_rng([seed, *damage.encode(), *name.encode()])
     target = folder / name
-    target.write_bytes(DAMAGES[damage](whole[name], rng))
+    target.write_bytes(DAMAGES[damage](undamaged[name], rng))
     if name in ("c.toml", "result.json"):
-        (folder / "x.csv").write_bytes(whole["x.csv"])
+        (folder / "x.csv").write_bytes(undamaged["x.csv"])
         return target
     (folder / "c.toml").write_text(calibration_text(name))
     return folder / "c.toml"

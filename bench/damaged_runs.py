@@ -41,9 +41,9 @@ class Cell:
         """Return the name for files and the command line."""
         return f"{self.file}/{self.damage}"
 
-    def runs(self, asked: int) -> int:
+    def runs(self, requested: int) -> int:
         """Return the requested number; each bomb once."""
-        return len(GROUPS[self.file]) if self.damage == "bombs" else asked
+        return len(GROUPS[self.file]) if self.damage == "bombs" else requested
 
 
 CELLS = (
@@ -60,38 +60,46 @@ def block(name: str, runs: range) -> dict[str, Any]:
 
 def run(cell: Cell, number: int) -> dict[str, Any]:
     """Run a file: ``outcome`` (read, refused, or what must not be), ``peak_bytes``, ``said``."""
-    with tempfile.TemporaryDirectory(prefix="damaged-") as place:
-        folder = Path(place) / "case"
+    with tempfile.TemporaryDirectory(prefix="damaged-") as temporary:
+        folder = Path(temporary) / "case"
         folder.mkdir()
         bomb = cell.damage == "bombs"
         if bomb:
             target = write_bomb(folder, GROUPS[cell.file][number])
         else:
             target = write_damaged(
-                folder, cell.file, cell.damage, number, _whole(result=cell.file == "result.json")
+                folder,
+                cell.file,
+                cell.damage,
+                number,
+                _undamaged(result=cell.file == "result.json"),
             )
-        before = _seen(folder)
-        found: dict[str, Any] = (
+        before = _paths_in(folder)
+        outcome_of_run: dict[str, Any] = (
             {"outcome": "as a command"} if bomb else WORKER.ask({"target": str(target)})
         )
-        if found["outcome"] not in ("read", "refused"):
-            first = found["outcome"]
+        if outcome_of_run["outcome"] not in ("read", "refused"):
+            first = outcome_of_run["outcome"]
             shutil.rmtree(folder / "out", ignore_errors=True)
-            found = {**_as_a_command(target), "first": first}
-        strays = sorted(name for name in _seen(folder) - before if not name.startswith("out"))
+            outcome_of_run = {**_as_a_command(target), "first": first}
+        strays = sorted(name for name in _paths_in(folder) - before if not name.startswith("out"))
         if strays:
-            found = {**found, "outcome": "a file outside --out", "said": ", ".join(strays)}
-        return {"number": number, **found}
+            outcome_of_run = {
+                **outcome_of_run,
+                "outcome": "a file outside --out",
+                "said": ", ".join(strays),
+            }
+        return {"number": number, **outcome_of_run}
 
 
-def _seen(folder: Path) -> set[str]:
+def _paths_in(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
 _WHOLE: dict[str, bytes] = {}
 
 
-def _whole(*, result: bool) -> dict[str, bytes]:
+def _undamaged(*, result: bool) -> dict[str, bytes]:
     if not _WHOLE:
         with tempfile.TemporaryDirectory() as folder:
             _WHOLE.update(whole_files(Path(folder)))
@@ -172,14 +180,14 @@ def _ring(*_: Any) -> None:
 def _in_here(target: Path) -> dict[str, Any]:
     from vibrident.app.cli import app
 
-    said = io.StringIO()
+    output = io.StringIO()
     _forget_peak()
     signal.setitimer(signal.ITIMER_REAL, CASE_LIMIT_S)
     outcome = "time"
     more = ""
     with (
-        contextlib.redirect_stdout(said),
-        contextlib.redirect_stderr(said),
+        contextlib.redirect_stdout(output),
+        contextlib.redirect_stderr(output),
         contextlib.suppress(_OutOfTime),
     ):
         try:
@@ -195,7 +203,7 @@ def _in_here(target: Path) -> dict[str, Any]:
     peak = _peak_bytes()
     if outcome in ("read", "refused") and peak > MAX_MEMORY_BYTES:
         outcome = "memory"
-    return {"outcome": outcome, "peak_bytes": peak, "said": (more or said.getvalue())[-1500:]}
+    return {"outcome": outcome, "peak_bytes": peak, "said": (more or output.getvalue())[-1500:]}
 
 
 def _forget_peak() -> None:
@@ -211,24 +219,26 @@ def _peak_bytes() -> int:
 def _as_a_command(target: Path) -> dict[str, Any]:
     command = [sys.executable, "-c", _COMMAND, *arguments(target)]
     child = [sys.executable, "-I", "-S", str(ROOT / "bench" / "child.py"), *command]
-    with tempfile.TemporaryFile("w+") as said:
+    with tempfile.TemporaryFile("w+") as output:
         try:
             done = subprocess.run(
                 child,
                 stdout=subprocess.PIPE,
-                stderr=said,
+                stderr=output,
                 text=True,
                 timeout=COMMAND_LIMIT_S,
                 check=False,
             )
         except subprocess.TimeoutExpired:
             return {"outcome": "time", "peak_bytes": 0, "said": ""}
-        said.seek(0)
-        text = said.read()[-1500:]
-    found = json.loads(done.stdout)
-    outcome = {0: "read", 2: "refused"}.get(found["status"], f"exit {found['status']}")
+        output.seek(0)
+        text = output.read()[-1500:]
+    outcome_of_run = json.loads(done.stdout)
+    outcome = {0: "read", 2: "refused"}.get(
+        outcome_of_run["status"], f"exit {outcome_of_run['status']}"
+    )
     if "Traceback" in text:
         outcome = "traceback"
-    elif found["peak_bytes"] > MAX_MEMORY_BYTES and outcome in ("read", "refused"):
+    elif outcome_of_run["peak_bytes"] > MAX_MEMORY_BYTES and outcome in ("read", "refused"):
         outcome = "memory"
-    return {"outcome": outcome, "peak_bytes": found["peak_bytes"], "said": text}
+    return {"outcome": outcome, "peak_bytes": outcome_of_run["peak_bytes"], "said": text}

@@ -51,10 +51,12 @@ fit, over the noise. Detection depends only on it and on the degrees of freedom 
 
 def table(lines: list[dict], commit: str) -> str:
     """Return the page as Markdown."""
-    found = defaultdict(list)
+    by_cell = defaultdict(list)
     for line in lines:
-        found[line["cell"]].append(line)
-    counts = {name: sum(line["count"] for line in own) for name, own in found.items()}
+        by_cell[line["cell"]].append(line)
+    counts = {
+        name: sum(line["count"] for line in cell_lines) for name, cell_lines in by_cell.items()
+    }
     runs = f"{min(counts.values())} to {max(counts.values())}" if counts else "0"
     if counts and min(counts.values()) == max(counts.values()):
         runs = str(min(counts.values()))
@@ -64,7 +66,7 @@ def table(lines: list[dict], commit: str) -> str:
     page = [
         HEAD.format(runs=runs, commit=commit, defects=defects, few=_needed(21), many=_needed(150))
     ]
-    page += _nominal(found) + _curves(found) + _alarms(found)
+    page += _nominal(by_cell) + _curves(by_cell) + _alarms(by_cell)
     return "\n".join([*page, ""])
 
 
@@ -79,23 +81,23 @@ def _needed(degrees: int) -> float:
     )
 
 
-def _nominal(found: dict[str, list[dict]]) -> list[str]:
+def _nominal(by_cell: dict[str, list[dict]]) -> list[str]:
     rows = []
     missed = []
     shown = 0
     for cell in NOMINAL:
-        own = found.get(cell.name)
-        if not own:
+        cell_lines = by_cell.get(cell.name)
+        if not cell_lines:
             continue
         shown += 1
-        flags = _flags(own)
-        strength = _strength(own)
+        flags = _flags(cell_lines)
+        strength = _strength(cell_lines)
         counted = [sum(code in codes for codes in flags) for code in CODES]
-        whole = sum(
+        flagged = sum(
             bool(set(codes) & set(CODES[: 2 if cell.defect == "cubic" else 1])) for codes in flags
         )
-        low = 100.0 * float(beta.ppf(0.05, whole, len(flags) - whole + 1)) if whole else 0.0
-        if whole < DETECTION_RATE * len(flags):
+        low = 100.0 * float(beta.ppf(0.05, flagged, len(flags) - flagged + 1)) if flagged else 0.0
+        if flagged < DETECTION_RATE * len(flags):
             missed.append(f"`{cell.defect}/{cell.excitation}` at {100 * cell.noise:g} %")
         rows.append(
             (
@@ -107,7 +109,7 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
                     str(counted[0]),
                     str(counted[1]),
                 ),
-                *(f"{whole} of {len(flags)}", f"{low:.1f} %"),
+                *(f"{flagged} of {len(flags)}", f"{low:.1f} %"),
             )
         )
     verdict = f"Missed: {', '.join(missed)}." if missed else f"All {shown} met."
@@ -136,28 +138,28 @@ def _nominal(found: dict[str, list[dict]]) -> list[str]:
     ]
 
 
-def _curves(found: dict[str, list[dict]]) -> list[str]:
+def _curves(by_cell: dict[str, list[dict]]) -> list[str]:
     rows = []
-    parts = [part for part in CURVE_PARTS if part > 0.0]
+    parts = [fraction for fraction in CURVE_PARTS if fraction > 0.0]
     for first in (cell for cell in CURVES if cell.part == parts[0]):
-        cells = [Cell(first.defect, first.excitation, first.noise, part) for part in parts]
-        own = {cell.part: found[cell.name] for cell in cells if found.get(cell.name)}
-        if len(own) < len(parts):
+        cells = [Cell(first.defect, first.excitation, first.noise, fraction) for fraction in parts]
+        cell_lines = {cell.part: by_cell[cell.name] for cell in cells if by_cell.get(cell.name)}
+        if len(cell_lines) < len(parts):
             continue
-        unit = own[1.0][0]["size"]
+        unit = cell_lines[1.0][0]["size"]
         defect = DEFECTS[first.defect]
         start = (first.defect, first.excitation, defect.write(unit) if unit else "–")
         if not unit:
             rows.append((*start, *("–" for _ in parts)))
             continue
         cells_of_row = []
-        for part in parts:
-            flags = _flags(own[part])
-            said = sum("lack_of_fit" in codes for codes in flags)
+        for fraction in parts:
+            flags = _flags(cell_lines[fraction])
+            lack_count = sum("lack_of_fit" in codes for codes in flags)
             either = sum(bool(set(codes) & set(CODES)) for codes in flags)
-            beside = f" ({either})" if first.defect == "cubic" and either != said else ""
-            met = f"λ {_strength(own[part])}, {_expected(own[part])}"
-            cells_of_row.append(f"{said} of {len(flags)}{beside}; {met}")
+            remark = f" ({either})" if first.defect == "cubic" and either != lack_count else ""
+            met = f"λ {_strength(cell_lines[fraction])}, {_expected(cell_lines[fraction])}"
+            cells_of_row.append(f"{lack_count} of {len(flags)}{remark}; {met}")
         rows.append((*start, *cells_of_row))
     return [
         "## Smallest detected defect, with 1 % of noise",
@@ -169,25 +171,27 @@ def _curves(found: dict[str, list[dict]]) -> list[str]:
         "was met, and the rate that the χ² test should have at that λ. No size: the nominal "
         "defect adds less.",
         "",
-        markdown.table(("defect", "motion", "size", *(f"× {part:g}" for part in parts)), rows),
+        markdown.table(
+            ("defect", "motion", "size", *(f"× {fraction:g}" for fraction in parts)), rows
+        ),
         "",
     ]
 
 
-def _alarms(found: dict[str, list[dict]]) -> list[str]:
+def _alarms(by_cell: dict[str, list[dict]]) -> list[str]:
     rows = []
     total = 0
     alarms = [0, 0]
-    seen = set()
+    listed = set()
     for cell in (cell for cell in CURVES if cell.part == 0.0):
         sensor = "micromechanical, 4 kHz" if cell.defect == "boxcar" else "paper, Table 2"
-        own = found.get(cell.name)
+        cell_lines = by_cell.get(cell.name)
         key = (sensor, cell.excitation, cell.noise)
         # The sensors of three defects are the same without them, run by run.
-        if not own or key in seen:
+        if not cell_lines or key in listed:
             continue
-        seen.add(key)
-        flags = _flags(own)
+        listed.add(key)
+        flags = _flags(cell_lines)
         counted = [sum(code in codes for codes in flags) for code in CODES]
         total += len(flags)
         alarms = [a + b for a, b in zip(alarms, counted, strict=True)]

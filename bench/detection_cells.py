@@ -128,9 +128,9 @@ class Cell:
         size = "nominal" if self.part is None else f"{self.part:g}"
         return f"{self.defect}/{self.excitation}/{self.noise:g}/{size}"
 
-    def runs(self, asked: int) -> int:
+    def runs(self, requested: int) -> int:
         """Return the requested number."""
-        return asked
+        return requested
 
     @property
     def size(self) -> float:
@@ -217,19 +217,21 @@ def sized(name: str, excitation: str, noise: float) -> tuple[float, float]:
     high = 0.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        found, degrees, _ = _added(name, excitation, noise, 10.0**middle)
-        low, high = (low, middle) if found > needed(degrees) else (middle, high)
+        gain, degrees, _ = _added(name, excitation, noise, 10.0**middle)
+        low, high = (low, middle) if gain > needed(degrees) else (middle, high)
     return 10.0 ** (0.5 * (low + high)), strength
 
 
-def _added(name: str, excitation: str, noise: float, part: float) -> tuple[float, float, bool]:
+def _added(
+    name: str, excitation: str, noise: float, nominal_fraction: float
+) -> tuple[float, float, bool]:
     """Return λ of a part of the nominal size, degrees of freedom, and whether λ is clear."""
     looks = [
-        look(name, excitation, part * DEFECTS[name].nominal, noise, 1_000_000 + run)
+        look(name, excitation, nominal_fraction * DEFECTS[name].nominal, noise, 1_000_000 + run)
         for run in range(4)
     ]
-    degrees = float(np.mean([one[2] for one in looks]))
-    added = float(np.mean([one[1] for one in looks])) - degrees
+    degrees = float(np.mean([look_[2] for look_ in looks]))
+    added = float(np.mean([look_[1] for look_ in looks])) - degrees
     return math.sqrt(max(added, 0.0)), degrees, added > 3.0 * math.sqrt(0.5 * degrees)
 
 

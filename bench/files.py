@@ -139,7 +139,7 @@ def write(draw: Draw, folder: Path) -> Path:
     return folder / "c.toml"
 
 
-def _calibration_text(draw: Draw, names: dict[str, str], main: str, other: str) -> str:
+def _calibration_text(draw: Draw, names: dict[str, str], main: str, second: str) -> str:
     factor = REFERENCES[draw.quantity][draw.reference_unit]
     gain = 2.5 if draw.scaled == "gain" else 1.0
     scale = gain
@@ -155,7 +155,7 @@ def _calibration_text(draw: Draw, names: dict[str, str], main: str, other: str) 
         lines += [f"scale = {RESPONSES[draw.response_unit]!r}", 'unit = "V"']
     lines += ["[sampling]"] + ([f"rate_hz = {rate!r}"] if rate is not None else [])
     lines += ["[[records]]", f'file = "{main}"', 'excitation = "random"']
-    lines += [f'reference_file = "{other}"'] if draw.later else []
+    lines += [f'reference_file = "{second}"'] if draw.later else []
     return "\n".join(lines) + "\n"
 
 
@@ -364,9 +364,9 @@ def outcome(draw: Draw, path: Path) -> tuple[str, str]:
             name = parameter
     if worst <= TOLERANCE_U:
         return "right", ""
-    said = ", ".join(result.warning_codes)
-    kind = "fit" if _is_read_rightly(draw, calibration) else "said" if said else "silent"
-    return kind, f"{name} {worst:.3g} u {said}"
+    codes = ", ".join(result.warning_codes)
+    kind = "fit" if _is_read_rightly(draw, calibration) else "said" if codes else "silent"
+    return kind, f"{name} {worst:.3g} u {codes}"
 
 
 def _is_read_rightly(draw: Draw, calibration: vibrident.Calibration) -> bool:
@@ -395,14 +395,14 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.simplefilter("error", RuntimeWarning)
-            found, why = outcome(draw, write(draw, Path(folder)))
-        counts[draw.form, found] += 1
+            kind, why = outcome(draw, write(draw, Path(folder)))
+        counts[draw.form, kind] += 1
         must_be_right = draw.claimed != "wrong" and not (
             draw.is_unit_stated and draw.scaled == "conversion"
         )
-        if found in ("silent", "said", "fit") or (found == "refused" and must_be_right):
-            reasons[f"{draw.form} {found}: {why[:70]}"] += 1
-            print(seed, draw.form, found, why, draw.later, draw.claimed, draw.scaled, flush=True)
+        if kind in ("silent", "said", "fit") or (kind == "refused" and must_be_right):
+            reasons[f"{draw.form} {kind}: {why[:70]}"] += 1
+            print(seed, draw.form, kind, why, draw.later, draw.claimed, draw.scaled, flush=True)
     for form in forms:
         print(
             form,

@@ -33,7 +33,7 @@ from bench.fleet_page import keep
 from vibrident.base import parcel
 from vibrident.base.process import Process
 from vibrident.data.io import write_calibration
-from vibrident.lab.fleet import Local, Orders, RunRequest, run, worker
+from vibrident.lab.fleet import LocalScheduler, Orders, RunRequest, run, worker
 from vibrident.lab.fleet.batch import Done, fingerprints
 from vibrident.lab.fleet.key import Fingerprint, fingerprint
 from vibrident.lab.fleet.parts import load_arrow, write_part
@@ -51,17 +51,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m bench.fleet", description=__doc__)
     parser.add_argument("part", choices=("speed", "memory", "study", "coordinator"))
     parser.add_argument("--count", type=int, default=0, help="calibrations")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     parts: dict[str, Callable[[int], dict[str, Any]]] = {
         "speed": speed,
         "memory": memory,
         "study": study,
         "coordinator": coordinator,
     }
-    figures = parts[given.part](given.count)
+    figures = parts[options.part](options.count)
     print(json.dumps(figures, indent=1))
-    if given.part != "coordinator":
-        keep(given.part, figures)
+    if options.part != "coordinator":
+        keep(options.part, figures)
     return 0
 
 
@@ -75,11 +75,11 @@ def calibrations(folder: Path, count: int, seed: int = 0) -> list[Path]:
         gain = 1 + 0.01 * rng.standard_normal()
         noisy = with_noise(clean, response_noise=0.01, seed=seed + number)
         records = tuple(
-            dataclasses.replace(one, response=gain * one.response) for one in noisy.records
+            dataclasses.replace(record, response=gain * record.response) for record in noisy.records
         )
         sensor = {"type": "A-100" if number % 2 else "B-200", "serial_number": f"SN{number:05d}"}
-        made = dataclasses.replace(noisy, records=records, sensor=sensor)
-        files.append(write_calibration(folder / f"s{number:05d}", made))
+        calibration = dataclasses.replace(noisy, records=records, sensor=sensor)
+        files.append(write_calibration(folder / f"s{number:05d}", calibration))
     return files
 
 
@@ -100,22 +100,24 @@ def speed(count: int) -> dict[str, Any]:
         plain, fleet, results = _costs(files, folder)
         data = list(files[0].parent.iterdir())
         size = sum(file.stat().st_size for file in data)
-        whole = [file.stat().st_size for file in (folder / "results").iterdir()]
+        sizes_bytes = [file.stat().st_size for file in (folder / "results").iterdir()]
         wall = [[_wall(folder, workers) for workers in (1, 2)] for _ in range(_ROUNDS)]
         plainly = [[_plainly(files, processes) for processes in (1, 2)] for _ in range(_ROUNDS)]
-        busy = np.median([[share for share, _ in one] for one in wall], axis=0)
+        busy = np.median([[share for share, _ in pair] for pair in wall], axis=0)
     return {
         "calibrations": wanted,
         "seconds_of_a_calibration": plain,
         "bytes_of_a_calibration": size,
         "files_of_a_calibration": len(data),
-        "bytes_of_a_result": float(np.mean(whole)),
+        "bytes_of_a_result": float(np.mean(sizes_bytes)),
         "fleet_over_identify_many": fleet / plain,
         "fleet_with_results_over_identify_many": results / plain,
         "busy_share_of_one_worker": float(busy[0]),
         "busy_share_of_two_workers": float(busy[1]),
-        "two_workers_over_one": min(one[1] for one, _ in wall) / min(two[1] for _, two in wall),
-        "two_processes_over_one": min(one for one, _ in plainly) / min(two for _, two in plainly),
+        "two_workers_over_one": min(one_worker[1] for one_worker, _ in wall)
+        / min(two[1] for _, two in wall),
+        "two_processes_over_one": min(one_process for one_process, _ in plainly)
+        / min(two for _, two in plainly),
     }
 
 
@@ -151,14 +153,15 @@ def _wall(folder: Path, workers: int) -> tuple[float, float]:
     out = folder / f"{workers}"
     run(
         RunRequest([str(folder / "data")], Orders(str(out), results=False), fresh=True),
-        Local(workers),
+        LocalScheduler(workers),
     )
     tables = [
-        pq.read_table(part, columns=["finished", "seconds"])
-        for part in (out / "parts").glob("*.parquet")
+        pq.read_table(part_file, columns=["finished", "seconds"])
+        for part_file in (out / "parts").glob("*.parquet")
     ]
     finished, seconds = (
-        np.concatenate([one[name].to_numpy() for one in tables]) for name in ("finished", "seconds")
+        np.concatenate([table[name].to_numpy() for table in tables])
+        for name in ("finished", "seconds")
     )
     elapsed = float(finished.max() - (finished - seconds).min())
     return float(seconds.sum()) / (workers * elapsed), elapsed
@@ -184,16 +187,16 @@ def in_turn(files: list[str]) -> int:
 
 def memory(count: int) -> dict[str, Any]:
     """Measure the most memory of the coordinator, with 1 000 and with 100 000 simulated rows."""
-    found = {}
+    figures_by_rows = {}
     for rows in (1000, count or 100_000):
         command = [sys.executable, "-m", "bench.fleet", "coordinator", "--count", str(rows)]
         # As the command has it; read by an import.
         environment = {**os.environ, "ARROW_DEFAULT_MEMORY_POOL": "system"}
         done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
-        found[rows] = json.loads(done.stdout)
-    few, many = found.values()
+        figures_by_rows[rows] = json.loads(done.stdout)
+    few, many = figures_by_rows.values()
     return {
-        "rows": found,
+        "rows": figures_by_rows,
         "memory_ratio": many["most_mb"] / few["most_mb"],
         "bytes_a_row": 1e6 * (many["most_mb"] - few["most_mb"]) / (many["rows"] - few["rows"]),
     }
@@ -271,8 +274,8 @@ class _Simulated:
     @staticmethod
     def _worked(tasks: list[tuple[str, str]], orders: Orders) -> Done:
         rows = [_simulated_row(key) for _, key in tasks]
-        part = write_part(orders.parts_folder, rows, orders.time_limit_s, None)
-        return Done(part, {IDENTIFIED: len(rows)}, 0.25 * len(rows), {})
+        part_file = write_part(orders.parts_folder, rows, orders.time_limit_s, None)
+        return Done(part_file, {IDENTIFIED: len(rows)}, 0.25 * len(rows), {})
 
 
 def _simulated_row(key: str) -> Row:
@@ -287,7 +290,7 @@ def _simulated_row(key: str) -> Row:
         "resonance_frequency": [5000 * natural, 1.0, "Hz"],
         "conversion_coefficient": [1e7 * gain, 1e4, "1"],
     }
-    made = _row(
+    identified = _row(
         key, IDENTIFIED, "", {"type": f"A-{int(key[:2], 16) % 4}", "serial_number": key[:10]}, 0.25
     )
     more = {
@@ -297,7 +300,7 @@ def _simulated_row(key: str) -> Row:
         "adequate": True,
     }
     return {
-        **made,
+        **identified,
         **more,
         "chi2_reduced": 1.0,
         "warnings": ["lack_of_fit"] if key[2] == "0" else [],

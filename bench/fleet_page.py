@@ -18,21 +18,25 @@ READS_PER_FILE = 3
 MILLION = 1_000_000
 
 
-def keep(part: str, figures: dict[str, Any]) -> None:
+def keep(name: str, figures: dict[str, Any]) -> None:
     """Keep a part's figures, and write the page where all are there."""
-    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.is_file() else {}
-    kept[part] = figures
-    KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    if {"speed", "memory", "study"} <= kept.keys():
-        put_between(PAGE, "fleet", "\n".join(["", _measured(kept), "", _million(kept), ""]))
+    figures_by_name = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.is_file() else {}
+    figures_by_name[name] = figures
+    KEPT.write_text(json.dumps(figures_by_name, indent=1) + "\n", encoding="utf-8")
+    if {"speed", "memory", "study"} <= figures_by_name.keys():
+        put_between(
+            PAGE,
+            "fleet",
+            "\n".join(["", _measured(figures_by_name), "", _million(figures_by_name), ""]),
+        )
 
 
-def _measured(kept: dict[str, Any]) -> str:
-    speed = kept["speed"]
-    memory = kept["memory"]
-    study = kept["study"]
+def _measured(figures_by_name: dict[str, Any]) -> str:
+    speed = figures_by_name["speed"]
+    memory = figures_by_name["memory"]
+    study = figures_by_name["study"]
     few, many = (memory["rows"][name] for name in sorted(memory["rows"], key=int))
-    killed = ", ".join(str(one) for one in study["rows_after_each_kill"])
+    killed = ", ".join(str(count) for count in study["rows_after_each_kill"])
     rows = [
         (
             f"`study`: {study['calibrations']} calibrations (21 × 2000 samples; "
@@ -62,9 +66,9 @@ def _measured(kept: dict[str, Any]) -> str:
     return markdown.table(("`python -m bench.fleet …`", ""), rows)
 
 
-def _million(kept: dict[str, Any]) -> str:
-    speed = kept["speed"]
-    memory = kept["memory"]
+def _million(figures_by_name: dict[str, Any]) -> str:
+    speed = figures_by_name["speed"]
+    memory = figures_by_name["memory"]
     many = memory["rows"][max(memory["rows"], key=int)]
     cost = speed["seconds_of_a_calibration"] * speed["fleet_with_results_over_identify_many"]
     data = speed["bytes_of_a_calibration"]

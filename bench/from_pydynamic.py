@@ -37,12 +37,12 @@ SHOCK_SAMPLES = 600
 
 def main() -> None:
     """Compute both, and write the table."""
-    given = _given()
+    inputs = _inputs()
     theirs = ask(
-        ENVIRONMENTS / "pydynamic" / "bin" / "python", "pydynamic_functions_peer.py", given
+        ENVIRONMENTS / "pydynamic" / "bin" / "python", "pydynamic_functions_peer.py", inputs
     )
     table = ResponseTable(
-        HZ, given["size"], given["phase"], given["size_u"], given["size_u"] / given["size"]
+        HZ, inputs["size"], inputs["phase"], inputs["size_u"], inputs["size_u"] / inputs["size"]
     )
     result = identify(Calibration(table=table, model="accelerometer"))
     named = NAMES_PAGE.read_text(encoding="utf-8")
@@ -55,8 +55,8 @@ def main() -> None:
     rows = [
         *_fits(theirs, result),
         *_curves(theirs, result),
-        *_tones(theirs, given),
-        *_shocks(theirs, given, result),
+        *_tones(theirs, inputs),
+        *_shocks(theirs, inputs, result),
     ]
     head = ("same data", "PyDynamic " + theirs["version"], "ours", "truth")
     cells = [(what, f"{a}: {x}", f"{b}: {y}", truth) for a, b, what, x, y, truth in rows]
@@ -67,7 +67,7 @@ def _response(hz: FloatArray) -> np.ndarray:
     return parse("accelerometer").frequency_response(TRUE, hz)
 
 
-def _given() -> dict[str, Any]:
+def _inputs() -> dict[str, Any]:
     rng = np.random.default_rng(20)
     u = 2e-3 * np.abs(_response(HZ))  # of real and imaginary part
     points = _response(HZ) + u * (rng.normal(size=HZ.size) + 1j * rng.normal(size=HZ.size))
@@ -110,10 +110,10 @@ def _fits(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
     for k, name in enumerate(NAMES):
         value = theirs["fit_som"]["values"][k]
         u = theirs["fit_som"]["u"][k]
-        own = result.parameters[name]
+        ours_here = result.parameters[name]
         stated = [
             f"{v:.6g}, u {s:.2g}"
-            for v, s in ((value, u), (own.value or math.nan, own.standard_uncertainty))
+            for v, s in ((value, u), (ours_here.value or math.nan, ours_here.standard_uncertainty))
         ]
         what = f"{name.replace('_', ' ')} {units[name]} of 21 points good to 0.2 %".replace(
             "  ", " "
@@ -128,15 +128,18 @@ def _curves(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
     wanted = _response(GRID_HZ)
 
     def off(parts: Any) -> str:
-        found = np.array(parts[0]) + 1j * np.array(parts[1]) if isinstance(parts, list) else parts
+        theirs_here = (
+            np.array(parts[0]) + 1j * np.array(parts[1]) if isinstance(parts, list) else parts
+        )
         # Samples of delay.
-        whole = [np.exp(2j * np.pi * GRID_HZ * shift / RATE_HZ) for shift in (-1, 0, 1)]
-        return f"{min(float(np.max(np.abs(found * late / wanted - 1.0))) for late in whole):.1e}"
+        shifts = [np.exp(2j * np.pi * GRID_HZ * shift / RATE_HZ) for shift in (-1, 0, 1)]
+        errors = [float(np.max(np.abs(theirs_here * shift / wanted - 1.0))) for shift in shifts]
+        return f"{min(errors):.1e}"
 
     filtered, _ = model_filter(sensor_of(identify_exactly()), RATE_HZ)
     ours = filtered.response(GRID_HZ) / filtered.late(GRID_HZ)
     sensor = result.to_sensor()
-    own = sensor.uncertainty(AT_HZ)[0] * np.abs(sensor.frequency_response(AT_HZ))
+    ours_here = sensor.uncertainty(AT_HZ)[0] * np.abs(sensor.frequency_response(AT_HZ))
     rows = [
         (
             "`sos_FreqResp`",
@@ -155,7 +158,7 @@ def _curves(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
             "0",
         ),
     ]
-    for hz, u, mine in zip(AT_HZ, theirs["sos_absphase"], own, strict=True):
+    for hz, u, mine in zip(AT_HZ, theirs["sos_absphase"], ours_here, strict=True):
         what = f"u of the magnitude at {hz:g} Hz, V/(m/s²)"
         rows.append(
             ("`sos_absphase`", "`to_sensor().uncertainty`", what, f"{u:.2e}", f"{mine:.2e}", "–")
@@ -172,15 +175,15 @@ def identify_exactly() -> Result:
     return identify(Calibration(table=table, model="accelerometer"))
 
 
-def _tones(theirs: dict[str, Any], given: dict[str, Any]) -> list[tuple[str, ...]]:
+def _tones(theirs: dict[str, Any], inputs: dict[str, Any]) -> list[tuple[str, ...]]:
     calibration = Calibration.from_arrays(
-        given["references"], given["responses"], RATE_HZ, excitation="sine", model="accelerometer"
+        inputs["references"], inputs["responses"], RATE_HZ, excitation="sine", model="accelerometer"
     )
     measured = identify(calibration).measured
     rows = []
     for k, hz in enumerate(TONES_HZ):
         gain, u = theirs["Time2AmpPhase"][k]
-        own = f"{measured.magnitude[k]:.6f}, u {measured.magnitude_uncertainty[k]:.1e}"
+        ours_here = f"{measured.magnitude[k]:.6f}, u {measured.magnitude_uncertainty[k]:.1e}"
         what = f"sensitivity at {hz:g} Hz; noise of 1 mV, told to PyDynamic, estimated by ours"
         truth = f"{abs(_response(np.array([hz]))[0]):.6f}"
         rows.append(
@@ -189,25 +192,29 @@ def _tones(theirs: dict[str, Any], given: dict[str, Any]) -> list[tuple[str, ...
                 "`measured` of `identify`",
                 what,
                 f"{gain:.6f}, u {u:.1e}",
-                own,
+                ours_here,
                 truth,
             )
         )
     return rows
 
 
-def _shocks(theirs: dict[str, Any], given: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
-    shock = Calibration.from_arrays(None, given["shock"], RATE_HZ, excitation="decay")
+def _shocks(
+    theirs: dict[str, Any], inputs: dict[str, Any], result: Result
+) -> list[tuple[str, ...]]:
+    shock = Calibration.from_arrays(None, inputs["shock"], RATE_HZ, excitation="decay")
     rows = []
     # Ours falls to half at 1.5 times its highest frequency; a Kaiser low-pass at its own.
     for name, how, to_hz in (
         ("FIRuncFilter", "`LSFIR`, `kaiser_lowpass`, `FIRuncFilter`", LOW_PASS_HZ / 1.5),
         ("DFT_deconv", "`GUM_DFT`, `DFT_deconv`, `GUM_iDFT`", LOW_PASS_HZ),
     ):
-        (own,) = correct(result, shock, band_hz=(0.0, to_hz)).corrections
-        ours = _judged(own.acceleration, own.standard_uncertainty, given["pulse"])
-        found = theirs[name]
-        judged = _judged(np.array(found["acceleration"]), np.array(found["u"]), given["pulse"])
+        (ours_here,) = correct(result, shock, band_hz=(0.0, to_hz)).corrections
+        ours = _judged(ours_here.acceleration, ours_here.standard_uncertainty, inputs["pulse"])
+        theirs_here = theirs[name]
+        judged = _judged(
+            np.array(theirs_here["acceleration"]), np.array(theirs_here["u"]), inputs["pulse"]
+        )
         what = (
             "pulse of 100 m/s² and 0.4 ms from the response: "
             "rms error, mean u in m/s²; samples within 2 u"
@@ -216,9 +223,9 @@ def _shocks(theirs: dict[str, Any], given: dict[str, Any], result: Result) -> li
     return rows
 
 
-def _judged(found: FloatArray, u: FloatArray, true: FloatArray) -> str:
+def _judged(theirs_here: FloatArray, u: FloatArray, true: FloatArray) -> str:
     inner = slice(60, -60)  # without the ends, where a filter of PyDynamic has no samples yet
-    off = (found - true)[inner]
+    off = (theirs_here - true)[inner]
     inside = 100 * np.mean(np.abs(off) < 2 * u[inner])
     return f"{np.sqrt(np.mean(off**2)):.3f}, {np.mean(u[inner]):.3f}; {inside:.0f} %"
 

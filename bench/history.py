@@ -125,44 +125,44 @@ def simulated(kind: Kind, rng: np.random.Generator) -> Simulated:
 def measured(kind: Kind, lives: int, seed: int) -> dict[str, float]:
     """Statistics of so many lives."""
     rng = np.random.default_rng(seed)
-    found = []
+    figures = []
     for _ in range(lives):
-        one = simulated(kind, rng)
-        lived = life(one.entries, one.events)
+        sensor = simulated(kind, rng)
+        lived = life(sensor.entries, sensor.events)
         if lived.drift is not None:
-            found.append(
-                (*_covered(lived, one), len(lived.breaks), *_agreeing(lived), _alarms(lived))
+            figures.append(
+                (*_covered(lived, sensor), len(lived.breaks), *_agreeing(lived), _alarms(lived))
             )
-    columns = np.array(found, dtype=float).T
+    columns = np.array(figures, dtype=float).T
     names = ("sensor", "reading", WIDTH, "breaks", "en", "ordinary", "alarm")
     means = dict(zip(names, np.nanmean(columns, axis=1), strict=True))
     return means | {WIDTH: float(np.median(columns[2]))}
 
 
-def _covered(lived: Life, one: Simulated) -> Iterator[float]:
+def _covered(lived: Life, sensor: Simulated) -> Iterator[float]:
     """Yield whether sensor and next calibration lie within their 95 %, and U over the noise."""
     assert lived.drift is not None
-    at = years_between(one.entries[0].date, one.last.date)
+    at = years_between(sensor.entries[0].date, sensor.last.date)
     low, high = lived.drift.sensitivity(at).interval_95
-    yield low <= one.truth <= high
+    yield low <= sensor.truth <= high
     shared = np.array(
         [
-            sum(u * e.shared.get(key, 0.0) for key, u in one.last.shared.items())
+            sum(u * e.shared.get(key, 0.0) for key, u in sensor.last.shared.items())
             for e in lived.entries
         ]
     )
-    low, high = lived.drift.reading(at, shared, float(one.last.u or 0.0)).interval_95
-    yield low <= float(one.last.value or 0.0) <= high
+    low, high = lived.drift.reading(at, shared, float(sensor.last.u or 0.0)).interval_95
+    yield low <= float(sensor.last.value or 0.0) <= high
     yield (high - low) / 2 / (2 * NOISE_U)
 
 
 def _agreeing(lived: Life) -> tuple[float, float]:
     """Share of neighbours that agree, by E_n with and without what they share."""
-    found = [lived.agreement(i) for i in range(1, len(lived.entries))]
-    if not found:
+    agreements = [lived.agreement(i) for i in range(1, len(lived.entries))]
+    if not agreements:
         return np.nan, np.nan
     return tuple(
-        float(np.mean([abs(getattr(a, n) or 0.0) <= 1 for a in found]))
+        float(np.mean([abs(getattr(a, n) or 0.0) <= 1 for a in agreements]))
         for n in ("correlated", "ordinary")
     )
 
@@ -192,11 +192,11 @@ def table(lives: int) -> str:
     heads += ("new series a life", "EWMA or CUSUM alarm")
     rows = []
     for number, kind in enumerate(KINDS):
-        found = measured(kind, lives, number)
-        shares = (f"{100 * found[name]:.1f} %" for name in ("reading", "sensor"))
-        agreeing = (f"{100 * found[name]:.0f} %" for name in ("en", "ordinary"))
-        rest = (f"{found['breaks']:.3f}", f"{100 * found['alarm']:.1f} %")
-        rows.append((kind.name, *shares, f"{found[WIDTH]:.1f}", *agreeing, *rest))
+        figures = measured(kind, lives, number)
+        shares = (f"{100 * figures[name]:.1f} %" for name in ("reading", "sensor"))
+        agreeing = (f"{100 * figures[name]:.0f} %" for name in ("en", "ordinary"))
+        last_cells = (f"{figures['breaks']:.3f}", f"{100 * figures['alarm']:.1f} %")
+        rows.append((kind.name, *shares, f"{figures[WIDTH]:.1f}", *agreeing, *last_cells))
     return f"{lead}\n\n{markdown.table(heads, rows, range(1, len(heads)))}"
 
 
@@ -212,10 +212,10 @@ def main(arguments: list[str] | None = None) -> int:
         help="lives a row; the page is written from the default on",
     )
     lives = parser.parse_args(arguments).lives
-    made = table(lives)
-    print(made)
+    text = table(lives)
+    print(text)
     if lives >= LIVES:
-        put_between(DOCUMENT, "study", made)
+        put_between(DOCUMENT, "study", text)
     return 0
 
 

@@ -33,7 +33,7 @@ def response(frequency, sensitivity, natural_frequency, damping_ratio):
 def records(rng, values, circumstances, frequencies=FREQUENCIES_HZ):
     """Sine records of a sensor with these parameters."""
     time_s = np.arange(SAMPLES) / RATE_HZ
-    found = []
+    records_ = []
     for f in frequencies:
         f = round(f * SAMPLES / RATE_HZ) * RATE_HZ / SAMPLES
         phase = rng.uniform(0, 2 * np.pi)
@@ -41,12 +41,12 @@ def records(rng, values, circumstances, frequencies=FREQUENCIES_HZ):
         v = np.real(10.0 * response(f, **values) * np.exp(1j * (2 * np.pi * f * time_s + phase)))
         v = v + NOISE * rng.standard_normal(SAMPLES)
         name = " ".join(
-            str(part)
-            for part in (f"{f:g} Hz", *vars(circumstances).values())
-            if part not in ("", None)
+            str(text)
+            for text in (f"{f:g} Hz", *vars(circumstances).values())
+            if text not in ("", None)
         )
-        found.append(Record(name, a, v, RATE_HZ, "sine", f, circumstances=circumstances))
-    return found
+        records_.append(Record(name, a, v, RATE_HZ, "sine", f, circumstances=circumstances))
+    return records_
 
 
 def inside(parameter, true):
@@ -56,15 +56,15 @@ def inside(parameter, true):
 
 def repeats(rng, mountings=4, runs=2):
     """Return the parameters of a sensor mounted anew several times, each a little different."""
-    made = []
+    records_ = []
     for m in range(mountings):
         drawn = {name: value * (1 + 1e-3 * rng.standard_normal()) for name, value in TRUE.items()}
         for r in range(runs):
-            own = {
+            parameters = {
                 name: value * (1 + 2e-4 * rng.standard_normal()) for name, value in drawn.items()
             }
-            made += records(rng, own, Circumstances(run=str(r), mounting=str(m)))
-    result = vibrident.identify(Calibration(tuple(made)), "accelerometer")
+            records_ += records(rng, parameters, Circumstances(run=str(r), mounting=str(m)))
+    result = vibrident.identify(Calibration(tuple(records_)), "accelerometer")
     return {name: inside(result.parameters[name], true) for name, true in TRUE.items()}
 
 
@@ -73,14 +73,16 @@ COEFFICIENTS = {"sensitivity": -2e-4, "natural_frequency": -5e-5, "damping_ratio
 
 def temperatures(rng, points=(-10.0, 23.0, 50.0, 80.0)):
     """Coefficients of a sensor that changes with temperature."""
-    made = []
+    records_ = []
     for t in points:
-        own = {name: value * (1 + COEFFICIENTS[name] * (t - 23.0)) for name, value in TRUE.items()}
-        made += records(rng, own, Circumstances(temperature_c=t))
-    result = vibrident.identify(Calibration(tuple(made)), "accelerometer")
-    found = result.settings["temperature"]["coefficients"]
+        parameters = {
+            name: value * (1 + COEFFICIENTS[name] * (t - 23.0)) for name, value in TRUE.items()
+        }
+        records_ += records(rng, parameters, Circumstances(temperature_c=t))
+    result = vibrident.identify(Calibration(tuple(records_)), "accelerometer")
+    coefficients = result.settings["temperature"]["coefficients"]
     return {
-        name: found[name]["interval_95"][0] <= true <= found[name]["interval_95"][1]
+        name: coefficients[name]["interval_95"][0] <= true <= coefficients[name]["interval_95"][1]
         for name, true in COEFFICIENTS.items()
     }
 
@@ -108,12 +110,14 @@ def axes_calibration(rng, frequencies=(80.0, 480.0), motions=False, effects=(), 
             )
 
     def calibration(output, motion):
-        made = []
+        records_ = []
         for name, f, axis, a, v in signals:
             reference = a[motion] if motions else a[OUTPUTS.index(axis)]
             where = Circumstances(axis="" if motions else axis)
-            made.append(Record(name, reference, v[output], RATE_HZ, "sine", f, circumstances=where))
-        return Calibration(tuple(made), effects=tuple(effects))
+            records_.append(
+                Record(name, reference, v[output], RATE_HZ, "sine", f, circumstances=where)
+            )
+        return Calibration(tuple(records_), effects=tuple(effects))
 
     outputs = {name: calibration(i, 0) for i, name in enumerate(OUTPUTS)}
     return AxesCalibration(
@@ -128,13 +132,16 @@ def true_matrix(frequencies):
 
 def triaxial(rng, motions=False):
     """Real and imaginary parts of the sensitivity matrix of a triaxial sensor."""
-    found = sensitivity_matrix(axes_calibration(rng, motions=motions))
-    low, high = found.interval_95()
-    true = true_matrix(found.frequency_hz)
+    figures = sensitivity_matrix(axes_calibration(rng, motions=motions))
+    low, high = figures.interval_95()
+    true = true_matrix(figures.frequency_hz)
     parts = np.stack([true.real, true.imag], axis=-1)
     inside = (low <= parts) & (parts <= high)
-    own = np.eye(3, dtype=bool)
-    return {"main": float(np.mean(inside[:, own])), "transverse": float(np.mean(inside[:, ~own]))}
+    parameters = np.eye(3, dtype=bool)
+    return {
+        "main": float(np.mean(inside[:, parameters])),
+        "transverse": float(np.mean(inside[:, ~parameters])),
+    }
 
 
 def three_motions(rng):
@@ -153,18 +160,18 @@ STUDIES = {
 def coverage(name: str, count: int, seed: int = 1) -> dict[str, float]:
     """Share of the intervals that hold the true value, by what they are of."""
     rng = np.random.default_rng(seed)
-    found = [STUDIES[name](rng) for _ in range(count)]
-    return {key: float(np.mean([one[key] for one in found])) for key in found[0]}
+    figures = [STUDIES[name](rng) for _ in range(count)]
+    return {key: float(np.mean([shares[key] for shares in figures])) for key in figures[0]}
 
 
 def main(count: int, names: list[str]) -> None:
     for name in names or STUDIES:
         begin = time.perf_counter()
         shares = coverage(name, count)
-        said = ", ".join(f"{key} {100 * share:.1f} %" for key, share in shares.items())
+        text = ", ".join(f"{key} {100 * share:.1f} %" for key, share in shares.items())
         seconds = time.perf_counter() - begin
         print(
-            f"{name}: {count} simulated, 95 % intervals that hold the true value: {said} "
+            f"{name}: {count} simulated, 95 % intervals that hold the true value: {text} "
             f"({seconds:.0f} s)",
             flush=True,
         )

@@ -105,15 +105,15 @@ def coverage(first: int, runs: int, keep: Path) -> None:
             result = identify(calibration)
         optical = calibration.records[0].optical
         assert optical is not None
-        found = [result.parameters[name] for name in PARAMETERS]
+        estimates = [result.parameters[name] for name in PARAMETERS]
         row = {
             "run": run,
             "times": optical.rate_hz / RATE_HZ,
-            "errors": [p.value - true for p, true in zip(found, truth, strict=True)],
-            "stated": [p.standard_uncertainty for p in found],
+            "errors": [p.value - true for p, true in zip(estimates, truth, strict=True)],
+            "stated": [p.standard_uncertainty for p in estimates],
             "held": [
                 p.interval_95[0] <= true <= p.interval_95[1]
-                for p, true in zip(found, truth.tolist(), strict=True)
+                for p, true in zip(estimates, truth.tolist(), strict=True)
             ],
             "warnings": list(result.warning_codes),
         }
@@ -126,12 +126,12 @@ def _append(keep: Path, row: dict[str, Any]) -> None:
         file.write(json.dumps(row) + "\n")
 
 
-def _kept(keep: Path) -> list[dict[str, Any]]:
+def _rows_of(keep: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
 
 
 def _print_coverage(keep: Path) -> None:
-    rows = {row["run"]: row for row in _kept(keep)}.values()
+    rows = {row["run"]: row for row in _rows_of(keep)}.values()
     errors, stated, held = (
         np.array([row[key] for row in rows]) for key in ("errors", "stated", "held")
     )
@@ -195,7 +195,7 @@ def motions(first: int, runs: int, keep: Path) -> None:
             row = {"run": run, "kind": setting.kind, "motion": motion}
             optics = drawn(Optics(setting, noise=0.02, random=True), run)
             _append(keep, row | _outcome(motion, optics, run))
-    rows = _kept(keep)
+    rows = _rows_of(keep)
     names = " | ".join(name.replace("_", " ") for name in PARAMETERS)
     print(
         f"| interferometer | motion | runs | {names} | rms of error / u | with a warning "
@@ -204,10 +204,11 @@ def motions(first: int, runs: int, keep: Path) -> None:
     for kind, motion in itertools.product(("quadrature", "heterodyne"), MOTIONS):
         here = [r for r in rows if (r["kind"], r["motion"]) == (kind, motion) and r["off"]]
         held = " | ".join(
-            f"{100 * part:.1f} %" for part in np.mean([r["held"] for r in here], axis=0)
+            f"{100 * share:.1f} %" for share in np.mean([r["held"] for r in here], axis=0)
         )
         rms = ", ".join(
-            f"{one:.2f}" for one in np.sqrt(np.mean(np.square([r["off"] for r in here]), axis=0))
+            f"{value:.2f}"
+            for value in np.sqrt(np.mean(np.square([r["off"] for r in here]), axis=0))
         )
         print(
             f"| {kind} | {motion} | {len(here)} | {held} | {rms} | "
@@ -238,14 +239,14 @@ def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
                 "off": None,
                 "held": None,
             }
-    found = [result.parameters[name] for name in PARAMETERS]
+    estimates = [result.parameters[name] for name in PARAMETERS]
     off = [
         (p.value - truth[name]) / p.standard_uncertainty if p.standard_uncertainty else 0.0
-        for name, p in zip(PARAMETERS, found, strict=True)
+        for name, p in zip(PARAMETERS, estimates, strict=True)
     ]
     held = [
         p.interval_95[0] <= truth[name] <= p.interval_95[1]
-        for name, p in zip(PARAMETERS, found, strict=True)
+        for name, p in zip(PARAMETERS, estimates, strict=True)
     ]
     right = "right" if max(map(abs, off)) < 3.0 else "wrong"
     codes = list(result.warning_codes)
@@ -258,7 +259,7 @@ def _outcome(motion: str, optics: Optics, seed: int) -> dict[str, Any]:
 
 
 def _print_faults(keep: Path) -> None:
-    rows = _kept(keep)
+    rows = _rows_of(keep)
     for kind, fault, motion in itertools.product(("quadrature", "heterodyne"), FAULTS, MOTIONS):
         here = [r for r in rows if (r["kind"], r["fault"], r["motion"]) == (kind, fault, motion)]
         outcomes = Counter(r["outcome"] for r in here)
@@ -270,7 +271,7 @@ def alarms(runs: int) -> None:
     """Records with a finding, of clean signals of many ellipses, noises and converters."""
     random = np.random.default_rng(11)
     records = 0
-    found = 0
+    findings = 0
     for run in range(runs):
         with tempfile.TemporaryDirectory() as folder:
             optics = drawn(Optics(noise=float(random.choice([0.002, 0.01, 0.05])), random=True,
@@ -285,11 +286,11 @@ def alarms(runs: int) -> None:
             )
             calibration = read(Path(folder) / "calibration.toml")
         records += len(calibration.records)
-        found += sum(bool(codes_of(record)) for record in calibration.records)
+        findings += sum(bool(codes_of(record)) for record in calibration.records)
         cyclic = any(effect.kind == "cyclic" for effect in calibration.effects)
-        found += cyclic
+        findings += cyclic
         if (run + 1) % 50 == 0:
-            print(json.dumps({"records": records, "with_a_finding": found}), flush=True)
+            print(json.dumps({"records": records, "with_a_finding": findings}), flush=True)
 
 
 def speed(kind: str, samples: int) -> None:
@@ -305,7 +306,7 @@ def speed(kind: str, samples: int) -> None:
             identify(calibration)
             best["all"] = min(best["all"], time.process_time() - start)
     rates = {
-        f"million_samples_a_second_{part}": samples / took / 1e6 for part, took in best.items()
+        f"million_samples_a_second_{name}": samples / took / 1e6 for name, took in best.items()
     }
     print(
         json.dumps({"kind": kind, "samples": samples, **rates, "peak_memory_mb": _peak_mb()}),
@@ -375,15 +376,15 @@ def _median(values: Sequence[float | None]) -> float:
 
 def _our_gain(phase: FloatArray, u: FloatArray) -> float:
     start = ellipse.fit_circle(u)
-    found = ellipse.fit_ellipse([moments.sums(*u)], start) or ellipse.fit_short_arc(u, u.shape[1])
-    v = found.for_phase.round(u)
+    conic = ellipse.fit_ellipse([moments.sums(*u)], start) or ellipse.fit_short_arc(u, u.shape[1])
+    v = conic.for_phase.round(u)
     return gain_error(phase, np.unwrap(np.arctan2(v[1], v[0])))
 
 
-def gain_error(phase: FloatArray, found: FloatArray) -> float:
+def gain_error(phase: FloatArray, measured: FloatArray) -> float:
     """Relative error of the amplitude of the sine: what the ellipse does to a calibration."""
     true = phase - phase.mean()
-    return float(found @ true / (true @ true) - 1.0)
+    return float(measured @ true / (true @ true) - 1.0)
 
 
 def main() -> None:
@@ -406,17 +407,19 @@ def main() -> None:
     parser.add_argument(
         "--python", default="python", help="of the environment that holds hoqi-bench"
     )
-    asked = parser.parse_args()
-    if asked.study == "speed":
-        speed(asked.kind, asked.samples)
-    elif asked.study == "peers":
-        peers(asked.python)
-    elif asked.study in ("faults", "motions"):
-        {"faults": faults, "motions": motions}[asked.study](asked.first, asked.runs, asked.keep)
-    elif asked.study == "alarms":
-        alarms(asked.runs)
+    options = parser.parse_args()
+    if options.study == "speed":
+        speed(options.kind, options.samples)
+    elif options.study == "peers":
+        peers(options.python)
+    elif options.study in ("faults", "motions"):
+        {"faults": faults, "motions": motions}[options.study](
+            options.first, options.runs, options.keep
+        )
+    elif options.study == "alarms":
+        alarms(options.runs)
     else:
-        coverage(asked.first, asked.runs, asked.keep)
+        coverage(options.first, options.runs, options.keep)
 
 
 if __name__ == "__main__":

@@ -37,10 +37,20 @@ def measure(options: Options) -> Section:
             text=True,
             check=False,
         )
-        told = json.loads(done.stdout) if done.returncode == 0 else None
-        note = "" if told is not None else (done.stderr.strip().splitlines() or ["no message"])[-1]
+        peak_bytes = json.loads(done.stdout) if done.returncode == 0 else None
+        note = (
+            ""
+            if peak_bytes is not None
+            else (done.stderr.strip().splitlines() or ["no message"])[-1]
+        )
         figures.append(
-            Figure(words, {} if told is None else {"bytes": told}, "bytes", high=TARGET, note=note)
+            Figure(
+                words,
+                {} if peak_bytes is None else {"bytes": peak_bytes},
+                "bytes",
+                high=TARGET,
+                note=note,
+            )
         )
     remarks = (
         "Largest resident memory during identify less that before it, which holds the data, over "

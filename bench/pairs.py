@@ -48,12 +48,12 @@ class Ratio:
 
 def seconds(job: Callable[[], object], repeats: int = 1) -> float:
     """Median time of a job."""
-    taken = []
+    durations = []
     for _ in range(repeats):
         begin = time.perf_counter()
         job()
-        taken.append(time.perf_counter() - begin)
-    return float(np.median(taken))
+        durations.append(time.perf_counter() - begin)
+    return float(np.median(durations))
 
 
 def pairwise(

@@ -46,9 +46,9 @@ def show(sections: Sequence[Section], console: Console) -> None:
     for section in sections:
         table.add_section()
         table.add_row(Text(section.title, style="bold"))
-        for one in section.figures:
-            verdict = Text(one.verdict, style=STYLE[one.verdict])
-            table.add_row(one.what, one.shown, one.target, verdict, one.note)
+        for figure in section.figures:
+            verdict = Text(figure.verdict, style=STYLE[figure.verdict])
+            table.add_row(figure.what, figure.shown, figure.target, verdict, figure.note)
     console.print(table)
     for section in sections:
         for remark in section.remarks:
@@ -58,7 +58,9 @@ def show(sections: Sequence[Section], console: Console) -> None:
 
 def tally(sections: Sequence[Section]) -> str:
     """Return how many targets were met."""
-    verdicts = [one.verdict for section in sections for one in section.figures if one.target]
+    verdicts = [
+        figure.verdict for section in sections for figure in section.figures if figure.target
+    ]
     missed = verdicts.count("NOT met")
     absent = verdicts.count("not measured")
     words = f"{verdicts.count('met')} of {len(verdicts)} targets met, {missed} not met"
@@ -75,9 +77,9 @@ def keep(sections: Sequence[Section], order: Sequence[str], trial: bool) -> Path
     """
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / ("trial.json" if trial else "latest.json")
-    kept = {} if trial else _earlier(path)
-    kept.update({section.name: section for section in sections})
-    ordered = [kept[name] for name in order if name in kept]
+    by_name = {} if trial else _earlier(path)
+    by_name.update({section.name: section for section in sections})
+    ordered = [by_name[name] for name in order if name in by_name]
     data = {"schema": SCHEMA, "sections": [section.to_json() for section in ordered]}
     _write(path, json.dumps(data, indent=1, ensure_ascii=False) + "\n")
     if not trial:
@@ -101,9 +103,9 @@ def put_between(document: Path, name: str, text: str) -> None:
     """Replace the text between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->`` of a document."""
     begin = f"<!-- {name}:begin -->"
     end = f"<!-- {name}:end -->"
-    before, _, rest = document.read_text(encoding="utf-8").partition(begin)
-    _, found, after = rest.partition(end)
-    if not found:
+    before, _, following = document.read_text(encoding="utf-8").partition(begin)
+    _, mark, after = following.partition(end)
+    if not mark:
         raise ValueError(
             f"{document}: expected the markers {begin} and {end}, found no pair; put them back."
         )
@@ -111,11 +113,11 @@ def put_between(document: Path, name: str, text: str) -> None:
 
 
 def _markdown(section: Section) -> str:
-    taken = section.conditions
+    conditions = section.conditions
     lines = [
         f"### {section.title}",
         "",
-        f"Commit {taken['commit']}, {taken['date']}, {taken['machine']}.",
+        f"Commit {conditions['commit']}, {conditions['date']}, {conditions['machine']}.",
         "",
         markdown.table(
             ("figure", "value", "target", "", "remark"), map(_row, section.figures), right=(1, 2)
@@ -126,9 +128,9 @@ def _markdown(section: Section) -> str:
     return "\n".join(lines).rstrip()
 
 
-def _row(one: Figure) -> tuple[str, ...]:
-    verdict = f"**{one.verdict}**" if one.verdict == "NOT met" else one.verdict
-    return one.what, one.shown, one.target, verdict, one.note
+def _row(figure: Figure) -> tuple[str, ...]:
+    verdict = f"**{figure.verdict}**" if figure.verdict == "NOT met" else figure.verdict
+    return figure.what, figure.shown, figure.target, verdict, figure.note
 
 
 def _write(path: Path, text: str) -> None:

@@ -81,12 +81,12 @@ def _draws(runs: int, jobs: int) -> Iterator[Draw]:
 
 
 def _figures(name: str, index: int, draws: list[Draw], bound: dict[str, float]) -> list[Figure]:
-    values = np.array([one.values[index] for one in draws])
-    covered = np.array([one.covered[index] for one in draws])
+    values = np.array([draw.values[index] for draw in draws])
+    covered = np.array([draw.covered[index] for draw in draws])
     truth = np.array([SENSOR.parameters[parameter] for parameter in PARAMETERS])
     scatter = np.std(values, axis=0, ddof=1)
     bias = np.mean(values, axis=0) - truth
-    warned = float(np.mean([one.warnings[index] > 0 for one in draws]))
+    warned = float(np.mean([draw.warnings[index] > 0 for draw in draws]))
     labelled = functools.partial(zip, PARAMETERS, strict=True)
     limits = np.abs(truth) * [bound[parameter] for parameter in PARAMETERS]
     note = (

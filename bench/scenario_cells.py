@@ -65,9 +65,9 @@ class Cell:
         """Return the name for tables and the command line."""
         return f"{self.sensor}/{self.excitation}/{self.noise}"
 
-    def runs(self, asked: int) -> int:
+    def runs(self, requested: int) -> int:
         """Return how many runs it needs where so many are asked for."""
-        return min(asked, FELT_RUNS) if self.noise == "a" else asked
+        return min(requested, FELT_RUNS) if self.noise == "a" else requested
 
     def calibration(self, run: int) -> Calibration:
         """Return the calibration of this run."""
@@ -114,9 +114,9 @@ def _motion(sensor: Sensor, excitation: str, natural: float, seed: int, more: di
         return simulate(sensor, [pulse], repeats=4, start="rest", **shape)
     if excitation == "mixed":
         sines = simulate(sensor, "sine", frequencies_hz=tones[::3], start="steady", **shape)
-        other = shape | {"sampling_rate_hz": 25.0 * natural, "samples": 5000}
+        slow = shape | {"sampling_rate_hz": 25.0 * natural, "samples": 5000}
         random = simulate(
-            sensor, "random", frequencies_hz=[0.03 * natural, 3.0 * natural], start="rest", **other
+            sensor, "random", frequencies_hz=[0.03 * natural, 3.0 * natural], start="rest", **slow
         )
         return replace(sines, records=(*sines.records, *random.records))
     ends = [0.03 * natural, 3.0 * natural]
@@ -138,14 +138,17 @@ def block(name: str, runs: range) -> dict:
         except VibridentError:
             failed += 1
             continue
-        found = [result.parameters[key] for key in names]
+        estimates = [result.parameters[key] for key in names]
         true = [sensor.parameters[key] for key in names]
-        line["error"].append([(p.value - t) / abs(t) for p, t in zip(found, true, strict=True)])
+        line["error"].append([(p.value - t) / abs(t) for p, t in zip(estimates, true, strict=True)])
         line["u"].append(
-            [p.standard_uncertainty / abs(t) for p, t in zip(found, true, strict=True)]
+            [p.standard_uncertainty / abs(t) for p, t in zip(estimates, true, strict=True)]
         )
         line["covered"].append(
-            [p.interval_95[0] <= t <= p.interval_95[1] for p, t in zip(found, true, strict=True)]
+            [
+                p.interval_95[0] <= t <= p.interval_95[1]
+                for p, t in zip(estimates, true, strict=True)
+            ]
         )
         line["flags"].append([code for code in result.warning_codes if code in FLAGS])
     return line | {"failed": failed}

@@ -30,10 +30,10 @@ def table(lines: list[dict], commit: str) -> str:
     failures = []
     together = []
     for cell in CELLS:
-        own = [line for line in lines if line["cell"] == cell.name]
-        if not own or not any(line["error"] for line in own):
+        cell_lines = [line for line in lines if line["cell"] == cell.name]
+        if not cell_lines or not any(line["error"] for line in cell_lines):
             continue
-        row, misses, summary = _row(cell, own)
+        row, misses, summary = _row(cell, cell_lines)
         rows.append(row)
         if summary is not None:
             together.append(summary)
@@ -86,7 +86,7 @@ def _row(
     failed = sum(line["failed"] for line in lines)
     misses = [f"{failed} runs failed"] if failed else []
     flags = Counter(code for line in lines for codes in line["flags"] for code in codes)
-    said = (
+    codes = (
         ", ".join(f"{code} {100 * count / len(error):.0f}" for code, count in flags.most_common())
         or "–"
     )
@@ -94,7 +94,7 @@ def _row(
         worst = np.max(np.abs(error))
         if worst > 1e-6:
             misses.append(f"relative error {worst:.1e}")
-        return (f"`{cell.name}`", f"error {worst:.1e}", "", "", "", said), misses, None
+        return (f"`{cell.name}`", f"error {worst:.1e}", "", "", "", codes), misses, None
     u = np.array([e for line in lines for e in line["u"]])
     covered = np.array([e for line in lines for e in line["covered"]], dtype=float)
     runs = len(error)
@@ -121,7 +121,7 @@ def _row(
     )
     summary = tuple(float(np.sqrt(np.mean(v**2))) for v in (over, stated))
     alarm = flags["lack_of_fit"] / runs
-    return (f"`{cell.name}`", *cells, said), misses, (*summary, float(np.mean(held)), alarm)
+    return (f"`{cell.name}`", *cells, codes), misses, (*summary, float(np.mean(held)), alarm)
 
 
 def _three(values: np.ndarray, form: str) -> str:

@@ -89,42 +89,51 @@ class Case:
     uses: bool = False
 
 
-def _made(sensor: str, excitation: str, *more: str) -> tuple[str, ...]:
+def _simulation(sensor: str, excitation: str, *more: str) -> tuple[str, ...]:
     return ("--sensor", sensor, "--excitation", excitation, *more)
 
 
 CASES = (
-    Case("sine", _made("paper", "sine", "--samples", "4000", *NOISE), uses=True),
-    Case("sine-ml", _made("paper", "sine", "--samples", "4000", *NOISE), ("--estimator", "ml")),
-    Case("sine-lsm", _made("paper", "sine", "--samples", "4000", *NOISE), ("--estimator", "lsm")),
-    Case("multisine", _made("paper", "multisine", "--samples", "8000", *NOISE), uses=True),
-    Case("sweep", _made("paper", "sweep", "--samples", "8000", *NOISE)),
-    Case("random", _made("paper", "random", "--samples", "8000", *NOISE), uses=True),
-    Case("shock", _made("paper", "shock", "--samples", "4000", *NOISE), uses=True),
+    Case("sine", _simulation("paper", "sine", "--samples", "4000", *NOISE), uses=True),
+    Case(
+        "sine-ml", _simulation("paper", "sine", "--samples", "4000", *NOISE), ("--estimator", "ml")
+    ),
+    Case(
+        "sine-lsm",
+        _simulation("paper", "sine", "--samples", "4000", *NOISE),
+        ("--estimator", "lsm"),
+    ),
+    Case("multisine", _simulation("paper", "multisine", "--samples", "8000", *NOISE), uses=True),
+    Case("sweep", _simulation("paper", "sweep", "--samples", "8000", *NOISE)),
+    Case("random", _simulation("paper", "random", "--samples", "8000", *NOISE), uses=True),
+    Case("shock", _simulation("paper", "shock", "--samples", "4000", *NOISE), uses=True),
     Case(
         "both-noises",
-        _made("paper", "random", "--samples", "8000", "--reference-noise", "0.01", *NOISE),
+        _simulation("paper", "random", "--samples", "8000", "--reference-noise", "0.01", *NOISE),
     ),
-    Case("inverted", _made("inverted", "sine", "--samples", "2000", *NOISE)),
-    Case("piezo", _made("piezo", "sweep", "--samples", "8000", *NOISE)),
+    Case("inverted", _simulation("inverted", "sine", "--samples", "2000", *NOISE)),
+    Case("piezo", _simulation("piezo", "sweep", "--samples", "8000", *NOISE)),
     Case(
         "geophone",
-        _made("geophone", "random", "--samples", "8000", "--quantity", "velocity", *NOISE),
+        _simulation("geophone", "random", "--samples", "8000", "--quantity", "velocity", *NOISE),
     ),
-    Case("seismometer", _made("seismometer", "sine", "--samples", "4000", *NOISE)),
+    Case("seismometer", _simulation("seismometer", "sine", "--samples", "4000", *NOISE)),
     Case(
         "displacement",
-        _made("paper", "sine", "--samples", "4000", "--quantity", "displacement", *NOISE),
+        _simulation("paper", "sine", "--samples", "4000", "--quantity", "displacement", *NOISE),
     ),
-    Case("two-mode", _made("two-mode", "random", "--samples", "8000", "--response-noise", "0.001")),
+    Case(
+        "two-mode",
+        _simulation("two-mode", "random", "--samples", "8000", "--response-noise", "0.001"),
+    ),
     Case(
         "wrong-model",
-        _made("two-mode", "sine", "--samples", "4000", *NOISE),
+        _simulation("two-mode", "sine", "--samples", "4000", *NOISE),
         ("--model", "accelerometer"),
     ),
     Case(
         "cubic",
-        _made(
+        _simulation(
             "cubic",
             "sine",
             "--samples",
@@ -137,7 +146,7 @@ CASES = (
     ),
     Case(
         "euler-adam",
-        _made("paper", "random", "--samples", "2000"),
+        _simulation("paper", "random", "--samples", "2000"),
         (
             "--estimator",
             "ipnn",
@@ -151,7 +160,7 @@ CASES = (
     ),
     Case(
         "light",
-        _made(
+        _simulation(
             "paper",
             "sine",
             "--frequencies",
@@ -163,7 +172,8 @@ CASES = (
         ),
     ),
     Case(
-        "heterodyne", _made("paper", "shock", "--samples", "2000", "--interferometer", "heterodyne")
+        "heterodyne",
+        _simulation("paper", "shock", "--samples", "2000", "--interferometer", "heterodyne"),
     ),
 )
 #: Calibration files of the tests for measured data.
@@ -177,14 +187,14 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("folder", type=Path, help="made anew")
     parser.add_argument("--only", nargs="+", help="cases")
-    given = parser.parse_args(arguments)
-    shutil.rmtree(given.folder, ignore_errors=True)
-    folder = given.folder.resolve()
+    options = parser.parse_args(arguments)
+    shutil.rmtree(options.folder, ignore_errors=True)
+    folder = options.folder.resolve()
     folder.mkdir(parents=True)
     os.environ["COLUMNS"] = "120"
     time.perf_counter = lambda: 0.0
     with time_machine.travel(datetime.datetime(2026, 1, 2, tzinfo=datetime.UTC), tick=False):
-        _take_all(folder, given.only)
+        _take_all(folder, options.only)
     return 0
 
 
@@ -235,7 +245,7 @@ def _joint(folder: Path) -> None:
             "a",
             "--seed",
             "4",
-            *_made("paper", "sine", "--samples", "2000", *NOISE),
+            *_simulation("paper", "sine", "--samples", "2000", *NOISE),
         )
         _run(
             "simulate",
@@ -243,7 +253,7 @@ def _joint(folder: Path) -> None:
             "b",
             "--seed",
             "5",
-            *_made("paper", "random", "--samples", "4000", *NOISE),
+            *_simulation("paper", "random", "--samples", "4000", *NOISE),
         )
         _certify(Path("a/calibration.toml"))
         _identify("a/calibration.toml", "b/calibration.toml")
@@ -342,9 +352,9 @@ def _run(*arguments: str) -> object:
         contextlib.redirect_stderr(io.StringIO()) as err,
     ):
         code = _exit_code(arguments)
-    with Path("printed.txt").open("a") as kept:
-        said = (out.getvalue() + err.getvalue()).replace(str(Path.cwd()), "HERE")
-        kept.write(f"$ vibrident {' '.join(arguments)}\n{said}exit code {code}\n\n")
+    with Path("printed.txt").open("a") as log:
+        printed = (out.getvalue() + err.getvalue()).replace(str(Path.cwd()), "HERE")
+        log.write(f"$ vibrident {' '.join(arguments)}\n{printed}exit code {code}\n\n")
     return code
 
 

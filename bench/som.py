@@ -59,9 +59,9 @@ def measure(options: Options) -> Section:
     for weighting, words in WEIGHTINGS.items():
         arrays = {"frequency_hz": frequency, "deviation": np.tile(deviation, 2), "uncertain": True}
         data = {**arrays, "weighting": weighting, "parts": parts[0], "repeats": 1}
-        found = ask(python, "pydynamic_peer.py", {**data, "draws": parts})
-        theirs = (np.array(found["values"]), np.array(found["uncertainties"]))
-        versions = found["versions"]
+        answer = ask(python, "pydynamic_peer.py", {**data, "draws": parts})
+        theirs = (np.array(answer["values"]), np.array(answer["uncertainties"]))
+        versions = answer["versions"]
         held = (np.abs(theirs[0] - truth) < 1.96 * theirs[1]).mean(axis=0)
         figures += [
             Figure(
@@ -112,14 +112,14 @@ def _times(calibration: Calibration, python: Path, data: dict) -> list[Figure]:
         "identify, from the table to the result": lambda: identify(calibration),
     }
     theirs: list[float] = []
-    taken: dict[str, list[float]] = {name: [] for name in jobs}
+    seconds_of: dict[str, list[float]] = {name: [] for name in jobs}
     for job in jobs.values():
         job()  # warm
     for _ in range(PAIRS):
         theirs.append(ask(python, "pydynamic_peer.py", data)["seconds"])
         for name, job in jobs.items():
-            taken[name].append(seconds(job, 15))
-    ratios = {name: Ratio(tuple(theirs), tuple(own)) for name, own in taken.items()}
+            seconds_of[name].append(seconds(job, 15))
+    ratios = {name: Ratio(tuple(theirs), tuple(ours)) for name, ours in seconds_of.items()}
     return [
         Figure(
             f"time: fit_som / {name}", {"ratio": ratio.median}, low=MIN_SPEED_RATIO, note=ratio.note

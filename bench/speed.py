@@ -100,8 +100,8 @@ def _many(samples: int, pairs: int) -> Figure:
     steady: list[float] = []
 
     def alone() -> None:
-        for one in sensors:
-            identify(one)
+        for sensor in sensors:
+            identify(sensor)
 
     def together() -> None:
         ends = [time.perf_counter() for _ in identify_many(sensors, workers=2)]

@@ -32,7 +32,7 @@ class Cell(Protocol):
         """Return the name for files and the command line."""
         ...
 
-    def runs(self, asked: int) -> int:
+    def runs(self, requested: int) -> int:
         """Return how many runs it needs where so many are asked for."""
         ...
 
@@ -60,24 +60,24 @@ class Study:
 
     def main(self, arguments: list[str] | None = None) -> int:
         """Run what is missing, then write the page of all there is."""
-        given = self._parser().parse_args(arguments)
-        commit = given.of or self._commit()
-        kept = [] if given.trial else list(self._kept(commit))
-        done = {(line["cell"], line["first"]) for line in kept}
+        options = self._parser().parse_args(arguments)
+        commit = options.of or self._commit()
+        lines = [] if options.trial else list(self._stored_lines(commit))
+        done = {(line["cell"], line["first"]) for line in lines}
         wanted = [
-            (cell.name, given.first + first, min(RUNS_PER_BLOCK, cell.runs(given.runs) - first))
-            for first in range(0, given.runs, RUNS_PER_BLOCK)
+            (cell.name, options.first + first, min(RUNS_PER_BLOCK, cell.runs(options.runs) - first))
+            for first in range(0, options.runs, RUNS_PER_BLOCK)
             for cell in self.cells
-            if not given.of and given.only in cell.name and first < cell.runs(given.runs)
+            if not options.of and options.only in cell.name and first < cell.runs(options.runs)
         ]
         wanted = [block for block in wanted if block[:2] not in done]
-        for line in steps(self.name, self._blocks(wanted, given.jobs), total=len(wanted)):
+        for line in steps(self.name, self._blocks(wanted, options.jobs), total=len(wanted)):
             line["commit"] = commit
-            kept.append(line)
-            if not given.trial:
+            lines.append(line)
+            if not options.trial:
                 self._keep(line)
-        page = self.table(kept, commit)
-        if given.trial:
+        page = self.table(lines, commit)
+        if options.trial:
             sys.stdout.write(page)
         else:
             target = ROOT / "studies" / f"{self.name}.md"
@@ -120,7 +120,7 @@ class Study:
     def _file(self) -> Path:
         return ROOT / "bench" / "results" / f"{self.name}.jsonl"
 
-    def _kept(self, commit: str) -> Iterator[dict[str, Any]]:
+    def _stored_lines(self, commit: str) -> Iterator[dict[str, Any]]:
         if self._file.exists():
             for text in self._file.read_text(encoding="utf-8").splitlines():
                 line = json.loads(text)

@@ -18,8 +18,9 @@ from vibrident.data.sources.source import Chunk
 from vibrident.physics.models import parse
 from vibrident.physics.simulation import Sensor, sensor_named
 from vibrident.use.tracking.causes import Cause
-from vibrident.use.tracking.session import Session
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.effects import CarriedEffects
+from vibrident.use.tracking.session import TrackingSession
+from vibrident.use.tracking.state import TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
 SAMPLES = 40000
@@ -32,7 +33,9 @@ HOUR_S = 3600.0
 RAMP = 0.01
 BENDS = 0.05  # part of the force at the largest response
 MAX_RAMP_SAMPLES = 4e7  # samples of a ramp at most
-BETWEEN = np.log(86400.0 / Settings().false_alarms_per_day)  # false alarms, s, as a logarithm
+BETWEEN = np.log(
+    86400.0 / TrackerSettings().false_alarms_per_day
+)  # false alarms, s, as a logarithm
 
 
 class Motion:
@@ -88,45 +91,49 @@ class Motion:
         return response + self.sigma * self.rng.normal(size=len(response))
 
 
-def step(one: Motion, what: str) -> float:
+def step(motion: Motion, what: str) -> float:
     """Return the samples from a step to its alarm over the bound."""
-    after = one.changed(what)
-    tracked = one.tracker()
-    at = SAMPLES // 2 + int(one.rng.integers(1024))
+    after = motion.changed(what)
+    tracked = motion.tracker()
+    at = SAMPLES // 2 + int(motion.rng.integers(1024))
     before = np.arange(2 * SAMPLES) < SAMPLES + at
     tracked.feed(
-        np.tile(one.reference, 2),
-        one.noisy(np.where(before, np.tile(one.response, 2), np.tile(after, 2))),
+        np.tile(motion.reference, 2),
+        motion.noisy(np.where(before, np.tile(motion.response, 2), np.tile(after, 2))),
     )
     tracked.finish()
-    late = tracked.alarms[0].detected_s * one.rate_hz - SAMPLES - at if tracked.alarms else np.inf
-    information = np.mean((after - one.response) ** 2) / (2.0 * one.sigma**2)
-    return late / max(1.0, (BETWEEN + np.log(one.rate_hz)) / information)
+    late = (
+        tracked.alarms[0].detected_s * motion.rate_hz - SAMPLES - at if tracked.alarms else np.inf
+    )
+    information = np.mean((after - motion.response) ** 2) / (2.0 * motion.sigma**2)
+    return late / max(1.0, (BETWEEN + np.log(motion.rate_hz)) / information)
 
 
-def ramp(one: Motion) -> float:
+def ramp(motion: Motion) -> float:
     """Return the samples from the start of a ramp of the gain to its alarm, over the bound."""
-    tracked = one.tracker()
-    rate = RAMP / HOUR_S / one.rate_hz
+    tracked = motion.tracker()
+    rate = RAMP / HOUR_S / motion.rate_hz
     for _ in range(4):
-        tracked.feed(one.reference, one.noisy(one.response))
-    taken = 0
-    while not tracked.alarms and taken < MAX_RAMP_SAMPLES:
-        growth = rate * (taken + np.arange(SAMPLES))
-        tracked.feed(one.reference, one.noisy(one.response * (1.0 + growth)))
-        taken += SAMPLES
-    late = tracked.alarms[0].detected_s * one.rate_hz - 4 * SAMPLES if tracked.alarms else np.inf
-    information = np.mean(one.response**2) / (2.0 * one.sigma**2) * rate**2 / 3.0
-    return late / float(np.cbrt((BETWEEN + np.log(one.rate_hz)) / information))
+        tracked.feed(motion.reference, motion.noisy(motion.response))
+    samples = 0
+    while not tracked.alarms and samples < MAX_RAMP_SAMPLES:
+        growth = rate * (samples + np.arange(SAMPLES))
+        tracked.feed(motion.reference, motion.noisy(motion.response * (1.0 + growth)))
+        samples += SAMPLES
+    late = tracked.alarms[0].detected_s * motion.rate_hz - 4 * SAMPLES if tracked.alarms else np.inf
+    information = np.mean(motion.response**2) / (2.0 * motion.sigma**2) * rate**2 / 3.0
+    return late / float(np.cbrt((BETWEEN + np.log(motion.rate_hz)) / information))
 
 
-def softened(one: Motion, level: float) -> FloatArray:
+def softened(motion: Motion, level: float) -> FloatArray:
     """Return the response of a spring that softens by BENDS at the largest response, with noise."""
-    hz = np.where(one.hz > 0.0, one.hz, one.hz[1])
-    shape = one.model.frequency_response(one.values, hz) / one.values[one.model.gain_name]
-    most = float(np.max(np.abs(one.response)))
-    bent = np.fft.irfft(np.fft.rfft((one.response / most) ** 3) * shape, SAMPLES) * BENDS * most
-    return one.noisy(level * one.response + level**3 * bent)
+    hz = np.where(motion.hz > 0.0, motion.hz, motion.hz[1])
+    shape = (
+        motion.model.frequency_response(motion.values, hz) / motion.values[motion.model.gain_name]
+    )
+    most = float(np.max(np.abs(motion.response)))
+    bent = np.fft.irfft(np.fft.rfft((motion.response / most) ** 3) * shape, SAMPLES) * BENDS * most
+    return motion.noisy(level * motion.response + level**3 * bent)
 
 
 def named() -> list[Figure]:
@@ -136,47 +143,51 @@ def named() -> list[Figure]:
     """
     bends = dict[str, float]()
     modes = dict[str, float]()
-    said = list[str]()
-    one = Motion(sensor_named("paper"), np.random.default_rng(0))
-    session = _session(one)
+    causes = list[str]()
+    motion = Motion(sensor_named("paper"), np.random.default_rng(0))
+    session = _session(motion)
     for label, level in (("before", 1.0 / 3.0), ("after", 1.0)):
         for _ in range(4):
-            session.take(Chunk(level * one.reference, softened(one, level)))
+            session.take(Chunk(level * motion.reference, softened(motion, level)))
         session.finish()
         bends[label] = float(len(session.alarms)) - sum(bends.values())
-    note = f"motion before · after it grows threefold; said: {_said(session)}"
+    note = f"motion before · after it grows threefold; said: {_causes(session)}"
     for name in SENSORS:
-        one = Motion(sensor_named(name), np.random.default_rng(0))
-        session = _session(one)
-        for response in [one.response] + 4 * [one.changed(STEPS[3])]:
-            session.take(Chunk(one.reference, one.noisy(response)))
+        motion = Motion(sensor_named(name), np.random.default_rng(0))
+        session = _session(motion)
+        for response in [motion.response] + 4 * [motion.changed(STEPS[3])]:
+            session.take(Chunk(motion.reference, motion.noisy(response)))
         session.finish()
         modes[name] = float(len(session.alarms))
-        said.append(f"{name}, {2.2 * one.natural:.5g} Hz: {_said(session)}")
+        causes.append(f"{name}, {2.2 * motion.natural:.5g} Hz: {_causes(session)}")
     return [
         Figure("alarms of a spring that softens by 5 %", bends, "plain", note=note),
-        Figure("alarms of a second mode of 1 %", modes, "plain", note="; ".join(said)),
+        Figure("alarms of a second mode of 1 %", modes, "plain", note="; ".join(causes)),
     ]
 
 
-def _session(one: Motion) -> Session:
-    return Session(one.tracker(), 1024, {}, Cause(None, "", one.values))
+def _session(motion: Motion) -> TrackingSession:
+    tracker = motion.tracker()
+    count = tracker.network.parameters
+    no_effects = CarriedEffects((), np.zeros((0, count)), np.eye(count), np.zeros(count))
+    cause = Cause(None, "", motion.values)
+    return TrackingSession(tracker, 1024, {}, cause, no_effects)
 
 
-def _said(session: Session) -> str:
+def _causes(session: TrackingSession) -> str:
     return ", ".join(alarm.what for alarm in session.alarms) or "nothing"
 
 
 def delays(runs: int) -> list[Figure]:
     """Median over runs; a ramp, which takes long, once."""
-    found: dict[str, dict[str, float]] = {what: {} for what in (*STEPS, "ramp of 1 % an hour")}
+    figures: dict[str, dict[str, float]] = {what: {} for what in (*STEPS, "ramp of 1 % an hour")}
     for name in steps("tracking changes", SENSORS):
-        made = [Motion(sensor_named(name), np.random.default_rng(seed)) for seed in range(runs)]
+        motions = [Motion(sensor_named(name), np.random.default_rng(seed)) for seed in range(runs)]
         for what in STEPS:
-            found[what][name] = float(np.median([step(each, what) for each in made]))
-        found["ramp of 1 % an hour"][name] = ramp(made[0])
+            figures[what][name] = float(np.median([step(each, what) for each in motions]))
+        figures["ramp of 1 % an hour"][name] = ramp(motions[0])
     note = " · ".join(SENSORS)
     return [
         Figure(f"{what}: time to alarm over the bound", each, note=note)
-        for what, each in found.items()
+        for what, each in figures.items()
     ]

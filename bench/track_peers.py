@@ -16,7 +16,7 @@ from tests.support.tracked import ACCELEROMETER, fed, record, tracker
 from bench.against import ENVIRONMENTS, ask
 from bench.figures import Figure, Options, Section, steps
 from vibrident.data.records import FloatArray
-from vibrident.use.tracking.network import INPUT_TAPS, Linearised, Network
+from vibrident.use.tracking.network import INPUT_TAPS, LinearisedCell, SensorNetwork
 
 RUNS = 60
 SAMPLES = 8000
@@ -38,7 +38,7 @@ PEERS = {
 def measure(options: Options) -> Section:
     """Error, coverage and time a sample."""
     runs = 3 if options.quick else RUNS
-    network = Network.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
+    network = SensorNetwork.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
     truth = np.array(list(TRUTH.values()))
     rows = []
     begin = 0.0
@@ -47,28 +47,30 @@ def measure(options: Options) -> Section:
     for seed in steps("trackers", range(runs)):
         rng = np.random.default_rng(seed)
         u, y = record("random", SAMPLES, rng, NOISE)
-        one = tracker(rng, u=START_U)
-        start = one.state.point[network.nuisances :] * one.network.scale
+        tracker_ = tracker(rng, u=START_U)
+        start = tracker_.state.point[network.nuisances :] * tracker_.network.scale
         first = network.first
         count = len(u) - INPUT_TAPS + 1
         inputs = network.inputs(u, count)
         response = y[-first : count - first]
-        out, _ = Linearised.at_point(one.network, np.ones(3)).run(one.state.cell, inputs)
+        out, _ = LinearisedCell.at_point(tracker_.network, np.ones(3)).run(
+            tracker_.state.cell, inputs
+        )
         columns = np.insert(out[:, 1 + network.order :], 0, 1.0, axis=1)  # the offset's
         noise = NOISE * np.std(y) / np.hypot(1.0, NOISE)
         more = response - out[:, 0]
         rows.append((inputs, response, columns[SETTLED:], more[SETTLED:], start, noise))
         begin -= time.process_time()
-        found = fed(one, u, y).read()
+        estimate = fed(tracker_, u, y).read()
         begin += time.process_time()
         steps_taken += len(y)
-        ours.append((_array(found.values), _array(found.uncertainty)))
+        ours.append((_array(estimate.values), _array(estimate.uncertainty)))
     labels = ("inputs", "response", "columns", "more", "start", "noise")
     arrays: dict[str, Any] = {
-        name: np.array(part) for name, part in zip(labels, zip(*rows, strict=True), strict=True)
+        name: np.array(array) for name, array in zip(labels, zip(*rows, strict=True), strict=True)
     }
     arrays |= {"interval_s": 1.0 / RATE_HZ, "relative_u": START_U}
-    values, u = (np.array(part) for part in zip(*ours, strict=True))
+    values, u = (np.array(array) for array in zip(*ours, strict=True))
     size = np.sqrt(np.mean((values - truth) ** 2, axis=0))
     figures = [_covered("vibrident track", values, u, truth)]
     microseconds = {"vibrident": begin / steps_taken * 1e6}
@@ -80,15 +82,15 @@ def measure(options: Options) -> Section:
                 Figure(name, {}, note="left out: no environment; `make bench-peers` makes it")
             )
             continue
-        told = ask(python, f"{name}_peer.py", arrays)
-        versions[name] = told["versions"]
+        answer = ask(python, f"{name}_peer.py", arrays)
+        versions[name] = answer["versions"]
         for kind, what in words.items():
-            values = np.array(told[kind]["values"])
-            u = np.array(told[kind]["uncertainties"])
+            values = np.array(answer[kind]["values"])
+            u = np.array(answer[kind]["uncertainties"])
             error = np.sqrt(np.mean((values - truth) ** 2, axis=0)) / size
             figures.append(Figure(f"{name}, {what}: rms error over ours", _named(error)))
             figures.append(_covered(f"{name}, {what}", values, u, truth))
-            microseconds[f"{name}, {kind}"] = told[kind]["seconds"] * 1e6
+            microseconds[f"{name}, {kind}"] = answer[kind]["seconds"] * 1e6
     times = " · ".join(microseconds)
     figures.append(Figure("microseconds a sample, in Python", microseconds, "plain", note=times))
     title = f"Trackers: random motion, 1 % noise, {SAMPLES} samples; {' · '.join(NAMES)}"

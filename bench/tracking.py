@@ -33,26 +33,29 @@ PIECE_SAMPLES = 1_000_000
 
 def scatter(kind: str, runs: int) -> tuple[Figure, ...]:
     """Measure scatter over the batch's and coverage of 95 % intervals; start values off by 2 %."""
-    beside = max(4, runs // RUNS_PER_BATCH_FIT)
+    batch_runs = max(4, runs // RUNS_PER_BATCH_FIT)
     tracked = np.zeros((runs, 3))
     u = np.zeros((runs, 3))
-    batch = np.zeros((beside, 3))
+    batch = np.zeros((batch_runs, 3))
     for seed in steps(f"tracking {kind}", range(runs)):
         rng = np.random.default_rng(seed)
         samples = record(kind, SAMPLES, rng, NOISE)
-        found = fed(tracker(rng), *samples).read()
-        tracked[seed] = [found.values[name] / TRUTH[name] - 1.0 for name in NAMES]
-        u[seed] = [found.uncertainty[name] / TRUTH[name] for name in NAMES]
-        if seed < beside:
-            whole = identify(
+        estimate = fed(tracker(rng), *samples).read()
+        tracked[seed] = [estimate.values[name] / TRUTH[name] - 1.0 for name in NAMES]
+        u[seed] = [estimate.uncertainty[name] / TRUTH[name] for name in NAMES]
+        if seed < batch_runs:
+            result = identify(
                 Calibration.from_arrays(*samples, RATE_HZ, excitation=kind, model="accelerometer")
             )  # type: ignore[arg-type]
-            batch[seed] = [whole.parameters[name].value / TRUTH[name] - 1.0 for name in NAMES]
-    ratio = np.sqrt(np.mean(tracked[:beside] ** 2, axis=0) / np.mean(batch**2, axis=0))
+            batch[seed] = [result.parameters[name].value / TRUTH[name] - 1.0 for name in NAMES]
+    ratio = np.sqrt(np.mean(tracked[:batch_runs] ** 2, axis=0) / np.mean(batch**2, axis=0))
     covered = np.mean(np.abs(tracked) < 1.96 * u, axis=0)
     return (
         Figure(
-            f"{kind}: scatter over that of identify", _named(ratio), high=1.1, note=f"{beside} runs"
+            f"{kind}: scatter over that of identify",
+            _named(ratio),
+            high=1.1,
+            note=f"{batch_runs} runs",
         ),
         Figure(
             f"{kind}: coverage of 95 % intervals",
@@ -87,15 +90,15 @@ def long_run(
     samples: int, make: Callable[[np.random.Generator], tuple[Real, Real]]
 ) -> tuple[float, float, Compiled]:
     """Return alarms, and the largest deviation of a parameter in u, after so many samples in C."""
-    one = compiled()
+    library = compiled()
     most = 0.0
     alarms = 0
     rng = np.random.default_rng(1)
     for _ in range(max(1, samples // PIECE_SAMPLES)):
-        alarms = one.feed(*make(rng))
-        value, u, _, _ = one.read()
+        alarms = library.feed(*make(rng))
+        value, u, _, _ = library.read()
         most = max(most, float(np.max(np.abs(value - np.array(list(TRUTH.values()))) / u)))
-    return alarms, most, one
+    return alarms, most, library
 
 
 def _piece(kind: str, samples: int) -> Callable[[np.random.Generator], tuple[Real, Real]]:
@@ -117,16 +120,16 @@ def firmware() -> list[Figure]:
     folder = sources()
     u, y = record("random", 2 * 10000, np.random.default_rng(2), NOISE)
     y[10000:] *= 1.01
-    said = cortex.run(folder, u, y)
+    outcome = cortex.run(folder, u, y)
     note = "single precision, -O2; mean, and the longest: the point of linearisation is moved"
     labels = ("RAM of the tracker", "stack", "flash")
     sizes: dict[str, float] = dict(
-        zip(labels, [*said.ram, float(cortex.flash(folder))], strict=True)
+        zip(labels, [*outcome.ram, float(cortex.flash(folder))], strict=True)
     )
     return [
         Figure(
             "Cortex-M4F: instructions a sample",
-            dict(zip(("mean", "longest"), said.instructions, strict=True)),
+            dict(zip(("mean", "longest"), outcome.instructions, strict=True)),
             "plain",
             note=note,
         ),
@@ -142,18 +145,18 @@ def firmware() -> list[Figure]:
 def speed() -> Figure:
     """Million samples a second on one core."""
     u, y = record("random", PIECE_SAMPLES, np.random.default_rng(1), NOISE)
-    found = {}
-    one = tracker(None, u=1e-3)
+    rates = {}
+    in_python = tracker(None, u=1e-3)
     begin = time.process_time()
-    fed(one, u, y, lambda n: list(range(16384, n, 16384)))
-    found["Python"] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
+    fed(in_python, u, y, lambda n: list(range(16384, n, 16384)))
+    rates["Python"] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
     for label, single in (("C, double", False), ("C, float", True)):
-        other = compiled(single=single)
-        other.feed(u[:1000].copy(), y[:1000].copy())
+        library = compiled(single=single)
+        library.feed(u[:1000].copy(), y[:1000].copy())
         begin = time.process_time()
-        other.feed(u, y)
-        found[label] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
-    return Figure("million samples a second", found, "plain")
+        library.feed(u, y)
+        rates[label] = PIECE_SAMPLES / (time.process_time() - begin) / 1e6
+    return Figure("million samples a second", rates, "plain")
 
 
 def measure(options: Options) -> Section:
@@ -181,8 +184,10 @@ def measure(options: Options) -> Section:
             )
             figures.append(Figure("largest deviation there, in u", off, "sigma"))
         u, y = record("random", PIECE_SAMPLES, np.random.default_rng(3), NOISE)
-        ends = [one for one in (compiled(), compiled(single=True)) if one.feed(u, y) == 0]
-        (double, u_double, *_), (single, *_) = (one.read() for one in ends)
+        ends = [
+            library for library in (compiled(), compiled(single=True)) if library.feed(u, y) == 0
+        ]
+        (double, u_double, *_), (single, *_) = (library.read() for library in ends)
         apart = float(np.max(np.abs(double - single) / u_double))
         figures.append(Figure("float less double, in u", {"largest": apart}, "sigma", high=0.2))
         sizes = {"double": float(compiled().bytes), "float": float(compiled(single=True).bytes)}

@@ -39,7 +39,7 @@ def _sensor(
     return np.asarray(GAIN * w**2 / (_s(hz) ** 2 + 2.0 * damping * w * _s(hz) + w**2))
 
 
-def _made(
+def _channels(
     transfer: Callable[[Real], NDArray[np.complex128]],
     rng: np.random.Generator,
     noise: float = NOISE,
@@ -60,33 +60,33 @@ def _calibration(u: Real, y: Real, quantity: str = "acceleration") -> Calibratio
 
 def suited(rng: np.random.Generator) -> Calibration:
     """Nothing is wrong."""
-    return _calibration(*_made(_sensor, rng))
+    return _calibration(*_channels(_sensor, rng))
 
 
 def _delayed(rng: np.random.Generator) -> Calibration:
-    return _calibration(*_made(lambda hz: _sensor(hz) * np.exp(-_s(hz) * 1.7 / RATE_HZ), rng))
+    return _calibration(*_channels(lambda hz: _sensor(hz) * np.exp(-_s(hz) * 1.7 / RATE_HZ), rng))
 
 
 def _high_pass(rng: np.random.Generator) -> Calibration:
     return _calibration(
-        *_made(lambda hz: _sensor(hz) * _s(hz) / (_s(hz) + 2.0 * np.pi * 60.0), rng)
+        *_channels(lambda hz: _sensor(hz) * _s(hz) / (_s(hz) + 2.0 * np.pi * 60.0), rng)
     )
 
 
 def _second_mode(rng: np.random.Generator) -> Calibration:
-    return _calibration(*_made(lambda hz: _sensor(hz) + 0.1 * _sensor(hz, 2600.0, 0.03), rng))
+    return _calibration(*_channels(lambda hz: _sensor(hz) + 0.1 * _sensor(hz, 2600.0, 0.03), rng))
 
 
 def _wrong_quantity(rng: np.random.Generator) -> Calibration:
-    return _calibration(*_made(lambda hz: _sensor(hz) * _s(hz), rng))
+    return _calibration(*_channels(lambda hz: _sensor(hz) * _s(hz), rng))
 
 
 def _wrong_pairing(rng: np.random.Generator) -> Calibration:
-    return _calibration(_made(_sensor, rng)[0], _made(_sensor, rng)[1])
+    return _calibration(_channels(_sensor, rng)[0], _channels(_sensor, rng)[1])
 
 
 def _spring(rng: np.random.Generator) -> Calibration:
-    u, y = _made(_sensor, rng)
+    u, y = _channels(_sensor, rng)
     lines = (
         np.fft.rfft((y / np.max(np.abs(y))) ** 3)
         * _sensor(np.fft.rfftfreq(SAMPLES, 1.0 / RATE_HZ))
@@ -96,29 +96,29 @@ def _spring(rng: np.random.Generator) -> Calibration:
 
 
 def _saturated(rng: np.random.Generator) -> Calibration:
-    u, y = _made(_sensor, rng)
+    u, y = _channels(_sensor, rng)
     top = 0.8 * np.max(np.abs(y))
     return _calibration(u, top * np.tanh(y / top))
 
 
 def _half_clipped(rng: np.random.Generator) -> Calibration:
-    u, y = _made(_sensor, rng)
+    u, y = _channels(_sensor, rng)
     return _calibration(u, np.minimum(y, 0.3 * np.max(y)))
 
 
 def _noise_alone(rng: np.random.Generator) -> Calibration:
-    return _calibration(_made(_sensor, rng)[0], rng.normal(size=SAMPLES))
+    return _calibration(_channels(_sensor, rng)[0], rng.normal(size=SAMPLES))
 
 
 def _two_sensors(rng: np.random.Generator) -> Calibration:
     """Return two geophones side by side, one the reference of the other, far above resonance."""
-    u, y = _made(lambda hz: np.ones(hz.size, complex), rng)
+    u, y = _channels(lambda hz: np.ones(hz.size, complex), rng)
     return _calibration(u + NOISE * rng.normal(size=SAMPLES), y, "velocity")
 
 
 def _another_kind(rng: np.random.Generator) -> Calibration:
     """Return a low-pass of first order."""
-    return _calibration(*_made(lambda hz: GAIN / (1.0 + _s(hz) / (2.0 * np.pi * 300.0)), rng))
+    return _calibration(*_channels(lambda hz: GAIN / (1.0 + _s(hz) / (2.0 * np.pi * 300.0)), rng))
 
 
 def _held(rng: np.random.Generator) -> Calibration:
@@ -131,8 +131,8 @@ def _held(rng: np.random.Generator) -> Calibration:
     )
     u = rng.normal(size=SAMPLES)
     y = lfilter(top[0], below, u)
-    found = _calibration(u, y + NOISE * np.std(y) * rng.normal(size=SAMPLES), "drive")
-    return replace(found, reference_unit="V")
+    least_ratios = _calibration(u, y + NOISE * np.std(y) * rng.normal(size=SAMPLES), "drive")
+    return replace(least_ratios, reference_unit="V")
 
 
 UNSUITED: Mapping[str, Callable[[np.random.Generator], Calibration]] = {
@@ -158,10 +158,10 @@ def spent(make: Callable[[np.random.Generator], Calibration], seed: int = 1) -> 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            said = ", ".join(identify(calibration).warning_codes)
+            outcome = ", ".join(identify(calibration).warning_codes)
         except VibridentError as error:
-            said = f"refused: {error}".splitlines()[0]
-    return time.process_time() - begin, said
+            outcome = f"refused: {error}".splitlines()[0]
+    return time.process_time() - begin, outcome
 
 
 def measure(options: Options) -> Section:
@@ -172,6 +172,6 @@ def measure(options: Options) -> Section:
     for _ in steps("unsuited", range(1 if options.quick else ROUNDS)):
         base = min(base, spent(suited)[0])
         least = {name: min(least[name], spent(make)[0]) for name, make in UNSUITED.items()}
-    found = {name: least[name] / base for name in least}
-    figures = (Figure("over data that suit", found, high=MAX_TIME_RATIO),)
+    least_ratios = {name: least[name] / base for name in least}
+    figures = (Figure("over data that suit", least_ratios, high=MAX_TIME_RATIO),)
     return Section("unsuited", f"Data that do not suit the model, {SAMPLES} samples", figures)

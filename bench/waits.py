@@ -58,8 +58,8 @@ serve(host="127.0.0.1", port=0, show=False, limit_mb=100.0)
 def measure(options: Options) -> Section:
     """Return each in turn."""
     del options
-    made = {"page": _page, "certificate": _certificate, "history": _history}
-    figures = [figure for name, take in steps("waits", list(made.items())) for figure in take()]
+    sections = {"page": _page, "certificate": _certificate, "history": _history}
+    figures = [figure for name, take in steps("waits", list(sections.items())) for figure in take()]
     return Section("waits", "What a person waits for, seconds of computing", tuple(figures))
 
 
@@ -106,34 +106,34 @@ def _worst(address: str) -> float:
 
 
 def _large_json(folder: Path) -> Path:
-    (place := folder / "result.json").write_text(
+    (path := folder / "result.json").write_text(
         json.dumps({"schema": "vibrident.result/1", "x": [[0.5] * 9] * 250_000})
     )
-    return place
+    return path
 
 
 def _large_toml(folder: Path) -> Path:
     entries = "".join(
         f'[[records]]\nfile = "{i}.csv"\nexcitation = "sine"\n' for i in range(40_000)
     )
-    (place := folder / "calibration.toml").write_text(
+    (path := folder / "calibration.toml").write_text(
         "[reference]\ncolumn = 2\n[response]\ncolumn = 3\n" + entries
     )
-    return place
+    return path
 
 
 def _large_csv(folder: Path) -> Path:
-    (place := folder / "a.csv").write_text(
+    (path := folder / "a.csv").write_text(
         "time,reference,response\n" + "0.001,1.25,-0.75\n" * 2_000_000
     )
-    return place
+    return path
 
 
 def _wide_csv(folder: Path) -> Path:
     names = [f"channel {i}" for i in range(9_000)]
     rows = "\n".join(",".join(f"{i}.{j % 10}" for j in range(len(names))) for i in range(20))
-    (place := folder / "wide.csv").write_text(",".join(names) + "\n" + rows + "\n")
-    return place
+    (path := folder / "wide.csv").write_text(",".join(names) + "\n" + rows + "\n")
+    return path
 
 
 def _certificate() -> list[Figure]:
@@ -153,7 +153,7 @@ def _history() -> list[Figure]:
         filled(url := str(Path(folder) / "h.db"), SENSORS, CALIBRATIONS)
         with Store(url) as store:
             sensor = query.find(store, "00500")
-            asked: dict[str, Callable[[], Any]] = {
+            requests: dict[str, Callable[[], Any]] = {
                 "list": partial(query.overviews, store),
                 "find": partial(query.find, store, "00500"),
                 "all calibrations": partial(query.entries, store),
@@ -161,11 +161,11 @@ def _history() -> list[Figure]:
                     document.of_sensor, store, sensor, document.Question(tolerance=Tolerance(0.01))
                 ),
             }
-            taken = {name: _computing_s(ask) for name, ask in asked.items()}
+            seconds = {name: _computing_s(ask) for name, ask in requests.items()}
     return [
         Figure(
             f"asked of {SENSORS} sensors, {CALIBRATIONS} calibrations each",
-            taken,
+            seconds,
             "seconds",
             high=0.1,
         )

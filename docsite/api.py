@@ -34,6 +34,6 @@ def api() -> str:
 
 def _entry(name: str, value: object) -> str:
     """Return the directive for a name, from where its value is defined."""
-    place = f"{value.__module__}.{value.__qualname__}"  # type: ignore[attr-defined]
-    heading = "" if place.endswith(f".{name}") else f"      heading: {name}\n"
-    return f"::: {place}\n{_OPTIONS}{heading}"
+    identifier = f"{value.__module__}.{value.__qualname__}"  # type: ignore[attr-defined]
+    heading = "" if identifier.endswith(f".{name}") else f"      heading: {name}\n"
+    return f"::: {identifier}\n{_OPTIONS}{heading}"

@@ -23,8 +23,8 @@ def _sections(section: type[BaseModel], prefix: str) -> list[str]:
             continue
         heading = f"[[{prefix}{name}]]" if key.kind == "entries" else f"[{prefix}{name}]"
         about = (key.section.__doc__ or "").split(": ", 1)[-1].split("; see ")[0].strip()
-        said = "" if about.startswith("[") else about[:1].upper() + about[1:]
-        parts += [f"### {heading}", said, _keys(key.section)]
+        description = "" if about.startswith("[") else about[:1].upper() + about[1:]
+        parts += [f"### {heading}", description, _keys(key.section)]
         parts += _sections(key.section, f"{prefix}{name}.")
     return parts
 

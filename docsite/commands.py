@@ -41,8 +41,8 @@ def _command(command: Any, name: str, context: Any, mark: str) -> list[str]:
         ]
         if rows:
             parts.append(table(heads, rows))
-    for part in getattr(command, "commands", {}):
-        parts += _command(command.commands[part], part, inner, f"{mark}#")
+    for subcommand in getattr(command, "commands", {}):
+        parts += _command(command.commands[subcommand], subcommand, inner, f"{mark}#")
     return parts
 
 

@@ -1,4 +1,4 @@
-"""Which motion tells what: one page, each row of its table by `vibrident plan`."""
+"""The page on the choice of the motion, each row of its table by `vibrident plan`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SENSOR = {"sensitivity": 0.1, "natural_frequency": 1000.0, "damping_ratio": 0.05
 MAGNITUDE_U, PHASE_U_DEG = 0.005, 0.5
 #: A line of broadband motion holds a part of it, and is known so many times worse than a sine.
 LINE_WORSE = 4.0
-#: Beyond this relative uncertainty a parameter is not told.
+#: Beyond this relative uncertainty a parameter is not determined.
 NOTHING = 0.5
 
 
@@ -33,10 +33,12 @@ class Motion:
 
     def planned(self) -> Plan:
         """Return the plan of its points."""
-        known = SENSOR if self.model == "accelerometer" else {"sensitivity": SENSOR["sensitivity"]}
+        parameters = (
+            SENSOR if self.model == "accelerometer" else {"sensitivity": SENSOR["sensitivity"]}
+        )
         return plan(
             self.model,
-            known,
+            parameters,
             frequencies_hz=self.frequency_hz,
             magnitude_uncertainty=MAGNITUDE_U * self.worse,
             phase_uncertainty_rad=math.radians(PHASE_U_DEG) * self.worse,
@@ -109,7 +111,7 @@ def excitations() -> str:
         f"An accelerometer of damping ratio {plain(SENSOR['damping_ratio'], 2)}; sines in "
         f"one-third octaves, each known to {plain(100.0 * MAGNITUDE_U, 2)} % and "
         f"{plain(PHASE_U_DEG, 2)}°, and lines of the other motions "
-        f"{plain(LINE_WORSE, 2)} times worse. *Not told*: u is above "
+        f"{plain(LINE_WORSE, 2)} times worse. *Not determined*: u is above "
         f"{plain(100.0 * NOTHING, 2)} %. "
         "The uncertainty of the reference comes on top of the sensitivity's."
     )
@@ -118,15 +120,20 @@ def excitations() -> str:
 
 def _row(motion: Motion) -> tuple[str, ...]:
     planned = motion.planned()
-    return motion.words, motion.span, *(_told(planned, name) for name in SENSOR), motion.remark
+    return (
+        motion.words,
+        motion.span,
+        *(_printed_uncertainty(planned, name) for name in SENSOR),
+        motion.remark,
+    )
 
 
-def _told(planned: Plan, name: str) -> str:
+def _printed_uncertainty(planned: Plan, name: str) -> str:
     """Return the relative standard uncertainty of a parameter, in percent."""
     parameter = planned.parameters.get(name)
     if parameter is None:
         return "–"
     u = parameter.standard_uncertainty
     if u is None or u > NOTHING * abs(parameter.value):
-        return "not told"
+        return "not determined"
     return f"{plain(100.0 * u / abs(parameter.value), 2)} %"

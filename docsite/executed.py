@@ -72,16 +72,16 @@ def run(program: Path) -> list[NotebookNode]:
 
     mpl.use("agg")
     names: dict[str, Any] = {"__name__": "notebook"}
-    made = []
+    cells = []
     with (
         tempfile.TemporaryDirectory(prefix="vibrident-notebook-") as folder,
         contextlib.chdir(folder),
     ):
         for part in parts(program.read_text(encoding="utf-8")):
             if part.kind == "markdown":
-                made.append(new_markdown_cell(re.sub(r"^# ?", "", part.text, flags=re.MULTILINE)))
+                cells.append(new_markdown_cell(re.sub(r"^# ?", "", part.text, flags=re.MULTILINE)))
                 continue
-            name = f"<{program.name}, cell {len(made)}>"
+            name = f"<{program.name}, cell {len(cells)}>"
             # As Jupyter does: the source of what a cell defines can be looked up.
             linecache.cache[name] = len(part.text), None, part.text.splitlines(keepends=True), name
             outputs = [*_outputs(part.text, names, name)]
@@ -90,8 +90,8 @@ def run(program: Path) -> list[NotebookNode]:
             cell = new_code_cell(part.text, outputs=outputs)
             if part.kind == "folded":
                 cell.metadata |= {"jupyter": {"source_hidden": True}, "title": part.title}
-            made.append(cell)
-    return made
+            cells.append(cell)
+    return cells
 
 
 def parts(text: str) -> list[Part]:
@@ -116,13 +116,13 @@ def require_narrow(cells: list[NotebookNode], name: str) -> None:
 def _outputs(cell: str, names: dict[str, Any], name: str) -> Iterator[NotebookNode]:
     tree = ast.parse(cell, name)
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
-    said, value = io.StringIO(), None
-    with contextlib.redirect_stdout(said):
+    printed, value = io.StringIO(), None
+    with contextlib.redirect_stdout(printed):
         exec(compile(tree, name, "exec"), names)
         if isinstance(last, ast.Expr):
             value = eval(compile(ast.Expression(last.value), name, "eval"), names)
-    if said.getvalue():
-        yield new_output("stream", text=said.getvalue())
+    if printed.getvalue():
+        yield new_output("stream", text=printed.getvalue())
     if hasattr(value, "savefig"):
         yield _picture(value)
     elif value is not None:
@@ -192,15 +192,15 @@ def _shown_code(cell: NotebookNode) -> str:
 
 def notebook(cells: list[NotebookNode]) -> str:
     """Return the text of an .ipynb file, whose links lead to the pages of its site."""
-    made = new_notebook(cells=[NotebookNode(cell) for cell in cells])
-    for number, cell in enumerate(made.cells):
+    document = new_notebook(cells=[NotebookNode(cell) for cell in cells])
+    for number, cell in enumerate(document.cells):
         cell["id"] = f"cell-{number}"  # the same in each build
         if cell.cell_type == "markdown":
             cell["source"] = re.sub(_LINK, r"](../\1.html", cell.source)
-    made.metadata["kernelspec"] = {
+    document.metadata["kernelspec"] = {
         "name": "python3",
         "display_name": "Python 3",
         "language": "python",
     }
-    validate(made)
-    return writes(made)
+    validate(document)
+    return writes(document)

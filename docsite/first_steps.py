@@ -14,12 +14,12 @@ def first_steps() -> str:
     title, *sections = re.split(
         r"^(?=## )", _README.read_text(encoding="utf-8"), flags=re.MULTILINE
     )
-    kept = [
+    lines = [
         section
         for section in sections
         if not section.startswith(tuple(f"## {name}" for name in _LEFT_OUT))
     ]
-    within = re.sub(r"\]\(docs/", "](", title + "".join(kept))
+    within = re.sub(r"\]\(docs/", "](", title + "".join(lines))
     return re.sub(
         r"\[([^\]]+)\]\((?!\w+:)[^)]+(?<!\.md)(?<!\.png)\)|\[(\S+\.md)\]\(\2\)", r"\1\2", within
     )

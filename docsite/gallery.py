@@ -60,17 +60,17 @@ def write(folder: Path) -> None:
         "# Gallery",
         "Made by the commands shown, when this site was built. All data are simulated.",
     ]
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as temporary:
         for shot in SHOTS:
             subprocess.run(
                 [sys.executable, "-c", _RUN, *shot.command.split()],
-                cwd=place,
+                cwd=temporary,
                 check=True,
                 stdout=subprocess.DEVNULL,
             )
             parts.append(f"    vibrident {shot.command}")
             for picture, caption in shot.pictures.items():
                 name = picture.replace("/", "-")
-                shutil.copy(Path(place) / picture, folder / name)
+                shutil.copy(Path(temporary) / picture, folder / name)
                 parts.append(f"![{caption}]({name})\n\n*{caption}*")
     (folder / "index.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")

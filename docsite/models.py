@@ -14,14 +14,14 @@ _UNITS = {
 
 def models() -> str:
     """Return the page."""
-    rows = [_row(part, name) for name, part in CORES.items()]
-    rows += [_row(part, f"+{name}") for name, part in ADD_ONS.items()]
+    rows = [_row(model_part, name) for name, model_part in CORES.items()]
+    rows += [_row(model_part, f"+{name}") for name, model_part in ADD_ONS.items()]
     return page("models.md", table(("name", "what it is", "estimated", "derived"), rows))
 
 
-def _row(part, name: str) -> tuple[str, str, str, str]:
-    derived = getattr(part, "derived", ())
-    return f"`{name}`", part.title, _listed(part.parameters), _listed(derived)
+def _row(model_part, name: str) -> tuple[str, str, str, str]:
+    derived = getattr(model_part, "derived", ())
+    return f"`{name}`", model_part.title, _listed(model_part.parameters), _listed(derived)
 
 
 def _listed(specs) -> str:

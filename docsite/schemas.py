@@ -16,19 +16,19 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 def calibration_schema() -> dict[str, Any]:
     """Return the schema of ``calibration.toml``, as the JSON that its tables and values come to."""
-    made = CalibrationFile.model_json_schema()
-    return {"$schema": DIALECT, **made, "title": "calibration.toml of vibrident"}
+    schema = CalibrationFile.model_json_schema()
+    return {"$schema": DIALECT, **schema, "title": "calibration.toml of vibrident"}
 
 
 def result_schema() -> dict[str, Any]:
     """Return the schema of ``result.json``; fields of later versions are allowed in every part."""
-    made = adapter().json_schema()
-    made["properties"] = {"schema": {"const": SCHEMA}, **made["properties"]}
-    made["required"] = ["schema", *made["required"]]
-    for part in (made, *made["$defs"].values()):
+    schema = adapter().json_schema()
+    schema["properties"] = {"schema": {"const": SCHEMA}, **schema["properties"]}
+    schema["required"] = ["schema", *schema["required"]]
+    for part in (schema, *schema["$defs"].values()):
         part["properties"].pop(UNKNOWN, None)
     # A default that is not known is NaN in a result and null in its file.
-    return plain({"$schema": DIALECT, **made, "title": "result.json of vibrident"})
+    return plain({"$schema": DIALECT, **schema, "title": "result.json of vibrident"})
 
 
 #: File of the documentation → the schema that it holds.

@@ -42,8 +42,8 @@ def page(template: str, pictures: Path) -> str:
     Raises:
         CalledProcessError: a command or script of the page fails.
     """
-    with tempfile.TemporaryDirectory(prefix="vibrident-walkthrough-") as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory(prefix="vibrident-walkthrough-") as temporary:
+        folder = Path(temporary)
         session = folder / "session"
         session.mkdir()
         environment = _environment(folder / "programs")

@@ -44,8 +44,8 @@ def page(code: str, folder: Path) -> str:
     meaning, action = (rendered(text, word) for text in (kind.meaning, kind.action))
     title = kind.title[:1].upper() + kind.title[1:]
     text = f"# `{code}`\n\n**{title}.** {meaning}\n\n## What to do\n\n{action}\n\n{causes.strip()}"
-    with tempfile.TemporaryDirectory() as place:
-        path = Path(place) / f"{code}.py"
+    with tempfile.TemporaryDirectory() as temporary:
+        path = Path(temporary) / f"{code}.py"
         check = f"# %% [check]\n{_preparation(causes)}"
         source = f"# %% [markdown]\n{_commented(text)}\n{check}\n# %%\n{example}"
         path.write_text(source, encoding="utf-8")
@@ -63,9 +63,9 @@ def page(code: str, folder: Path) -> str:
         raise ValueError(
             f"the example of {code} was expected to print this code; it printed {printed!r}"
         )
-    made = executed.page(cells, folder, code)
-    made = re.sub(r"^\*\[.*?\]\(.*?\.ipynb\)\*\n+", "", made, flags=re.MULTILINE)
-    return f"{made.rstrip()}\n\n{after.strip()}".rstrip() + "\n"
+    markdown = executed.page(cells, folder, code)
+    markdown = re.sub(r"^\*\[.*?\]\(.*?\.ipynb\)\*\n+", "", markdown, flags=re.MULTILINE)
+    return f"{markdown.rstrip()}\n\n{after.strip()}".rstrip() + "\n"
 
 
 def program(code: str) -> tuple[str, str, str]:

@@ -31,8 +31,8 @@ PLACE_OF = "import vibrident; print(vibrident.__file__, vibrident.__version__)"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Build and check; return the number of environments that failed."""
     parser = argparse.ArgumentParser(prog="python -m release", description=__doc__)
-    known = [f"{version}-{name}" for version in SUPPORTED for name in RESOLUTIONS]
-    parser.add_argument("--only", action="append", choices=known, default=[])
+    environments = [f"{version}-{name}" for version in SUPPORTED for name in RESOLUTIONS]
+    parser.add_argument("--only", action="append", choices=environments, default=[])
     parser.add_argument("--jobs", default="2", help="test processes")
     parser.add_argument("tests", nargs="+", metavar="TEST")
     options = parser.parse_args(arguments)
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interpreters = find_interpreters()
     write_sbom(wheel, next(iter(interpreters.values())))
     outcomes = {}
-    for environment in options.only or known:
+    for environment in options.only or environments:
         version, _, name = environment.partition("-")
         if version not in interpreters:
             outcomes[environment] = "not checked: no such Python found"
@@ -65,17 +65,17 @@ def build() -> Path:
 
 def find_interpreters() -> dict[str, str]:
     """Find an interpreter of each supported version; a candidate is run, as a shim may be empty."""
-    found: dict[str, str] = {}
+    interpreters: dict[str, str] = {}
     for candidate in candidates():
         try:
-            asked = run(candidate, "-c", VERSION_OF, capture=True)
+            version = run(candidate, "-c", VERSION_OF, capture=True)
         except (OSError, subprocess.CalledProcessError):
             continue
-        if asked in SUPPORTED:
-            found.setdefault(asked, candidate)
-    if not found:
+        if version in SUPPORTED:
+            interpreters.setdefault(version, candidate)
+    if not interpreters:
         sys.exit(f"No Python of {', '.join(SUPPORTED)} found: set PYTHONS to their paths.")
-    return found
+    return interpreters
 
 
 def candidates() -> Iterator[str]:
@@ -95,8 +95,8 @@ def write_sbom(wheel: Path, interpreter: str) -> None:
         python = make_environment(Path(folder), interpreter)
         uv("pip", "install", "--python", python, wheel)
         form = ("--spec-version", "1.6", "--mc-type", "library", "--output-reproducible")
-        whole = (*form, "--output-file", target, "--pyproject", "pyproject.toml")
-        run(TOOLS / "cyclonedx-py", "environment", *whole, python)
+        output = (*form, "--output-file", target, "--pyproject", "pyproject.toml")
+        run(TOOLS / "cyclonedx-py", "environment", *output, python)
     bill = json.loads(target.read_text(encoding="utf-8"))
     # pyproject.toml takes the version from the sources, where the tool does not look.
     bill["metadata"]["component"] |= {"version": version, "purl": f"pkg:pypi/{name}@{version}"}

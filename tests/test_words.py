@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from collections.abc import Iterator
 
 import pytest
-from tests.support.sources import modules, tree
+from tests.support.sources import ROOT, modules, tree
 
 #: Names that a reader must look up: a variable, argument or function says what it holds or does.
 RIDDLES = frozenset(
@@ -68,3 +69,26 @@ def test_no_name_and_no_docstring_is_a_riddle():
                 complaints.append(f"{path}:{number}: {len(text)} characters")
     if complaints:
         pytest.fail("\n".join(complaints), pytrace=False)
+
+
+def test_no_name_beside_the_sources_is_a_riddle():
+    complaints = []
+    for folder in ("bench", "docsite", "examples", "release", "tests/support"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            if "envs" in path.parts:  # of the packages that the benchmarks compare with
+                continue
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                for name in names_of(node):
+                    if name.strip("_") in RIDDLES:
+                        place = f"{path.relative_to(ROOT)}:{node.lineno}"
+                        complaints.append(f"{place}: {name} does not say what it holds")
+    assert complaints == []
+
+
+def test_a_class_name_stands_for_one_class():
+    classes = defaultdict(list)
+    for module in modules():
+        for node in ast.walk(tree(module)):
+            if isinstance(node, ast.ClassDef):
+                classes[node.name].append(f"{module}:{node.lineno}")
+    assert {name: lines for name, lines in classes.items() if len(lines) > 1} == {}

@@ -66,15 +66,15 @@ def _failed(only: str) -> list[tuple[str, int]]:
     file = ROOT / "bench" / "results" / "adversary.jsonl"
     for text in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         line = json.loads(text)
-        for run, found in enumerate(line["runs"], line["first"]):
-            last[line["cell"], run] = found["class"]
+        for run, outcome in enumerate(line["runs"], line["first"]):
+            last[line["cell"], run] = outcome["class"]
     return [
         key for key, kind in last.items() if kind in BAD and key[0] in BY_NAME and only in key[0]
     ]
 
 
-def _print(name: str, run: int, found: dict[str, Any]) -> None:
-    sys.stdout.write(f"{found['class']:13} {name} run {run}: {json.dumps(found)}\n")
+def _print(name: str, run: int, outcome: dict[str, Any]) -> None:
+    sys.stdout.write(f"{outcome['class']:13} {name} run {run}: {json.dumps(outcome)}\n")
     sys.stdout.flush()
 
 

@@ -55,9 +55,9 @@ class Case:
     name: str
     make: Maker
 
-    def runs(self, asked: int) -> int:
+    def runs(self, requested: int) -> int:
         """Return the number of runs asked for."""
-        return asked
+        return requested
 
     def trial(self, run: int = 0) -> Trial:
         """Return the trial of one run."""

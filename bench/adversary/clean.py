@@ -98,26 +98,27 @@ def cases() -> Cases:
         )
 
 
-def readable(given: Setting) -> Setting:
+def readable(conditions: Setting) -> Setting:
     """Return a setting whose reference has little noise or steps of its own over the whole band.
 
     The displacement of a motion that is level in acceleration falls by 64 dB over the band.
     """
     return replace(
-        given, quantity="velocity" if given.quantity == "displacement" else given.quantity
+        conditions,
+        quantity="velocity" if conditions.quantity == "displacement" else conditions.quantity,
     )
 
 
 def _maker(sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
-    given = setting(sensor, rng)
+    conditions = setting(sensor, rng)
     if motion == "rung":  # a beginning has lines of its own, which stand out of a displacement
-        given = replace(given, quantity="acceleration")
+        conditions = replace(conditions, quantity="acceleration")
     if motion not in ("sine", "multisine", "few tones", "mixed") and (
         noise.reference or noise.bits
     ):
-        given = readable(given)
-    made = records(motion, given, noise, rng)
+        conditions = readable(conditions)
+    recordings = records(motion, conditions, noise, rng)
     allowed = {"reference_noise"} if noise.reference else set()
-    model = given.sensor.model
-    made = calibration(made, model, given.quantity)
-    return Trial(made, model, truth(given.sensor), allowed=frozenset(allowed))
+    model = conditions.sensor.model
+    recordings = calibration(recordings, model, conditions.quantity)
+    return Trial(recordings, model, truth(conditions.sensor), allowed=frozenset(allowed))

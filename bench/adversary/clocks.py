@@ -35,29 +35,29 @@ def cases() -> Cases:
 def _maker(low: float, high: float, motion: str, rng: np.random.Generator) -> Trial:
     model = str(rng.choice(MODELS))
     quantity = str(rng.choice(QUANTITIES))
-    given, drawn = draw_setting(model, quantity, rng, places=("below", "in", "edge", "above"))
+    conditions, drawn = draw_setting(model, quantity, rng, places=("below", "in", "edge", "above"))
     noise = draw_noise(rng, (1e-4, 1e-2))
     shape = (8, 1000) if motion == "sine" else ((1, 20_000), (1, 8000), (4, 2000))[rng.integers(3)]
     error = log_uniform(low, high, rng) * float(rng.choice([-1.0, 1.0]))
     stated = motion == "sine" and rng.random() < 0.5
     declared = DECLARED.get(motion.partition(" ")[0], motion.partition(" ")[0])
-    time_s = np.arange(shape[1]) / given.rate
-    made = []
-    for i, move in enumerate(draw_motions(motion, given, rng, shape)):
+    time_s = np.arange(shape[1]) / conditions.rate
+    recordings = []
+    for i, move in enumerate(draw_motions(motion, conditions, rng, shape)):
         answer = Motion(
-            move.frequency_hz, move.amplitude * given.sensor.transfer(move.frequency_hz)
+            move.frequency_hz, move.amplitude * conditions.sensor.transfer(move.frequency_hz)
         )
-        response = at_steps(answer, (1.0 + error) / given.rate, shape[1])
-        reference = move.reference(time_s, given.quantity)
-        channels = recorded(reference, response, given.rate, noise, rng)
+        response = at_steps(answer, (1.0 + error) / conditions.rate, shape[1])
+        reference = move.reference(time_s, conditions.quantity)
+        channels = recorded(reference, response, conditions.rate, noise, rng)
         frequency = float(move.frequency_hz[0]) if stated else None
-        made.append(Raw(f"{declared}-{i}", *channels, given.rate, declared, frequency))
-    text = f"ε = {error:.2e}; {describe(given, made, noise, drawn)}"
+        recordings.append(Raw(f"{declared}-{i}", *channels, conditions.rate, declared, frequency))
+    text = f"ε = {error:.2e}; {describe(conditions, recordings, noise, drawn)}"
     named = frozenset({"clock_suspect"})
-    true = truth(given.sensor)
+    true = truth(conditions.sensor)
     if motion == "shock":  # what comes at one time is as late as the clock was off by then
         true.pop("delay", None)
-    return faulty_trial(made, None, given, "two clocks", text, expected=named, true=true)
+    return faulty_trial(recordings, None, conditions, "two clocks", text, expected=named, true=true)
 
 
 def at_steps(motion: Motion, step_s: float, count: int) -> Real:

@@ -89,8 +89,11 @@ def cases() -> Cases:
             f"{name}/{motion}/{sensor}/{noise.name}",
             partial(_mistaken, name, quantities, sensor, motion, noise),
         )
-    for rest, noise in itertools.product((0.3, 0.6), NOISES):
-        yield f"rest in sines:{rest:g}/sine/in-light/{noise.name}", partial(_resting, rest, noise)
+    for rest_fraction, noise in itertools.product((0.3, 0.6), NOISES):
+        yield (
+            f"rest in sines:{rest_fraction:g}/sine/in-light/{noise.name}",
+            partial(_resting, rest_fraction, noise),
+        )
     for defect, motion in itertools.product(acquisition(), MOTIONS):
         sensor, noise = next(turn)
         yield (
@@ -108,23 +111,25 @@ MISTAKEN = (
 
 
 def _trial(
-    made: list[Raw], given: Setting, defect: Defect | str, sound: list[Raw] | None = None
+    recordings: list[Raw], conditions: Setting, defect: Defect | str, sound: list[Raw] | None = None
 ) -> Trial:
     cause = defect.split(":")[0] if isinstance(defect, str) else defect.cause
     without = None
     if sound is not None:
-        without = calibration(sound, given.sensor.model, given.quantity)
-    return Trial.from_recordings(made, given.sensor, given.quantity, cause=cause, sound=without)
+        without = calibration(sound, conditions.sensor.model, conditions.quantity)
+    return Trial.from_recordings(
+        recordings, conditions.sensor, conditions.quantity, cause=cause, sound=without
+    )
 
 
 def _maker(
     sensor: str, motion: str, noise: Noise, defect: Defect, rng: np.random.Generator
 ) -> Trial:
-    given = setting(sensor, rng)
+    conditions = setting(sensor, rng)
     if noise.bits:
-        given = readable(given)
-    made = records(motion, given, noise, rng, stated="stated" in defect.name)
-    return _trial(defect.change(made, rng), given, defect, made)
+        conditions = readable(conditions)
+    recordings = records(motion, conditions, noise, rng, stated="stated" in defect.name)
+    return _trial(defect.change(recordings, rng), conditions, defect, recordings)
 
 
 def _becoming(
@@ -135,33 +140,39 @@ def _becoming(
     noise: Noise,
     rng: np.random.Generator,
 ) -> Trial:
-    given = setting(sensor, rng)
-    other = twin(given.sensor, **factors)
+    conditions = setting(sensor, rng)
+    second_sensor = twin(conditions.sensor, **factors)
     samples = SHAPES[motion][1]
-    t = np.arange(samples) / given.rate
+    t = np.arange(samples) / conditions.rate
     at = t[-1] * rng.uniform(0.4, 0.6)
-    made = []
-    for i, move in enumerate(excite(motion, given, rng)):
-        response = switched(move, given.sensor, other, at, t)
+    recordings = []
+    for i, move in enumerate(excite(motion, conditions, rng)):
+        response = switched(move, conditions.sensor, second_sensor, at, t)
         reference, response = recorded(
-            move.reference(t, given.quantity), response, given.rate, noise, rng
+            move.reference(t, conditions.quantity), response, conditions.rate, noise, rng
         )
-        made.append(Raw(f"{motion}-{i}", reference, response, given.rate, motion))
-    return _trial(made, given, name)
+        recordings.append(Raw(f"{motion}-{i}", reference, response, conditions.rate, motion))
+    return _trial(recordings, conditions, name)
 
 
 def _another(
     name: str, factors: dict[str, float], motion: str, noise: Noise, rng: np.random.Generator
 ) -> Trial:
-    given = setting("in-light", rng)
-    other = replace(given, sensor=_other(given.sensor, factors, given.rate))
+    conditions = setting("in-light", rng)
+    of_changed = replace(
+        conditions, sensor=_changed_sensor(conditions.sensor, factors, conditions.rate)
+    )
     seed = int(rng.integers(2**31))
-    own, strange = (records(motion, g, noise, np.random.default_rng(seed)) for g in (given, other))
-    at = int(rng.integers(len(own)))
-    return _trial([*own[:at], strange[at], *own[at + 1 :]], given, name, own)
+    from_sensor, strange = (
+        records(motion, g, noise, np.random.default_rng(seed)) for g in (conditions, of_changed)
+    )
+    at = int(rng.integers(len(from_sensor)))
+    return _trial(
+        [*from_sensor[:at], strange[at], *from_sensor[at + 1 :]], conditions, name, from_sensor
+    )
 
 
-def _other(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:
+def _changed_sensor(sensor: Sensor, factors: dict[str, float], rate: float) -> Sensor:
     late = {"delay": factors["delay"] / rate} if "delay" in factors else {}
     return replace(
         twin(sensor, **factors), parameters={**twin(sensor, **factors).parameters, **late}
@@ -176,26 +187,26 @@ def _mistaken(
     noise: Noise,
     rng: np.random.Generator,
 ) -> Trial:
-    given = replace(setting(sensor, rng), quantity=quantities[0])
-    made = records(motion, given, noise, rng)
-    return _trial(made, replace(given, quantity=quantities[1]), name)
+    conditions = replace(setting(sensor, rng), quantity=quantities[0])
+    recordings = records(motion, conditions, noise, rng)
+    return _trial(recordings, replace(conditions, quantity=quantities[1]), name)
 
 
-def _resting(rest: float, noise: Noise, rng: np.random.Generator) -> Trial:
+def _resting(rest_fraction: float, noise: Noise, rng: np.random.Generator) -> Trial:
     """Sines that begin late in their record."""
-    given = setting("in-light", rng)
+    conditions = setting("in-light", rng)
     count, samples = SHAPES["sine"]
-    t = np.arange(samples) / given.rate
-    made = []
-    for i, tone in enumerate(excite("sine", given, rng)):
-        move = motions.gated(tone, samples, given.rate, rest)
-        channels = move.reference(t, given.quantity), move.response(given.sensor, t)
-        made.append(
+    t = np.arange(samples) / conditions.rate
+    recordings = []
+    for i, tone in enumerate(excite("sine", conditions, rng)):
+        move = motions.gated(tone, samples, conditions.rate, rest_fraction)
+        channels = move.reference(t, conditions.quantity), move.response(conditions.sensor, t)
+        recordings.append(
             Raw(
                 f"sine-{i} of {count}",
-                *recorded(*channels, given.rate, noise, rng),
-                given.rate,
+                *recorded(*channels, conditions.rate, noise, rng),
+                conditions.rate,
                 "sine",
             )
         )
-    return _trial(made, given, "rest in sines")
+    return _trial(recordings, conditions, "rest in sines")

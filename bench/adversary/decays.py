@@ -53,16 +53,24 @@ def _decay(sensor: Sensor, rate: float, noise: Noise, rng: np.random.Generator, 
 
 
 def _alone(sensor: str, noise: Noise, count: int, rng: np.random.Generator) -> Trial:
-    given = setting(sensor, rng)
-    made = [_decay(given.sensor, given.rate, noise, rng, f"decay-{i}") for i in range(count)]
-    true = {name: given.sensor.parameters[name] for name in ("natural_frequency", "damping_ratio")}
-    return Trial(calibration(made, given.sensor.model, "acceleration"), given.sensor.model, true)
+    conditions = setting(sensor, rng)
+    recordings = [
+        _decay(conditions.sensor, conditions.rate, noise, rng, f"decay-{i}") for i in range(count)
+    ]
+    true = {
+        name: conditions.sensor.parameters[name] for name in ("natural_frequency", "damping_ratio")
+    }
+    return Trial(
+        calibration(recordings, conditions.sensor.model, "acceleration"),
+        conditions.sensor.model,
+        true,
+    )
 
 
 def _growing(growth: float, noise: Noise, count: int, rng: np.random.Generator) -> Trial:
     """V̈ + 2 δ (1 + g V²) ωn V̇ + ωn² V = 0 with V = 1 at first."""
-    given = setting("in-light", rng)
-    p = given.sensor.parameters
+    conditions = setting("in-light", rng)
+    p = conditions.sensor.parameters
     w = TAU * p["natural_frequency"]
     d = p["damping_ratio"]
 
@@ -72,24 +80,24 @@ def _growing(growth: float, noise: Noise, count: int, rng: np.random.Generator) 
             -w * w * state[0] - 2.0 * d * (1.0 + growth * state[0] ** 2) * w * state[1],
         ]
 
-    made = []
+    recordings = []
     for i in range(count):
-        t = np.arange(SAMPLES) / given.rate
+        t = np.arange(SAMPLES) / conditions.rate
         way = solve_ivp(
             slope, (0.0, t[-1]), [1.0 - 0.2 * i, 0.0], "DOP853", t, rtol=1e-7, atol=1e-9
         )
-        made.append(
+        recordings.append(
             Raw(
                 f"decay-{i}",
                 np.zeros(0),
                 recorded_channel(way.y[0], noise, rng),
-                given.rate,
+                conditions.rate,
                 "decay",
             )
         )
     true = {name: p[name] for name in ("natural_frequency", "damping_ratio")}
     return Trial(
-        calibration(made, "accelerometer", "acceleration"),
+        calibration(recordings, "accelerometer", "acceleration"),
         "accelerometer",
         true,
         cause="damping grows",
@@ -99,9 +107,11 @@ def _growing(growth: float, noise: Noise, count: int, rng: np.random.Generator) 
 def _with_sines(
     sensor: str, noise: Noise, damping: float, frequency: float, rng: np.random.Generator
 ) -> Trial:
-    given = setting(sensor, rng)
-    other = twin(given.sensor, damping_ratio=damping, natural_frequency=frequency)
-    made = records("sine", given, noise, rng)
-    made += [_decay(other, given.rate, noise, rng, f"decay-{i}") for i in range(2)]
+    conditions = setting(sensor, rng)
+    second_sensor = twin(conditions.sensor, damping_ratio=damping, natural_frequency=frequency)
+    recordings = records("sine", conditions, noise, rng)
+    recordings += [
+        _decay(second_sensor, conditions.rate, noise, rng, f"decay-{i}") for i in range(2)
+    ]
     cause = "" if damping == frequency == 1.0 else "decay of another sensor"
-    return Trial.from_recordings(made, given.sensor, given.quantity, cause=cause)
+    return Trial.from_recordings(recordings, conditions.sensor, conditions.quantity, cause=cause)

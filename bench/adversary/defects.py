@@ -55,7 +55,7 @@ def each(change: Change) -> Changes:
     return lambda records, rng: [change(record, rng) for record in records]
 
 
-def one(change: Change) -> Changes:
+def of_one_record(change: Change) -> Changes:
     """Return a defect of one record among several."""
 
     def changed(records: list[Raw], rng: np.random.Generator) -> list[Raw]:
@@ -70,9 +70,9 @@ def _on(channel: str, change: Callable[..., Real], *sizes: Any) -> Change:
     return lambda raw, rng: replace(raw, **{channel: change(getattr(raw, channel), rng, *sizes)})
 
 
-def clip(values: Real, rng: np.random.Generator, part: float, side: str = "both") -> Real:
+def clip(values: Real, rng: np.random.Generator, fraction: float, side: str = "both") -> Real:
     """Cut at a part of the peak, on both sides or above."""
-    limit = part * float(np.max(np.abs(values)))
+    limit = fraction * float(np.max(np.abs(values)))
     return np.clip(values, -limit if side == "both" else None, limit)
 
 
@@ -116,8 +116,8 @@ def spikes(values: Real, rng: np.random.Generator, count: int, size: float) -> R
 
 def missing(values: Real, rng: np.random.Generator, count: int) -> Real:
     """Return the samples lost, one here and there; the rest moves up and the end is repeated."""
-    kept = np.delete(values, rng.integers(values.size // 10, values.size - 10, count))
-    return np.concatenate([kept, kept[-(values.size - kept.size) :]])
+    remaining = np.delete(values, rng.integers(values.size // 10, values.size - 10, count))
+    return np.concatenate([remaining, remaining[-(values.size - remaining.size) :]])
 
 
 def gap(length: int) -> Change:
@@ -136,8 +136,8 @@ def twice(length: int, inserted: bool) -> Callable[[Real], Real]:
     def written(values: Real) -> Real:
         at = values.size // 3 + 7
         block = values[at : at + length]
-        rest = values[at + (0 if inserted else length) :]
-        return np.concatenate([values[: at + length], block, rest[length:]])[: values.size]
+        following = values[at + (0 if inserted else length) :]
+        return np.concatenate([values[: at + length], block, following[length:]])[: values.size]
 
     return written
 
@@ -160,31 +160,31 @@ def cuts(count: int, length: int) -> Change:
         places = (
             np.linspace(0.15, 0.85, count) + rng.uniform(-0.05, 0.05, count)
         ) * raw.response.size
-        gone = [int(place) + i for place in places for i in range(length)]
+        gone = [int(start) + i for start in places for i in range(length)]
         return raw.both(lambda values: np.delete(values, gone))
 
     return cut
 
 
-def compressed(values: Real, rng: np.random.Generator, part: float) -> Real:
+def compressed(values: Real, rng: np.random.Generator, fraction: float) -> Real:
     """Return the response falls short by this part at its peak, as the cube of it."""
-    return values * (1.0 - part * (values / np.max(np.abs(values))) ** 2)
+    return values * (1.0 - fraction * (values / np.max(np.abs(values))) ** 2)
 
 
-def squared(values: Real, rng: np.random.Generator, part: float) -> Real:
+def squared(values: Real, rng: np.random.Generator, fraction: float) -> Real:
     """Return a square of this part of the peak is added."""
-    return values + part * values**2 / np.max(np.abs(values))
+    return values + fraction * values**2 / np.max(np.abs(values))
 
 
-def dead_band(values: Real, rng: np.random.Generator, part: float) -> Real:
+def dead_band(values: Real, rng: np.random.Generator, fraction: float) -> Real:
     """Return what is smaller than this part of the peak is not seen."""
-    edge = part * np.max(np.abs(values))
+    edge = fraction * np.max(np.abs(values))
     return np.sign(values) * np.maximum(np.abs(values) - edge, 0.0)
 
 
-def slewed(values: Real, rng: np.random.Generator, part: float) -> Real:
+def slewed(values: Real, rng: np.random.Generator, fraction: float) -> Real:
     """Return the response cannot change faster than this part of its fastest change."""
-    most = part * float(np.max(np.abs(np.diff(values))))
+    most = fraction * float(np.max(np.abs(np.diff(values))))
     out = values.copy()
     for i in range(1, out.size):
         out[i] = out[i - 1] + min(max(values[i] - out[i - 1], -most), most)
@@ -210,7 +210,7 @@ def refer(change: Callable[..., Real], *sizes: Any) -> Changes:
 
 def respond_once(change: Callable[..., Real], *sizes: Any) -> Changes:
     """Apply a change to the response of one record."""
-    return one(_on("response", change, *sizes))
+    return of_one_record(_on("response", change, *sizes))
 
 
 def swapped(raw: Raw, rng: np.random.Generator) -> Raw:
@@ -248,18 +248,18 @@ def _sizes(name: str, sizes: tuple[float, ...], make: Callable[[float], Changes]
 
 def recordings() -> tuple[Defect, ...]:
     """Return all defects of recordings."""
-    found: list[Defect] = []
-    for part in (0.9, 0.7, 0.4):
-        found += [
-            Defect(f"clipped response:{part:g}", respond(clip, part)),
-            Defect(f"clipped response above:{part:g}", respond(clip, part, "above")),
-            Defect(f"clipped reference:{part:g}", refer(clip, part)),
-            Defect(f"clipped reference above:{part:g}", refer(clip, part, "above")),
+    defects: list[Defect] = []
+    for fraction in (0.9, 0.7, 0.4):
+        defects += [
+            Defect(f"clipped response:{fraction:g}", respond(clip, fraction)),
+            Defect(f"clipped response above:{fraction:g}", respond(clip, fraction, "above")),
+            Defect(f"clipped reference:{fraction:g}", refer(clip, fraction)),
+            Defect(f"clipped reference above:{fraction:g}", refer(clip, fraction, "above")),
         ]
     for count, length in ((10, 5), (1, 20), (3, 100)):
         for held in (True, False):
             kind = "held" if held else "zero"
-            found += [
+            defects += [
                 Defect(
                     f"dropouts {kind} response:{count}x{length}",
                     respond(dropout, count, length, held),
@@ -269,50 +269,52 @@ def recordings() -> tuple[Defect, ...]:
                     refer(dropout, count, length, held),
                 ),
             ]
-    found += _sizes("gain step", (0.001, 0.01, 0.1, 0.5), lambda s: respond(step, s))
-    found += _sizes("gain step of the reference", (0.01, 0.1), lambda s: refer(step, s))
-    found += _sizes("gain ramp", (0.01, 0.1), lambda s: respond(ramp, s))
-    found += _sizes(
+    defects += _sizes("gain step", (0.001, 0.01, 0.1, 0.5), lambda s: respond(step, s))
+    defects += _sizes("gain step of the reference", (0.01, 0.1), lambda s: refer(step, s))
+    defects += _sizes("gain ramp", (0.01, 0.1), lambda s: respond(ramp, s))
+    defects += _sizes(
         "gain of one record", (0.003, 0.03, 0.3), lambda s: respond_once(scaled, 1.0 + s)
     )
-    found += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift, s))
-    found += _sizes(
+    defects += _sizes("drift", (0.1, 1.0, 10.0), lambda s: respond(drift, s))
+    defects += _sizes(
         "offset", (1.0, 100.0), lambda s: each(lambda r, g: r.both(lambda v: v + s * rms(v)))
     )
-    found += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes, 3, s))
-    found += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes, 3, s))
-    found += _sizes("missing samples", (1, 3), lambda s: respond(missing, int(s)))
-    found += _sizes("jump of time", (1, 37, 400), lambda s: each(gap(int(s))))
-    found += _sizes("compression", (0.001, 0.01, 0.1, 0.2), lambda s: respond(compressed, s))
-    found += _sizes("square", (0.01, 0.1), lambda s: respond(squared, s))
-    found += _sizes("dead band", (0.001, 0.01), lambda s: respond(dead_band, s))
-    found += _sizes("slew rate", (0.5, 0.8), lambda s: respond(slewed, s))
-    found += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded, 0.19, s))
-    found += _sizes("copies", (2, 5), lambda s: repeated(int(s)))
-    found += _sizes(
+    defects += _sizes("spikes", (1.0, 10.0, 100.0), lambda s: respond(spikes, 3, s))
+    defects += _sizes("spikes of the reference", (3.0, 30.0), lambda s: refer(spikes, 3, s))
+    defects += _sizes("missing samples", (1, 3), lambda s: respond(missing, int(s)))
+    defects += _sizes("jump of time", (1, 37, 400), lambda s: each(gap(int(s))))
+    defects += _sizes("compression", (0.001, 0.01, 0.1, 0.2), lambda s: respond(compressed, s))
+    defects += _sizes("square", (0.01, 0.1), lambda s: respond(squared, s))
+    defects += _sizes("dead band", (0.001, 0.01), lambda s: respond(dead_band, s))
+    defects += _sizes("slew rate", (0.5, 0.8), lambda s: respond(slewed, s))
+    defects += _sizes("aliased tone", (0.03, 0.3), lambda s: respond(folded, 0.19, s))
+    defects += _sizes("copies", (2, 5), lambda s: repeated(int(s)))
+    defects += _sizes(
         "rate with stated frequency", (0.5, 2.0, 1.024), lambda s: each(rate(s, stated=True))
     )
-    found += [
+    defects += [
         Defect("swapped channels", each(swapped)),
-        Defect("swapped channels of one record", one(swapped)),
+        Defect("swapped channels of one record", of_one_record(swapped)),
         Defect("polarity of one record", respond_once(scaled, -1.0)),
-        Defect("polarity of the reference of one record", one(_on("reference", scaled, -1.0))),
+        Defect(
+            "polarity of the reference of one record", of_one_record(_on("reference", scaled, -1.0))
+        ),
         Defect("dead response", respond_once(lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
         Defect(
             "dead reference",
-            one(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
+            of_one_record(_on("reference", lambda v, g: 1e-3 * rms(v) * g.normal(size=v.size))),
         ),
         Defect("constant response", respond_once(lambda v, g: np.full(v.size, v[0]))),
         *_sizes("settling zero", (0.02,), lambda s: respond(settling, s)),
     ]
-    return tuple(found)
+    return tuple(defects)
 
 
 def acquisition() -> tuple[Defect, ...]:
     """Defects between converter and file: samples written twice, or lost."""
-    found: list[Defect] = []
+    defects: list[Defect] = []
     for length in (40, 128):
-        found += [
+        defects += [
             Defect(
                 f"buffer twice response:{length}",
                 respond(lambda v, g, n=length: twice(n, False)(v)),
@@ -332,7 +334,9 @@ def acquisition() -> tuple[Defect, ...]:
                 each(lambda r, g, n=length: r.both(twice(n, True))),
             ),
         ]
-    found += _sizes("slip between channels", (1, 10, 100), lambda s: each(slipped(int(s))))
-    found += _sizes("slip between channels of one record", (1, 10), lambda s: one(slipped(int(s))))
-    found += _sizes("cuts of both channels", (1, 2, 3), lambda s: each(cuts(3, int(s))))
-    return tuple(found)
+    defects += _sizes("slip between channels", (1, 10, 100), lambda s: each(slipped(int(s))))
+    defects += _sizes(
+        "slip between channels of one record", (1, 10), lambda s: of_one_record(slipped(int(s)))
+    )
+    defects += _sizes("cuts of both channels", (1, 2, 3), lambda s: each(cuts(3, int(s))))
+    return tuple(defects)

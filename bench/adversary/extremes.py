@@ -54,15 +54,17 @@ def cases() -> Cases:
 
 
 def _scaled(scale: float, side: str, sensor: str, motion: str, rng: np.random.Generator) -> Trial:
-    given = setting(sensor, rng)
-    sign = np.sign(given.sensor.gain)
-    name = next(iter(given.sensor.parameters))
-    given = replace(given, sensor=twin(given.sensor, **{name: abs(1.0 / given.sensor.gain)}))
+    conditions = setting(sensor, rng)
+    sign = np.sign(conditions.sensor.gain)
+    name = next(iter(conditions.sensor.parameters))
+    conditions = replace(
+        conditions, sensor=twin(conditions.sensor, **{name: abs(1.0 / conditions.sensor.gain)})
+    )
     factor = scale if side in ("response", "both") else 1.0 / scale
-    made = []
-    for raw in records(motion, given, QUIET, rng):
+    recordings = []
+    for raw in records(motion, conditions, QUIET, rng):
         response = raw.response * (scale if side != "reference" else 1.0)
-        made.append(
+        recordings.append(
             replace(
                 raw,
                 response=response,
@@ -71,32 +73,36 @@ def _scaled(scale: float, side: str, sensor: str, motion: str, rng: np.random.Ge
         )
     if side == "both":
         factor = 1.0
-    true = twin(given.sensor, **{name: factor})
+    true = twin(conditions.sensor, **{name: factor})
     assert np.sign(true.gain) == sign
     strange = not 1e-29 < scale < 1e29  # refused, as documented
-    return Trial.from_recordings(made, true, given.quantity, strange=strange)
+    return Trial.from_recordings(recordings, true, conditions.quantity, strange=strange)
 
 
 def _shaped(shape: tuple[int, int], sensor: str, motion: str, rng: np.random.Generator) -> Trial:
-    given = setting(sensor, rng)
-    made = records(motion, given, QUIET, rng, shape=shape)
+    conditions = setting(sensor, rng)
+    recordings = records(motion, conditions, QUIET, rng, shape=shape)
     small = shape[0] * shape[1] <= 400 or (shape[0] == 1 and motion == "sine")
     few = frozenset(
         {"short_record", "weakly_determined", "at_bound", "lack_of_fit"} if small else ()
     )
-    return Trial.from_recordings(made, given.sensor, given.quantity, allowed=few, strange=small)
+    return Trial.from_recordings(
+        recordings, conditions.sensor, conditions.quantity, allowed=few, strange=small
+    )
 
 
 def _few_periods(periods: float, sensor: str, rng: np.random.Generator) -> Trial:
     """Sines of so many periods a record."""
-    given = setting(sensor, rng)
-    made = []
-    for i, raw in enumerate(records("sine", given, QUIET, rng, stated=True)):
+    conditions = setting(sensor, rng)
+    recordings = []
+    for i, raw in enumerate(records("sine", conditions, QUIET, rng, stated=True)):
         assert raw.frequency_hz
-        length = max(16, int(periods * given.rate / raw.frequency_hz))
-        made.append(replace(raw.both(lambda v, n=length: v[:n]), name=f"sine-{i}"))
+        length = max(16, int(periods * conditions.rate / raw.frequency_hz))
+        recordings.append(replace(raw.both(lambda v, n=length: v[:n]), name=f"sine-{i}"))
     allowed = frozenset({"short_record"} if periods < 2.0 else ())
-    return Trial.from_recordings(made, given.sensor, given.quantity, allowed=allowed)
+    return Trial.from_recordings(
+        recordings, conditions.sensor, conditions.quantity, allowed=allowed
+    )
 
 
 EFFECTS = ("gain", "timing", "phase", "clock")
@@ -104,22 +110,24 @@ EFFECTS = ("gain", "timing", "phase", "clock")
 
 def _declared(kind: str, motion: str, sensor: str, rng: np.random.Generator) -> Trial:
     """Draw a systematic error from its declared uncertainty, which the statement must cover."""
-    given = setting(sensor, rng)
-    u = {"gain": 0.003, "timing": 0.05 / given.rate, "phase": 0.003, "clock": 1e-4}[kind]
+    conditions = setting(sensor, rng)
+    u = {"gain": 0.003, "timing": 0.05 / conditions.rate, "phase": 0.003, "clock": 1e-4}[kind]
     error = u * float(np.clip(rng.normal(), -2.0, 2.0))
-    own = given.sensor
-    seen = {
-        "gain": twin(own, sensitivity=1.0 + error),
-        "timing": replace(own, parameters={**own.parameters, "delay": error}),
-        "phase": Turned(own.model, own.parameters, error),
-        "clock": own,
+    sensor_true = conditions.sensor
+    apparent = {
+        "gain": twin(sensor_true, sensitivity=1.0 + error),
+        "timing": replace(sensor_true, parameters={**sensor_true.parameters, "delay": error}),
+        "phase": Turned(sensor_true.model, sensor_true.parameters, error),
+        "clock": sensor_true,
     }[kind]
-    made = records(motion, replace(given, sensor=seen), QUIET, rng)
+    recordings = records(motion, replace(conditions, sensor=apparent), QUIET, rng)
     if kind == "clock":
-        made = [replace(raw, rate=raw.rate * (1.0 + error)) for raw in made]
+        recordings = [replace(raw, rate=raw.rate * (1.0 + error)) for raw in recordings]
     effect = SystematicEffect("declared", kind, u)  # type: ignore[arg-type]
     return Trial(
-        calibration(made, own.model, given.quantity, effects=(effect,)), own.model, truth(own)
+        calibration(recordings, sensor_true.model, conditions.quantity, effects=(effect,)),
+        sensor_true.model,
+        truth(sensor_true),
     )
 
 

@@ -54,11 +54,13 @@ def cases() -> Cases:
 
 
 def _maker(wrong: str, motion: str, header: str, sensor: str, rng: np.random.Generator) -> Trial:
-    given = setting(sensor, rng)
-    made = records(motion, given, QUIET, rng, stated="frequencies" in wrong)
-    files, sampling = _written(made, wrong, header)
-    text = _calibration_file(given.sensor.model, given.quantity, sampling, made, tuple(files))
-    model = given.sensor.model
+    conditions = setting(sensor, rng)
+    recordings = records(motion, conditions, QUIET, rng, stated="frequencies" in wrong)
+    files, sampling = _written(recordings, wrong, header)
+    text = _calibration_file(
+        conditions.sensor.model, conditions.quantity, sampling, recordings, tuple(files)
+    )
+    model = conditions.sensor.model
     cause = wrong and f"file: {wrong}"
 
     def reading() -> Calibration:
@@ -67,18 +69,18 @@ def _maker(wrong: str, motion: str, header: str, sensor: str, rng: np.random.Gen
                 Path(folder, name).write_text(content, encoding="utf-8")
             return read(Path(folder, "calibration.toml"))
 
-    return Trial(reading, model, truth(given.sensor), cause=cause)
+    return Trial(reading, model, truth(conditions.sensor), cause=cause)
 
 
-def _written(made: list[Raw], wrong: str, header: str) -> tuple[dict[str, str], str]:
+def _written(recordings: list[Raw], wrong: str, header: str) -> tuple[dict[str, str], str]:
     """Files by name, and what the calibration file says of the sampling."""
-    rate = made[0].rate
+    rate = recordings[0].rate
     sampling = f"time_column = {header!r}"
     if wrong.startswith("rate contradicts"):
         sampling = f"rate_hz = {2.0 * rate!r}"
-    files = {f"{raw.name}.csv": _csv(raw, wrong, header) for raw in made}
+    files = {f"{raw.name}.csv": _csv(raw, wrong, header) for raw in recordings}
     if wrong == "one file under two names":
-        files["again.csv"] = files[f"{made[0].name}.csv"]
+        files["again.csv"] = files[f"{recordings[0].name}.csv"]
     return files, sampling
 
 
@@ -101,11 +103,11 @@ def _csv(raw: Raw, wrong: str, header: str) -> str:
 
 
 def _calibration_file(
-    model: str, quantity: str, sampling: str, made: list[Raw], names: tuple[str, ...]
+    model: str, quantity: str, sampling: str, recordings: list[Raw], names: tuple[str, ...]
 ) -> str:
-    if "time_column" in sampling and any(raw.frequency_hz for raw in made):
+    if "time_column" in sampling and any(raw.frequency_hz for raw in recordings):
         sampling = "time_column = 't'"
-    by_name: Mapping[str, Raw] = {f"{raw.name}.csv": raw for raw in made}
+    by_name: Mapping[str, Raw] = {f"{raw.name}.csv": raw for raw in recordings}
     lines = [
         f'[sensor]\nmodel = "{model}"',
         f'[reference]\ncolumn = "reference"\nquantity = "{quantity}"',
@@ -113,7 +115,7 @@ def _calibration_file(
         f"[sampling]\n{sampling}",
     ]
     for name in names:
-        raw = by_name.get(name, made[0])
+        raw = by_name.get(name, recordings[0])
         stated = f"\nfrequency_hz = {raw.frequency_hz!r}" if raw.frequency_hz else ""
         lines.append(f'[[records]]\nfile = "{name}"\nexcitation = "{raw.excitation}"{stated}')
     return "\n".join(lines) + "\n"

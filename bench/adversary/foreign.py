@@ -75,16 +75,21 @@ def cases() -> Cases:
 
 
 def _maker(name: str, sensor: str, motion: str, noise: Noise, rng: np.random.Generator) -> Trial:
-    given = setting(sensor, rng)
-    made = records(motion, given, noise, rng)
+    conditions = setting(sensor, rng)
+    recordings = records(motion, conditions, noise, rng)
     if name == PAIRED:
-        others = records(motion, given, noise, rng)
-        made = [
-            replace(one, response=other.response) for one, other in zip(made, others, strict=True)
+        second_recordings = records(motion, conditions, noise, rng)
+        recordings = [
+            replace(recording, response=second.response)
+            for recording, second in zip(recordings, second_recordings, strict=True)
         ]
     else:
-        made = [STRANGE[name](one, rng) for one in made]
-    model = given.sensor.model
+        recordings = [STRANGE[name](recording, rng) for recording in recordings]
+    model = conditions.sensor.model
     return Trial(
-        calibration(made, model, given.quantity), model, NOTHING_TRUE, cause=name, strange=True
+        calibration(recordings, model, conditions.quantity),
+        model,
+        NOTHING_TRUE,
+        cause=name,
+        strange=True,
     )

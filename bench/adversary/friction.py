@@ -43,26 +43,33 @@ def steady() -> Cases:
 
 
 def _rubbing(size: str, motion: str, rng: np.random.Generator) -> Trial:
-    given, drawn = draw_setting("accelerometer", "acceleration", rng, ("in",), ("light", "damped"))
+    conditions, drawn = draw_setting(
+        "accelerometer", "acceleration", rng, ("in",), ("light", "damped")
+    )
     noise = draw_noise(rng, (1e-4, 3e-3))
     shape = (8, 1000) if motion == "sine" else (4, 2000)
-    part = log_uniform(*SIZES[size], rng)
-    moves = draw_motions(motion, given, rng, shape)
-    answers = rubbed(moves, given.sensor, part, shape[1], given.rate)
-    time_s = np.arange(shape[1]) / given.rate
+    force_fraction = log_uniform(*SIZES[size], rng)
+    moves = draw_motions(motion, conditions, rng, shape)
+    answers = rubbed(moves, conditions.sensor, force_fraction, shape[1], conditions.rate)
+    time_s = np.arange(shape[1]) / conditions.rate
     declared = {"burst": "random"}.get(motion, motion.partition(" ")[0])
-    made = []
+    recordings = []
     sound = []
     for i, (move, answer) in enumerate(zip(moves, answers, strict=True)):
-        for response, into in ((answer, made), (move.response(given.sensor, time_s), sound)):
-            channels = recorded(move.acceleration(time_s), response, given.rate, noise, rng)
-            into.append(Raw(f"{declared}-{i}", *channels, given.rate, declared))
-    text = f"friction {part:.2e}; {describe(given, made, noise, drawn)}"
+        for response, into in (
+            (answer, recordings),
+            (move.response(conditions.sensor, time_s), sound),
+        ):
+            channels = recorded(move.acceleration(time_s), response, conditions.rate, noise, rng)
+            into.append(Raw(f"{declared}-{i}", *channels, conditions.rate, declared))
+    text = f"friction {force_fraction:.2e}; {describe(conditions, recordings, noise, drawn)}"
     named = frozenset({"nonlinear"})
-    return faulty_trial(made, sound, given, "dry friction", text, expected=named)
+    return faulty_trial(recordings, sound, conditions, "dry friction", text, expected=named)
 
 
-def rubbed(moves: list[Motion], sensor: Sensor, part: float, samples: int, rate: float) -> Real:
+def rubbed(
+    moves: list[Motion], sensor: Sensor, force_fraction: float, samples: int, rate: float
+) -> Real:
     """Return responses (records, samples) of ẍ + 2δω ẋ + ω² x = a − F sgn ẋ, F in parts of a's rms.
 
     Each of the steps solves the linear sensor exactly for an acceleration that is straight within
@@ -74,17 +81,17 @@ def rubbed(moves: list[Motion], sensor: Sensor, part: float, samples: int, rate:
     t = (np.arange((samples + before) * STEPS_PER_SAMPLE + 1) - before * STEPS_PER_SAMPLE) * step
     push = np.array([_at(move, t) for move in moves])
     inner = push[:, before * STEPS_PER_SAMPLE :: STEPS_PER_SAMPLE]
-    force = part * np.array([level(values) for values in inner])
+    force = force_fraction * np.array([level(values) for values in inner])
     w = TAU * sensor.parameters["natural_frequency"]
     d = sensor.parameters["damping_ratio"]
     block = np.zeros((4, 4))  # state, acceleration and its slope
     block[:2, :2] = [[0.0, w], [-w, -2.0 * d * w]]  # x ω², v ω
     block[1, 2] = w
     block[2, 3] = 1.0 / step
-    whole = expm(block * step)
-    move_on = whole[:2, :2].T
-    from_level = whole[:2, 2]
-    from_slope = whole[:2, 3]
+    propagator = expm(block * step)
+    move_on = propagator[:2, :2].T
+    from_level = propagator[:2, 2]
+    from_slope = propagator[:2, 3]
     state = np.zeros((len(moves), 2))
     out = np.zeros((len(moves), samples))
     for k in range((samples + before) * STEPS_PER_SAMPLE):
@@ -123,20 +130,20 @@ def _steady(kind: str, count: int, rng: np.random.Generator) -> Trial:
         "accelerometer", {"sensitivity": 1.0, "natural_frequency": 1.0, "damping_ratio": 0.1}
     )
     frequency = rate * log_uniform(5e-3, 0.3, rng)
-    made = []
+    recordings = []
     for i in range(count):
         values = steady_motion(kind, frequency / rate, samples, rng)
         values = recorded_channel(values, noise, rng) * 10.0 ** rng.uniform(-3.0, 3.0)
-        made.append(Raw(f"decay-{i}", np.zeros(0), values, rate, "decay"))
-    given = Setting(sensor, rate, "acceleration", (0.0, rate))
+        recordings.append(Raw(f"decay-{i}", np.zeros(0), values, rate, "decay"))
+    conditions = Setting(sensor, rate, "acceleration", (0.0, rate))
     nothing = {"natural_frequency": np.inf, "damping_ratio": np.inf}
     return Trial(
-        calibration(made, "accelerometer", "acceleration"),
+        calibration(recordings, "accelerometer", "acceleration"),
         "accelerometer",
         nothing,
         cause="no decay",
         strange=True,
-        drawn=describe(given, made, noise, f"tone at {frequency:.4g} Hz"),
+        drawn=describe(conditions, recordings, noise, f"tone at {frequency:.4g} Hz"),
     )
 
 

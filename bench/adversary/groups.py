@@ -50,21 +50,21 @@ LIST_INTRODUCTION = (
 
 def main(arguments: list[str]) -> int:
     """Run the groups that are asked for and print what failed and the sums."""
-    given = _parser().parse_args(arguments)
+    conditions = _parser().parse_args(arguments)
     quiet()
     lines = []
-    for name in given.groups:
-        for case, run in _wanted(name, given):
-            line = {"name": case.name, "run": run, "limit": given.limit}
-            line |= _limited(case, run, given.limit)
+    for name in conditions.groups:
+        for case, run in _wanted(name, conditions):
+            line = {"name": case.name, "run": run, "limit": conditions.limit}
+            line |= _limited(case, run, conditions.limit)
             lines.append(line)
-            if given.verbose or is_failure(line):
+            if conditions.verbose or is_failure(line):
                 _print(describe_failure(line))
     _print("")
     for row in sums(lines):
         _print("  ".join(f"{cell:>12}" for cell in row))
-    if given.keep:
-        keep(given.keep, given.first, lines)
+    if conditions.keep:
+        keep(conditions.keep, conditions.first, lines)
     return 0
 
 
@@ -83,11 +83,11 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _wanted(group: str, given: argparse.Namespace) -> Iterator[tuple[Case, int]]:
+def _wanted(group: str, conditions: argparse.Namespace) -> Iterator[tuple[Case, int]]:
     """Yield cases in their order by chance, and numbers of runs."""
-    chosen = [c for c in CASES if c.name.split("/")[0] == group and given.only in c.name]
-    for case in chosen[: given.cases or None]:
-        for run in range(given.first, given.first + given.runs):
+    chosen = [c for c in CASES if c.name.split("/")[0] == group and conditions.only in c.name]
+    for case in chosen[: conditions.cases or None]:
+        for run in range(conditions.first, conditions.first + conditions.runs):
             yield case, run
 
 
@@ -118,13 +118,13 @@ def describe_failure(line: dict[str, Any]) -> str:
     z = line.get("z") or {"-": 0.0}
     name = max(z, key=lambda key: z[key])
     away = f" runaway {','.join(line['runaway'])}" if line.get("runaway") else ""
-    said = ",".join(line["codes"])
-    if said in ("", "refused"):
-        said = line["says"][0][:90] if line["says"] else "nothing"
+    remark = ",".join(line["codes"])
+    if remark in ("", "refused"):
+        remark = line["says"][0][:90] if line["says"] else "nothing"
     wide = f"u x {line['u_ratio']:.3g}; " if line.get("u_ratio") else ""
     off = "" if name == "-" or z[name] >= 1e300 else f"{name} {z[name]:.3g} u; "
     return (
-        f"{line['class']}{away} `{line['name']}` --run {line['run']}: {off}{wide}said {said};"
+        f"{line['class']}{away} `{line['name']}` --run {line['run']}: {off}{wide}said {remark};"
         f" {line['cpu']} s; {line.get('drawn', '')}"
     )
 
@@ -136,19 +136,19 @@ def sums(lines: list[dict[str, Any]]) -> list[tuple[str, ...]]:
         (*head, "traceback", "named", "runaway", "wide", "CPU s", "longest", "limit")
     ]
     for group in dict.fromkeys(line["name"].split("/")[0] for line in lines):
-        own = [line for line in lines if line["name"].split("/")[0] == group]
-        counts = Counter(line["class"] for line in own)
+        group_lines = [line for line in lines if line["name"].split("/")[0] == group]
+        counts = Counter(line["class"] for line in group_lines)
         rows.append(
             (
                 group,
-                str(len(own)),
+                str(len(group_lines)),
                 *(str(counts[kind] or "") for kind in (*head[2:], "traceback")),
-                str(sum(bool(line.get("named")) for line in own) or ""),
-                str(sum(bool(line.get("runaway")) for line in own) or ""),
-                str(sum((line.get("u_ratio") or 0.0) > MAX_U_RATIO for line in own) or ""),
-                f"{sum(line['cpu'] for line in own):.0f}",
-                f"{max(line['cpu'] for line in own):.1f}",
-                f"{max(line.get('limit', 0.0) for line in own):.0f}",
+                str(sum(bool(line.get("named")) for line in group_lines) or ""),
+                str(sum(bool(line.get("runaway")) for line in group_lines) or ""),
+                str(sum((line.get("u_ratio") or 0.0) > MAX_U_RATIO for line in group_lines) or ""),
+                f"{sum(line['cpu'] for line in group_lines):.0f}",
+                f"{max(line['cpu'] for line in group_lines):.1f}",
+                f"{max(line.get('limit', 0.0) for line in group_lines):.0f}",
             )
         )
     return rows

@@ -35,19 +35,20 @@ def cases() -> Cases:
 
 
 def _maker(kind: str, sensor: str, rng: np.random.Generator) -> Trial:
-    given = replace(setting(sensor, rng), quantity=str(rng.choice(QUANTITIES)))
+    conditions = replace(setting(sensor, rng), quantity=str(rng.choice(QUANTITIES)))
     noise = draw_noise(rng, (1e-4, 1e-2))
     count, samples = ((1, 8000), (1, 3000), (4, 1500))[rng.integers(3)]
-    period = given.rate / given.sensor.parameters["natural_frequency"]
+    period = conditions.rate / conditions.sensor.parameters["natural_frequency"]
     hold = max(1, round(log_uniform(0.05, 1.5, rng) * period))
-    made = []
+    recordings = []
     for i in range(count):
         levels = stairs(kind, samples, hold, period, rng)
-        response = held_response(given.sensor, levels, given.rate)
-        channels = recorded(levels, response, given.rate, noise, rng)
-        made.append(Raw(f"held-{i}", *channels, given.rate, "random"))
-    text = f"held for {hold} samples, {period:.1f} a period; {describe(given, made, noise, sensor)}"
-    return faulty_trial(made, None, given, "held input", text)
+        response = held_response(conditions.sensor, levels, conditions.rate)
+        channels = recorded(levels, response, conditions.rate, noise, rng)
+        recordings.append(Raw(f"held-{i}", *channels, conditions.rate, "random"))
+    described = describe(conditions, recordings, noise, sensor)
+    text = f"held for {hold} samples, {period:.1f} a period; {described}"
+    return faulty_trial(recordings, None, conditions, "held input", text)
 
 
 def stairs(kind: str, samples: int, hold: int, period: float, rng: np.random.Generator) -> Real:

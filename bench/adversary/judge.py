@@ -50,36 +50,36 @@ def judged(trial: Trial) -> dict[str, Any]:
     """Class of the trial, and what led to it, as plain values."""
     begin = time.perf_counter()
     cpu = time.process_time()
-    found: dict[str, Any] = {"cause": trial.cause, "clean": not trial.cause}
-    found |= {"drawn": trial.drawn} if trial.drawn else {}
+    outcome: dict[str, Any] = {"cause": trial.cause, "clean": not trial.cause}
+    outcome |= {"drawn": trial.drawn} if trial.drawn else {}
     try:
         with warnings.catch_warnings(record=True) as noted:
             warnings.simplefilter("always")
             result = identify(trial.calibration(), model=trial.model)
-        found |= of_result(trial, result)
-        found["python_warnings"] = sorted(
+        outcome |= of_result(trial, result)
+        outcome["python_warnings"] = sorted(
             {f"{w.category.__name__}: {w.message}"[:100] for w in noted}
         )
     except VibridentError as error:
         expected = bool(trial.cause) or trial.strange
-        found |= {
+        outcome |= {
             "class": REFUSED if expected else ALARM,
             "codes": ["refused"],
             "says": [str(error)[:300]],
         }
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{where.filename.rpartition('/')[2]}:{where.lineno}"
-        found |= {
+        location = f"{where.filename.rpartition('/')[2]}:{where.lineno}"
+        outcome |= {
             "class": TRACEBACK,
             "codes": [],
-            "says": [f"{type(error).__name__}: {error} ({place})"[:300]],
+            "says": [f"{type(error).__name__}: {error} ({location})"[:300]],
         }
     spent = {
         "seconds": round(time.perf_counter() - begin, 2),
         "cpu": round(time.process_time() - cpu, 2),
     }
-    return {**found, **spent}
+    return {**outcome, **spent}
 
 
 def of_result(trial: Trial, result: Result) -> dict[str, Any]:
@@ -133,11 +133,11 @@ def u_ratio(trial: Trial, result: Result) -> float | None:
     with suppress(VibridentError):
         sound = identify(trial.sound(), model=trial.model).parameters
         pairs = [
-            (own.standard_uncertainty, sound[name].standard_uncertainty)
-            for name, own in result.parameters.items()
+            (stated.standard_uncertainty, sound[name].standard_uncertainty)
+            for name, stated in result.parameters.items()
             if name in trial.truth and name in sound
         ]
-        return round(max(own / other for own, other in pairs if own and other), 3)
+        return round(max(stated / without for stated, without in pairs if stated and without), 3)
     return None
 
 
@@ -157,22 +157,28 @@ def told_impact(trial: Trial, result: Result) -> dict[str, Any] | None:
     model does not explain the data.
     """
     for warning in result.warnings if result.fit.adequate else ():
-        found = IMPACT.search(warning.message)
+        impact = IMPACT.search(warning.message)
         name = (
             None
-            if found is None
-            else next((n for n in trial.truth if in_words(n) == found["name"]), None)
+            if impact is None
+            else next((n for n in trial.truth if in_words(n) == impact["name"]), None)
         )
         stated = None if name is None else result.parameters.get(name)
-        if found is None or name is None or stated is None or not stated.standard_uncertainty:
+        if impact is None or name is None or stated is None or not stated.standard_uncertainty:
             continue
-        less = abs(float(found["stated"])) - abs(float(found["without"]))
-        if found["unit"] != found["same"]:  # 999 Hz and 1.01 kHz
+        less = abs(float(impact["stated"])) - abs(float(impact["without"]))
+        if impact["unit"] != impact["same"]:  # 999 Hz and 1.01 kHz
             less = -less
-        told = math.copysign(float(found["size"]), less * stated.value)
+        stated_off = math.copysign(float(impact["size"]), less * stated.value)
         off = (stated.value - _without(trial, name)) / stated.standard_uncertainty
-        true = abs(off - told) <= max(IMPACT_TOLERANCE * abs(off), 1.0)
-        return {"code": warning.code, "parameter": name, "off": off, "told": told, "true": true}
+        true = abs(off - stated_off) <= max(IMPACT_TOLERANCE * abs(off), 1.0)
+        return {
+            "code": warning.code,
+            "parameter": name,
+            "off": off,
+            "told": stated_off,
+            "true": true,
+        }
     return None
 
 
@@ -190,7 +196,7 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
     Where the stated uncertainty has few degrees of freedom, the distance is that of a normal
     variable as probable as Student's is.
     """
-    found = {}
+    in_u = {}
     freedom = float(result.settings.get("effective_degrees_of_freedom") or math.inf)
     for name, true in truth.items():
         parameter = result.parameters.get(name)
@@ -198,12 +204,12 @@ def distances(result: Result, truth: Mapping[str, float]) -> dict[str, float]:
             continue
         error = abs(parameter.value - true)
         if math.isfinite(true) and error <= ROUNDING_ERROR * abs(true):
-            found[name] = 0.0
+            in_u[name] = 0.0
         elif not parameter.standard_uncertainty > 0.0:
-            found[name] = math.inf
+            in_u[name] = math.inf
         else:
-            found[name] = as_normal(error / parameter.standard_uncertainty, freedom)
-    return found
+            in_u[name] = as_normal(error / parameter.standard_uncertainty, freedom)
+    return in_u
 
 
 def as_normal(ratio: float, freedom: float) -> float:
@@ -216,13 +222,13 @@ def as_normal(ratio: float, freedom: float) -> float:
 
 def heeded(name: str, result: Result) -> bool:
     """Return whether a warning other than of polarity would keep a person from a parameter."""
-    own = (name, *MADE_OF.get(name, ()))
+    names = (name, *MADE_OF.get(name, ()))
     for warning in result.warnings:
         if warning.code == "polarity":
             continue
         if warning.code in OF_PARAMETERS:
             text = named(warning.message)
-            if any(part in text for part in own):
+            if any(part in text for part in names):
                 return True
         else:
             return True
@@ -239,7 +245,7 @@ def named(message: str) -> str:
 
 def false_alarms(trial: Trial, result: Result) -> list[str]:
     """Warnings of a clean trial that are not true of it."""
-    found = []
+    codes = []
     for warning in result.warnings:
         if warning.code in trial.allowed:
             continue
@@ -250,8 +256,8 @@ def false_alarms(trial: Trial, result: Result) -> list[str]:
             continue
         if warning.code in OF_PARAMETERS and _weak(warning.message, result):
             continue
-        found.append(warning.code)
-    return found
+        codes.append(warning.code)
+    return codes
 
 
 def _weak(message: str, result: Result) -> bool:

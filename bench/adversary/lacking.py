@@ -51,43 +51,51 @@ def cases() -> Cases:
             f"{lacked}/{sensor}/few tones/0.1 %",
             partial(_lacking, lacked, sensor, "few tones", NOISES[0]),
         )
-    for bend, rest, motion in itertools.product(
+    for bend, rest_position, motion in itertools.product(
         BENDS, RESTS, ("sine", "multisine", "random", "sweep")
     ):
-        for asked in ("accelerometer", "accelerometer+cubic"):
-            if asked == "accelerometer" and rest != "at zero":
+        for model_name in ("accelerometer", "accelerometer+cubic"):
+            if model_name == "accelerometer" and rest_position != "at zero":
                 continue  # a linear sensor of another natural frequency stands there
             noise = next(turn)
-            name = f"spring {bend:g} rest {rest}/{motion}/{noise.name}/{asked}"
-            yield name, partial(_bending, bend, rest, motion, noise, asked)
+            name = f"spring {bend:g} rest {rest_position}/{motion}/{noise.name}/{model_name}"
+            yield name, partial(_bending, bend, rest_position, motion, noise, model_name)
 
 
 def _lacking(
     lacked: str, sensor: str, motion: str, noise: Noise, rng: np.random.Generator
 ) -> Trial:
-    given = setting(sensor, rng)
-    made = records(motion, given, noise, rng)
-    model = "+".join(part for part in given.sensor.parts if part != lacked)
-    true = seen_without_mode2(given) if lacked == "mode2" else truth(given.sensor)
+    conditions = setting(sensor, rng)
+    recordings = records(motion, conditions, noise, rng)
+    model = "+".join(part for part in conditions.sensor.parts if part != lacked)
+    true = seen_without_mode2(conditions) if lacked == "mode2" else truth(conditions.sensor)
     return Trial(
-        calibration(made, model, given.quantity), model, true, cause=f"model lacks {lacked}"
+        calibration(recordings, model, conditions.quantity),
+        model,
+        true,
+        cause=f"model lacks {lacked}",
     )
 
 
-def seen_without_mode2(given: Setting) -> dict[str, float]:
+def seen_without_mode2(conditions: Setting) -> dict[str, float]:
     """Return the truth on a sensor of two modes as one of one mode.
 
     Its static sensitivity has both modes' shares.
     """
-    parameters = given.sensor.parameters
-    found = truth(given.sensor) | {
+    parameters = conditions.sensor.parameters
+    apparent = truth(conditions.sensor) | {
         "sensitivity": parameters["sensitivity"] * (1.0 + parameters["mode2_gain"])
     }
-    return {name: value for name, value in found.items() if name != "conversion_coefficient"}
+    return {name: value for name, value in apparent.items() if name != "conversion_coefficient"}
 
 
 def _bending(
-    bend: float, rest: str, motion: str, noise: Noise, asked: str, rng: np.random.Generator
+    bend: float,
+    rest_position: str,
+    motion: str,
+    noise: Noise,
+    model_name: str,
+    rng: np.random.Generator,
 ) -> Trial:
     """Return springs that harden or soften, with the zero of the reference and their rest point."""
     rate = 2000.0
@@ -100,7 +108,7 @@ def _bending(
         "natural_frequency": fn,
         "damping_ratio": rng.uniform(0.25, 0.6),
     }
-    made = []
+    recordings = []
     for i, (move, spacing) in enumerate(_periodic(motion, (low, top), samples, rate, rng)):
         sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 0.0})
         t = np.arange(samples) / rate
@@ -108,17 +116,17 @@ def _bending(
         size = (i % 3 + 1) / 3.0
         move = move.scaled(size / level)  # the largest |V| is about one third, two thirds, one
         sensor = Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend})
-        spring, shown = RESTS[rest]
+        spring, shown = RESTS[rest_position]
         # The recorder couples the response by AC.
         answer = bent(move, sensor, spacing, offset=spring)[0]
         channels = move.acceleration(t) + shown, answer.acceleration(t)
         reference, response = recorded(*channels, rate, noise, rng)
-        made.append(Raw(f"{motion}-{i}", reference, response, rate, motion))
+        recordings.append(Raw(f"{motion}-{i}", reference, response, rate, motion))
     true = truth(Sensor("accelerometer+cubic", {**parameters, "cubic_stiffness": 4.0 * bend}))
-    cause = "" if asked.endswith("cubic") else "model lacks cubic"
-    if asked.endswith("cubic") and any(RESTS[rest]):
+    cause = "" if model_name.endswith("cubic") else "model lacks cubic"
+    if model_name.endswith("cubic") and any(RESTS[rest_position]):
         cause = "rest point of a cubic spring"
-    return Trial(calibration(made, asked, "acceleration"), asked, true, cause=cause)
+    return Trial(calibration(recordings, model_name, "acceleration"), model_name, true, cause=cause)
 
 
 def _periodic(

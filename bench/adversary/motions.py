@@ -67,12 +67,12 @@ def shock(duration_s: float, peak: float, samples: int, rate: float) -> Motion:
     return _of_samples(push, rate, limit=0.45).scaled(peak)
 
 
-def gated(motion: Motion, samples: int, rate: float, rest: float) -> Motion:
+def gated(motion: Motion, samples: int, rate: float, rest_fraction: float) -> Motion:
     """Return the motion after a rest over the first part of the record, with a smooth start."""
     period = int(PERIOD * samples)
     t = np.arange(period) / rate
     x = np.arange(period) / samples
-    gate = np.sin(0.5 * np.pi * np.clip((x - rest) / 0.05, 0.0, 1.0)) ** 2
+    gate = np.sin(0.5 * np.pi * np.clip((x - rest_fraction) / 0.05, 0.0, 1.0)) ** 2
     gate *= np.sin(0.5 * np.pi * np.clip((PERIOD - x) / 0.05, 0.0, 1.0)) ** 2
     values = motion.acceleration(t) * gate
     return _of_samples(values, rate, limit=0.45)

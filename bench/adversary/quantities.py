@@ -58,17 +58,17 @@ def noises() -> Cases:
 
 def long() -> Cases:
     """Return the names and makers: colours of both channels' noise, strength of the reference's."""
-    for place, samples in enumerate(LENGTHS):
-        colour = COLOURS[(place + place // 4) % 4]
-        motion = LONG_MOTIONS[place % 4]
+    for number, samples in enumerate(LENGTHS):
+        colour = COLOURS[(number + number // 4) % 4]
+        motion = LONG_MOTIONS[number % 4]
         yield f"{samples}/{colour}/{motion}", partial(_long, samples, colour, motion)
 
 
 def _quantity(quantity: str, model: str, motion: str, rng: np.random.Generator) -> Trial:
-    given, drawn = draw_setting(model, quantity, rng)
+    conditions, drawn = draw_setting(model, quantity, rng)
     noise = draw_noise(rng, reference=(1e-6, 1e-3) if rng.random() < 0.5 else None)
-    made = draw_records(motion, given, noise, rng, draw_shape(motion, rng))
-    return clean_trial(made, given, noise, drawn)
+    recordings = draw_records(motion, conditions, noise, rng, draw_shape(motion, rng))
+    return clean_trial(recordings, conditions, noise, drawn)
 
 
 def _noisy(
@@ -79,16 +79,16 @@ def _noisy(
     rng: np.random.Generator,
 ) -> Trial:
     model = str(rng.choice(["accelerometer", "velocity-pickup", "accelerometer+delay"]))
-    given, drawn = draw_setting(model, quantity, rng)
+    conditions, drawn = draw_setting(model, quantity, rng)
     noise = draw_noise(rng, reference=reference, colours=colours)
-    made = draw_records(motion, given, noise, rng, draw_shape(motion, rng))
-    return clean_trial(made, given, noise, drawn)
+    recordings = draw_records(motion, conditions, noise, rng, draw_shape(motion, rng))
+    return clean_trial(recordings, conditions, noise, drawn)
 
 
 def _long(samples: int, colour: str, motion: str, rng: np.random.Generator) -> Trial:
     model = str(rng.choice(["accelerometer", "accelerometer+delay", "velocity-pickup"]))
     quantity = str(rng.choice(QUANTITIES))
-    given, drawn = draw_setting(model, quantity, rng, places=("below", "in", "edge", "above"))
+    conditions, drawn = draw_setting(model, quantity, rng, places=("below", "in", "edge", "above"))
     noise = draw_noise(rng, (1e-4, 1e-2), (1e-5, 1e-3), (colour, "white"))
-    made = draw_records(motion, given, noise, rng, (1, samples))
-    return clean_trial(made, given, noise, drawn)
+    recordings = draw_records(motion, conditions, noise, rng, (1, samples))
+    return clean_trial(recordings, conditions, noise, drawn)

@@ -67,11 +67,11 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
     """
     core, *add_ons = kind.split("+")
     pickup = core.startswith("pickup-")
-    place, damping = core.removeprefix("pickup-").split("-")
+    position, damping = core.removeprefix("pickup-").split("-")
     rate = float(rng.choice(RATES))
     low = LOWEST_RATIO * rate
     top = HIGHEST_RATIO * rate
-    frequency = top * rng.uniform(*PLACES[place])
+    frequency = top * rng.uniform(*PLACES[position])
     gain = 10.0 ** rng.uniform(-9.0, 9.0) * float(rng.choice([-1.0, 1.0]))
     parameters = {
         "generator_constant" if pickup else "sensitivity": gain,
@@ -84,7 +84,7 @@ def setting(kind: str, rng: np.random.Generator) -> Setting:
         model += f"+{name}"
         parameters |= _add_on(name, float(size or 0.0), rate, frequency, low, rng)
     quantity = str(
-        rng.choice(QUANTITIES if place == "in" and not add_ons else ["acceleration", "drive"])
+        rng.choice(QUANTITIES if position == "in" and not add_ons else ["acceleration", "drive"])
     )
     return Setting(Sensor(model, parameters), rate, quantity, (low, top))
 
@@ -100,10 +100,10 @@ def _add_on(
     if name == "boxcar":
         return {"boxcar_length": (size or rng.uniform(0.3, 0.9)) / top}
     if name == "mode2":
-        other = rng.uniform(1.5, 2.2) if frequency < 0.5 * top else rng.uniform(0.3, 0.6)
+        second_frequency = rng.uniform(1.5, 2.2) if frequency < 0.5 * top else rng.uniform(0.3, 0.6)
         gain = size or 0.03
         return {
-            "mode2_frequency": other * frequency,
+            "mode2_frequency": second_frequency * frequency,
             "mode2_damping": rng.uniform(0.01, 0.05),
             "mode2_gain": gain,
         }
@@ -111,12 +111,12 @@ def _add_on(
 
 
 def excite(
-    motion: str, given: Setting, rng: np.random.Generator, shape: tuple[int, int] | None = None
+    motion: str, conditions: Setting, rng: np.random.Generator, shape: tuple[int, int] | None = None
 ) -> list[Motion]:
     """Return the motions of all records."""
     count, samples = shape or SHAPES[motion]
-    low, top = given.band_hz
-    rate = given.rate
+    low, top = conditions.band_hz
+    rate = conditions.rate
     if motion == "sine":
         grid = np.geomspace(max(low, 3.1 * rate / samples), top, count)
         return [motions.sine(f * rng.uniform(0.97, 1.0), 10.0, rng) for f in grid]
@@ -145,22 +145,22 @@ def excite(
         ]
     if motion == "rung":
         begun = rng.uniform(0.0, 0.1, count)
-        steady = excite("sine", given, rng, (count, samples))
+        steady = excite("sine", conditions, rng, (count, samples))
         return [motions.gated(m, samples, rate, at) for m, at in zip(steady, begun, strict=True)]
     if motion == "mixed":
         return [
-            *excite("sine", given, rng, (4, samples)),
-            *excite("random", given, rng, (count - 4, samples)),
+            *excite("sine", conditions, rng, (4, samples)),
+            *excite("random", conditions, rng, (count - 4, samples)),
         ]
     raise ValueError(motion)
 
 
 def _spread(low: float, top: float, count: int, apart: float, rng: np.random.Generator) -> Real:
     """Return the frequencies about evenly in their logarithm, at least three lines apart."""
-    found = np.geomspace(low, top, count) * rng.uniform(0.98, 1.0, count)
+    tones_hz = np.geomspace(low, top, count) * rng.uniform(0.98, 1.0, count)
     for i in range(1, count):
-        found[i] = max(found[i], found[i - 1] + 3.0 * apart)
-    return found
+        tones_hz[i] = max(tones_hz[i], tones_hz[i - 1] + 3.0 * apart)
+    return tones_hz
 
 
 def record(
@@ -168,7 +168,7 @@ def record(
     name: str,
     declared: str,
     samples: int,
-    given: Setting,
+    conditions: Setting,
     noise: Noise,
     rng: np.random.Generator,
     *,
@@ -176,22 +176,28 @@ def record(
     stated: bool = False,
 ) -> Raw:
     """Return an exact recording with noise and free motion, ``free`` times the response's rms."""
-    t = np.arange(samples) / given.rate
+    t = np.arange(samples) / conditions.rate
     if noise.felt:
-        beside = motions.random(
-            (0.3 * given.band_hz[0], 2.0 * given.band_hz[1]), 1.0, samples, given.rate, rng
+        ambient = motions.random(
+            (0.3 * conditions.band_hz[0], 2.0 * conditions.band_hz[1]),
+            1.0,
+            samples,
+            conditions.rate,
+            rng,
         )
-        beside = beside.scaled(noise.felt * rms(motion.acceleration(t)))
-        reference = motion.reference(t, given.quantity) + beside.reference(t, given.quantity)
-        response = motion.response(given.sensor, t) + beside.response(given.sensor, t)
+        ambient = ambient.scaled(noise.felt * rms(motion.acceleration(t)))
+        reference = motion.reference(t, conditions.quantity) + ambient.reference(
+            t, conditions.quantity
+        )
+        response = motion.response(conditions.sensor, t) + ambient.response(conditions.sensor, t)
     else:
-        reference = motion.reference(t, given.quantity)
-        response = motion.response(given.sensor, t)
+        reference = motion.reference(t, conditions.quantity)
+        response = motion.response(conditions.sensor, t)
     if free:
-        response = response + free_motion(given.sensor, free * rms(response), t, rng)
-    reference, response = recorded(reference, response, given.rate, noise, rng)
+        response = response + free_motion(conditions.sensor, free * rms(response), t, rng)
+    reference, response = recorded(reference, response, conditions.rate, noise, rng)
     frequency = float(motion.frequency_hz[0]) if stated and declared == "sine" else None
-    return Raw(name, reference, response, given.rate, declared, frequency)
+    return Raw(name, reference, response, conditions.rate, declared, frequency)
 
 
 def free_motion(sensor: Sensor, size: float, time_s: Real, rng: np.random.Generator) -> Real:
@@ -218,7 +224,7 @@ def recorded(
 
 def records(
     motion: str,
-    given: Setting,
+    conditions: Setting,
     noise: Noise,
     rng: np.random.Generator,
     *,
@@ -226,41 +232,47 @@ def records(
     stated: bool = False,
 ) -> list[Raw]:
     """Return all recordings of a calibration."""
-    moves: Sequence[Motion] = excite(motion, given, rng, shape)
+    moves: Sequence[Motion] = excite(motion, conditions, rng, shape)
     samples = (shape or SHAPES[motion])[1]
-    found = []
+    tones_hz = []
     for i, move in enumerate(moves):
         declared = DECLARED.get(motion, motion)
         if motion == "mixed":
             declared = "sine" if move.frequency_hz.size == 1 else "random"
         moving = (
-            motion != "burst" and given.sensor.parameters["natural_frequency"] < 0.4 * given.rate
+            motion != "burst"
+            and conditions.sensor.parameters["natural_frequency"] < 0.4 * conditions.rate
         )
         # A recorder lets nothing through above half its rate.
         free = float(rng.choice([0.0, 0.3])) if moving else 0.0
         name = f"{declared}-{i}"
-        found.append(
-            record(move, name, declared, samples, given, noise, rng, free=free, stated=stated)
+        tones_hz.append(
+            record(move, name, declared, samples, conditions, noise, rng, free=free, stated=stated)
         )
-    return found
+    return tones_hz
 
 
-def switched(move: Motion, one: Sensor, other: Sensor, at_s: float, time_s: Real) -> Real:
+def switched(
+    move: Motion, before_sensor: Sensor, second_frequency: Sensor, at_s: float, time_s: Real
+) -> Real:
     """Return the response of a sensor that becomes another one, of as many poles, at a time.
 
     Its state goes on: the response and its derivative do not jump (accelerometers without add-ons).
     """
-    before = move.response(one, time_s)
-    after = move.response(other, time_s)
+    before = move.response(before_sensor, time_s)
+    after = move.response(second_frequency, time_s)
     speed = Motion(move.frequency_hz, 1j * TAU * move.frequency_hz * move.amplitude)
     now = np.array([at_s])
-    jump = [float((m.response(one, now) - m.response(other, now))[0]) for m in (move, speed)]
-    roots = other.poles()
+    jump = [
+        float((m.response(before_sensor, now) - m.response(second_frequency, now))[0])
+        for m in (move, speed)
+    ]
+    roots = second_frequency.poles()
     weights = np.linalg.solve(
         np.vander(roots, 2, increasing=True).T, np.asarray(jump, dtype=complex)
     )
     since = np.maximum(time_s - at_s, 0.0)
-    return np.where(time_s < at_s, before, after + other.free(weights, since))
+    return np.where(time_s < at_s, before, after + second_frequency.free(weights, since))
 
 
 def twin(sensor: Sensor, **factors: float) -> Sensor:

@@ -21,15 +21,16 @@ CASES = {2: 60, 3: 30}
 def cases() -> Cases:
     """Return the names and makers."""
     kinds = sorted(
-        (one for one in recordings() if "stated" not in one.name), key=lambda one: one.name
+        (defect for defect in recordings() if "stated" not in defect.name),
+        key=lambda defect: defect.name,
     )
     turn = itertools.cycle(itertools.product(SENSORS, NOISES))
     chosen = np.random.default_rng(26)
     for count, number in CASES.items():
         for index, motion in zip(range(number), itertools.cycle(MOTIONS)):
             defects = [
-                kinds[place]
-                for place in sorted(chosen.choice(len(kinds), count, replace=False).tolist())
+                kinds[kind]
+                for kind in sorted(chosen.choice(len(kinds), count, replace=False).tolist())
             ]
             sensor, noise = next(turn)
             names = " + ".join(defect.name for defect in defects)
@@ -40,12 +41,14 @@ def cases() -> Cases:
 def _maker(
     sensor: str, motion: str, noise: Noise, defects: list[Defect], rng: np.random.Generator
 ) -> Trial:
-    given = setting(sensor, rng)
+    conditions = setting(sensor, rng)
     if noise.bits:
-        given = readable(given)
-    made = sound = records(motion, given, noise, rng)
+        conditions = readable(conditions)
+    recordings = sound = records(motion, conditions, noise, rng)
     for defect in defects:
-        made = defect.change(made, rng)
+        recordings = defect.change(recordings, rng)
     cause = f"{len(defects)} defects at once"
-    without = calibration(sound, given.sensor.model, given.quantity)
-    return Trial.from_recordings(made, given.sensor, given.quantity, cause=cause, sound=without)
+    without = calibration(sound, conditions.sensor.model, conditions.quantity)
+    return Trial.from_recordings(
+        recordings, conditions.sensor, conditions.quantity, cause=cause, sound=without
+    )

@@ -73,47 +73,47 @@ def table(lines: list[dict[str, Any]], commit: str) -> str:
     from bench.adversary.cases import CASES
     from bench.adversary.groups import sections
 
-    found = [
-        {"name": line["cell"], "run": run, **one}
+    outcomes = [
+        {"name": line["cell"], "run": run, **outcome}
         for line in lines
-        for run, one in enumerate(line["runs"], line["first"])
+        for run, outcome in enumerate(line["runs"], line["first"])
     ]
     head = HEAD.format(
-        runs=len(found),
+        runs=len(outcomes),
         cases=len(CASES),
         commit=commit,
         limit=MAX_DISTANCE_U,
         rounding=ROUNDING_ERROR,
     )
-    parts = [head, *_verdict(found)]
-    clean = [one for one in found if one["name"].startswith("clean/")]
-    parts += _counted("By group", "group", found, _part(0))
-    parts += _counted("Clean recordings by motion", "motion", clean, _part(2))
-    parts += _counted("Clean recordings by sensor", "sensor", clean, _part(1))
-    parts += _counted("Clean recordings by noise", "noise", clean, _part(3))
+    parts = [head, *_verdict(outcomes)]
+    clean = [outcome for outcome in outcomes if outcome["name"].startswith("clean/")]
+    parts += _counted("By group", "group", outcomes, _name_part(0))
+    parts += _counted("Clean recordings by motion", "motion", clean, _name_part(2))
+    parts += _counted("Clean recordings by sensor", "sensor", clean, _name_part(1))
+    parts += _counted("Clean recordings by noise", "noise", clean, _name_part(3))
     parts += _counted(
         "Defects by cause",
         "cause",
-        [one for one in found if one["cause"]],
-        lambda one: one["cause"],
+        [outcome for outcome in outcomes if outcome["cause"]],
+        lambda outcome: outcome["cause"],
     )
     return "\n".join(
-        [*parts, *_impacts(found), *_scatter(found), *_failures(found), *sections(), ""]
+        [*parts, *_impacts(outcomes), *_scatter(outcomes), *_failures(outcomes), *sections(), ""]
     )
 
 
-def _part(number: int) -> Callable[[dict[str, Any]], str]:
+def _name_part(number: int) -> Callable[[dict[str, Any]], str]:
     """Return what stands at this place of a case's name; the last place takes the rest."""
-    return lambda one: one["name"].split("/", 3)[number]
+    return lambda outcome: outcome["name"].split("/", 3)[number]
 
 
-def _verdict(found: list[dict[str, Any]]) -> list[str]:
-    clean = [one for one in found if one["clean"]]
+def _verdict(outcomes: list[dict[str, Any]]) -> list[str]:
+    clean = [outcome for outcome in outcomes if outcome["clean"]]
     rows = [
-        _rate("silent-wrong", found, SILENT, "0.5 %", 0.005),
+        _rate("silent-wrong", outcomes, SILENT, "0.5 %", 0.005),
         _rate("silent-wrong on clean cases", clean, SILENT, "0.5 %", 0.005),
         _rate("false alarms on clean cases", clean, ALARM, "1 %", 0.01),
-        _rate("tracebacks", found, TRACEBACK, "none", 0.0),
+        _rate("tracebacks", outcomes, TRACEBACK, "none", 0.0),
     ]
     return [
         "## Against the targets",
@@ -126,7 +126,7 @@ def _verdict(found: list[dict[str, Any]]) -> list[str]:
 
 
 def _rate(what: str, among: list[dict[str, Any]], kind: str, target: str, limit: float) -> Row:
-    count = sum(one["class"] == kind for one in among)
+    count = sum(outcome["class"] == kind for outcome in among)
     total = max(len(among), 1)
     low = 100.0 * float(beta.ppf(0.025, count, total - count + 1)) if count else 0.0
     high = 100.0 * float(beta.ppf(0.975, count + 1, total - count)) if count < total else 100.0
@@ -142,14 +142,18 @@ def _rate(what: str, among: list[dict[str, Any]], kind: str, target: str, limit:
 
 
 def _counted(
-    title: str, label: str, found: Iterable[dict[str, Any]], key: Callable[[dict[str, Any]], str]
+    title: str, label: str, outcomes: Iterable[dict[str, Any]], key: Callable[[dict[str, Any]], str]
 ) -> list[str]:
     counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for one in found:
-        counts[key(one)][one["class"]] += 1
+    for outcome in outcomes:
+        counts[key(outcome)][outcome["class"]] += 1
     rows = [
-        (name, str(sum(own.values())), *(str(own[kind] or "") for kind in CLASSES))
-        for name, own in sorted(counts.items())
+        (
+            name,
+            str(sum(class_counts.values())),
+            *(str(class_counts[kind] or "") for kind in CLASSES),
+        )
+        for name, class_counts in sorted(counts.items())
     ]
     return [
         f"## {title}",
@@ -159,20 +163,26 @@ def _counted(
     ]
 
 
-def _impacts(found: list[dict[str, Any]]) -> list[str]:
+def _impacts(outcomes: list[dict[str, Any]]) -> list[str]:
     """Return how often what a warning says of the worst parameter is so."""
-    told = [
-        one["impact"] for one in found if one.get("impact") and math.isfinite(one["impact"]["off"])
+    impacts = [
+        outcome["impact"]
+        for outcome in outcomes
+        if outcome.get("impact") and math.isfinite(outcome["impact"]["off"])
     ]
-    if not told:
+    if not impacts:
         return []
     rows = []
-    for code in (None, *sorted({one["code"] for one in told})):
-        own = [one["true"] for one in told if code in (None, one["code"])]
+    for code in (None, *sorted({outcome["code"] for outcome in impacts})):
+        signs = [outcome["true"] for outcome in impacts if code in (None, outcome["code"])]
         rows.append(
-            (f"`{code}`" if code else "all", str(len(own)), f"{100 * sum(own) / len(own):.0f} %")
+            (
+                f"`{code}`" if code else "all",
+                str(len(signs)),
+                f"{100 * sum(signs) / len(signs):.0f} %",
+            )
         )
-    far = [one["true"] for one in told if abs(one["off"]) > MAX_DISTANCE_U]
+    far = [outcome["true"] for outcome in impacts if abs(outcome["off"]) > MAX_DISTANCE_U]
     if far:
         rows.insert(
             1,
@@ -195,13 +205,15 @@ def _impacts(found: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def _scatter(found: list[dict[str, Any]]) -> list[str]:
+def _scatter(outcomes: list[dict[str, Any]]) -> list[str]:
     """Describe the spread of the distances of clean cases.
 
     A normal variable's are below 1, 2, 3 in 68, 95, 99.7 %.
     """
-    clean = [one for one in found if one["clean"] and one["class"] in (RIGHT, SILENT)]
-    z = np.array([value for one in clean for value in one["z"].values()])
+    clean = [
+        outcome for outcome in outcomes if outcome["clean"] and outcome["class"] in (RIGHT, SILENT)
+    ]
+    z = np.array([value for outcome in clean for value in outcome["z"].values()])
     if not z.size:
         return []
     shares = ", ".join(f"{100 * float(np.mean(z <= k)):.1f} % within {k}" for k in (1, 2, 3, 4))
@@ -212,13 +224,19 @@ def _scatter(found: list[dict[str, Any]]) -> list[str]:
     return ["## How far from the truth", "", text, ""]
 
 
-def _failures(found: list[dict[str, Any]]) -> list[str]:
+def _failures(outcomes: list[dict[str, Any]]) -> list[str]:
     failed = sorted(
-        (one for one in found if one["class"] in BAD), key=lambda one: (one["class"], one["name"])
+        (outcome for outcome in outcomes if outcome["class"] in BAD),
+        key=lambda outcome: (outcome["class"], outcome["name"]),
     )
     rows = [
-        (one["class"], f"`{one['name']}`{_run(one)}", _worst(one), _said(one))
-        for one in failed[:MAX_LISTED]
+        (
+            outcome["class"],
+            f"`{outcome['name']}`{_run(outcome)}",
+            _worst(outcome),
+            _printed(outcome),
+        )
+        for outcome in failed[:MAX_LISTED]
     ]
     more = [f"… and {len(failed) - MAX_LISTED} more.", ""] if len(failed) > MAX_LISTED else []
     return [
@@ -232,18 +250,18 @@ def _failures(found: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def _run(one: dict[str, Any]) -> str:
-    return f", run {one['run']}" if one["run"] else ""
+def _run(outcome: dict[str, Any]) -> str:
+    return f", run {outcome['run']}" if outcome["run"] else ""
 
 
-def _worst(one: dict[str, Any]) -> str:
-    if not one.get("z"):
+def _worst(outcome: dict[str, Any]) -> str:
+    if not outcome.get("z"):
         return "–"
-    name, value = max(one["z"].items(), key=lambda item: item[1])
+    name, value = max(outcome["z"].items(), key=lambda item: item[1])
     return f"{name} {value:.3g} u" if value < 1e12 else f"{name}, u = 0"
 
 
-def _said(one: dict[str, Any]) -> str:
-    if one["class"] == TRACEBACK:
-        return one["says"][0].splitlines()[0][:80].replace("|", "\\|")
-    return ", ".join(f"`{code}`" for code in one["codes"]) or "–"
+def _printed(outcome: dict[str, Any]) -> str:
+    if outcome["class"] == TRACEBACK:
+        return outcome["says"][0].splitlines()[0][:80].replace("|", "\\|")
+    return ", ".join(f"`{code}`" for code in outcome["codes"]) or "–"

@@ -66,33 +66,38 @@ def cases() -> Cases:
 def _maker(
     sensor: str, count: int, stated: bool, phase: bool, wrong: str, rng: np.random.Generator
 ) -> Trial:
-    given = setting(sensor, rng)
+    conditions = setting(sensor, rng)
     points = count
-    f = np.geomspace(*given.band_hz, points)
+    f = np.geomspace(*conditions.band_hz, points)
     # Of these it can be seen: the laboratory's frequencies are thirds of an octave.
     if "rad/s" in wrong:
         f = np.unique(10.0 ** (np.rint(10.0 * np.log10(f)) / 10.0))
         points = f.size
-    response = given.sensor.transfer(f)
+    response = conditions.sensor.transfer(f)
     u = 10.0 ** rng.uniform(-4.0, -2.0)
     magnitude = np.abs(response) * (1.0 + u * rng.normal(size=points))
     angle = np.unwrap(np.angle(response)) + u * rng.normal(size=points)
-    model = given.sensor.model
+    model = conditions.sensor.model
     f, m, p = WRONG[wrong](f, magnitude, angle) if wrong else (f, magnitude, angle)
     table = {
         "magnitude_uncertainty": u * np.abs(m),
         "phase_uncertainty_rad": np.full(points, u) if phase else None,
     }
 
-    def made() -> Calibration:
+    def read_table() -> Calibration:
         columns = {"frequency_hz": f, "magnitude": m, "phase_rad": p if phase else None}
         return Calibration(table=ResponseTable(**columns, **(table if stated else {})), model=model)
 
     cause = wrong and f"table: {wrong}"
-    few = points * (2 if phase else 1) <= len(given.sensor.parameters)
+    few = points * (2 if phase else 1) <= len(conditions.sensor.parameters)
     allowed = {"lack_of_fit", "weakly_determined", "at_bound"} if few else set()
     trial = Trial(
-        made, model, truth(given.sensor), cause=cause, allowed=frozenset(allowed), strange=few
+        read_table,
+        model,
+        truth(conditions.sensor),
+        cause=cause,
+        allowed=frozenset(allowed),
+        strange=few,
     )
     ambiguous = not phase and not wrong  # a table without phase cannot give the sign
     return replace(trial, truth=_unsigned(trial.truth)) if ambiguous else trial

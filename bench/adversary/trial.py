@@ -49,8 +49,8 @@ class Trial:
         cls, recordings: Sequence[Raw], sensor: Sensor, quantity: str, **more: Any
     ) -> Trial:
         """Return the trial of recordings by the sensor's own model; ``more``: its other fields."""
-        made = calibration(recordings, sensor.model, quantity)
-        return cls(made, sensor.model, truth(sensor), **more)
+        make = calibration(recordings, sensor.model, quantity)
+        return cls(make, sensor.model, truth(sensor), **more)
 
 
 def calibration(
@@ -58,8 +58,8 @@ def calibration(
 ) -> Callable[[], Calibration]:
     """Return recordings as the package takes them."""
 
-    def made() -> Calibration:
-        kept = tuple(
+    def make() -> Calibration:
+        converted = tuple(
             Record(
                 name=r.name,
                 reference=None if r.excitation == "decay" else r.reference,
@@ -71,13 +71,13 @@ def calibration(
             for r in records
         )
         return Calibration(
-            records=kept,
+            records=converted,
             model=model,
             quantity=quantity,  # type: ignore[arg-type]
             **more,
         )
 
-    return made
+    return make
 
 
 def truth(sensor: Sensor) -> dict[str, float]:
@@ -85,11 +85,11 @@ def truth(sensor: Sensor) -> dict[str, float]:
     values = dict(sensor.parameters)
     angular = TAU * values["natural_frequency"]
     values["natural_angular_frequency"] = angular
-    left = 1.0 - 2.0 * values["damping_ratio"] ** 2
+    damping_term = 1.0 - 2.0 * values["damping_ratio"] ** 2
     if sensor.parts[0] == "accelerometer":
         values["conversion_coefficient"] = values["sensitivity"] * angular**2
-        if left > 0.0:
-            values["resonance_frequency"] = values["natural_frequency"] * np.sqrt(left)
-    elif left > 0.0:
-        values["resonance_frequency"] = values["natural_frequency"] / np.sqrt(left)
+        if damping_term > 0.0:
+            values["resonance_frequency"] = values["natural_frequency"] * np.sqrt(damping_term)
+    elif damping_term > 0.0:
+        values["resonance_frequency"] = values["natural_frequency"] / np.sqrt(damping_term)
     return values

@@ -27,9 +27,9 @@ MODELS = ("accelerometer", "accelerometer+delay", "velocity-pickup")
 Answer = Callable[[Motion, Motion, Setting, np.random.Generator], Motion]
 
 
-def modes(frequency_hz: Real, given: Setting, rng: np.random.Generator, count: int) -> Complex:
+def modes(frequency_hz: Real, conditions: Setting, rng: np.random.Generator, count: int) -> Complex:
     """Return acceleration per acceleration of a structure with light modes all over the band."""
-    low, top = given.band_hz
+    low, top = conditions.band_hz
     s = 1j * TAU * frequency_hz
     total = np.zeros(frequency_hz.shape, dtype=complex)
     for _ in range(count):
@@ -39,60 +39,76 @@ def modes(frequency_hz: Real, given: Setting, rng: np.random.Generator, count: i
     return total
 
 
-def _seen(motion: Motion, factor: Complex | float) -> Motion:
+def _filtered(motion: Motion, factor: Complex | float) -> Motion:
     return Motion(motion.frequency_hz, motion.amplitude * factor)
 
 
-def _structure(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _structure(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Another point of a structure of many modes."""
-    return _seen(move, modes(move.frequency_hz, given, rng, 8))
+    return _filtered(move, modes(move.frequency_hz, conditions, rng, 8))
 
 
-def _tower(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _tower(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Return a structure far away, of which the reference drives little, much later."""
-    late = 1j * TAU * move.frequency_hz * rng.uniform(20.0, 200.0) / given.rate
-    driven = _seen(move, modes(move.frequency_hz, given, rng, 4) * np.exp(-late))
-    return _sum(driven, _seen(other, modes(other.frequency_hz, given, rng, 4)), 0.2)
+    late = 1j * TAU * move.frequency_hz * rng.uniform(20.0, 200.0) / conditions.rate
+    driven = _filtered(move, modes(move.frequency_hz, conditions, rng, 4) * np.exp(-late))
+    return _sum(
+        driven, _filtered(second_motion, modes(second_motion.frequency_hz, conditions, rng, 4)), 0.2
+    )
 
 
-def _cause(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _cause(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Return the sensor's answer to what it felt, of which the reference knows little."""
-    return _sum(move, other, float(rng.uniform(0.05, 0.5)))
+    return _sum(move, second_motion, float(rng.uniform(0.05, 0.5)))
 
 
-def _mode(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _mode(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Return a second mode as strong as the first."""
-    fn = given.sensor.parameters["natural_frequency"]
+    fn = conditions.sensor.parameters["natural_frequency"]
     w = TAU * fn * rng.uniform(1.4, 2.5)
     s = 1j * TAU * move.frequency_hz
     share = rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
     second = w * w / (s * s + 2.0 * rng.uniform(0.01, 0.05) * w * s + w * w)
-    return _seen(move, 1.0 + share * second / given.sensor.transfer(move.frequency_hz))
+    return _filtered(move, 1.0 + share * second / conditions.sensor.transfer(move.frequency_hz))
 
 
-def _fixture(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _fixture(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Return a fixture that resonates between the reference and the sensor."""
-    w = TAU * given.band_hz[1] * rng.uniform(0.2, 0.8)
+    w = TAU * conditions.band_hz[1] * rng.uniform(0.2, 0.8)
     s = 1j * TAU * move.frequency_hz
-    return _seen(move, w * w / (s * s + 2.0 * rng.uniform(0.005, 0.05) * w * s + w * w))
+    return _filtered(move, w * w / (s * s + 2.0 * rng.uniform(0.005, 0.05) * w * s + w * w))
 
 
-def _place(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _other_position(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Return a reference that moves with a structure, which the sensor does not."""
-    return _seen(move, 1.0 / modes(move.frequency_hz, given, rng, 5))
+    return _filtered(move, 1.0 / modes(move.frequency_hz, conditions, rng, 5))
 
 
-def _late(move: Motion, other: Motion, given: Setting, rng: np.random.Generator) -> Motion:
+def _late(
+    move: Motion, second_motion: Motion, conditions: Setting, rng: np.random.Generator
+) -> Motion:
     """Return a response that began elsewhere in the same motion."""
-    return move.later(float(rng.choice([-1.0, 1.0])) * rng.uniform(50.0, 500.0) / given.rate)
+    return move.later(float(rng.choice([-1.0, 1.0])) * rng.uniform(50.0, 500.0) / conditions.rate)
 
 
-def _sum(move: Motion, other: Motion, coherence: float) -> Motion:
+def _sum(move: Motion, second_motion: Motion, coherence: float) -> Motion:
     """Return both motions with this share of the rms from the first."""
     first = coherence / np.linalg.norm(move.amplitude)
-    second = np.sqrt(1.0 - coherence**2) / np.linalg.norm(other.amplitude)
-    frequency = np.concatenate([move.frequency_hz, other.frequency_hz])
-    amplitude = np.concatenate([first * move.amplitude, second * other.amplitude])
+    second = np.sqrt(1.0 - coherence**2) / np.linalg.norm(second_motion.amplitude)
+    frequency = np.concatenate([move.frequency_hz, second_motion.frequency_hz])
+    amplitude = np.concatenate([first * move.amplitude, second * second_motion.amplitude])
     lines, places = np.unique(frequency, return_inverse=True)
     total = np.zeros(lines.size, dtype=complex)
     np.add.at(total, places, amplitude)
@@ -105,7 +121,7 @@ ANSWERS: dict[str, Answer] = {
     "reference is not the cause": _cause,
     "second mode missing": _mode,
     "fixture resonates": _fixture,
-    "reference at another place": _place,
+    "reference at another place": _other_position,
     "response of another moment": _late,
 }
 #: A pickup of two modes is none of the simulator's, and with a delay another moment is explained.
@@ -124,24 +140,26 @@ def cases() -> Cases:
 def _maker(kind: str, motion: str, rng: np.random.Generator) -> Trial:
     model = "accelerometer" if kind in ONE_MODEL else str(rng.choice(MODELS))
     quantity = str(rng.choice(QUANTITIES))
-    given, drawn = draw_setting(model, quantity, rng, ("in", "edge"), ("light", "damped"))
+    conditions, drawn = draw_setting(model, quantity, rng, ("in", "edge"), ("light", "damped"))
     noise = draw_noise(rng, (1e-3, 1e-1))
     shape = ((1, 8000), (1, 4000), (4, 2000))[rng.integers(3)]
     declared = DECLARED.get(motion.partition(" ")[0], motion.partition(" ")[0])
-    time_s = np.arange(shape[1]) / given.rate
+    time_s = np.arange(shape[1]) / conditions.rate
     pairs = zip(
-        draw_motions(motion, given, rng, shape),
-        draw_motions(motion, given, rng, shape),
+        draw_motions(motion, conditions, rng, shape),
+        draw_motions(motion, conditions, rng, shape),
         strict=True,
     )
     seed = int(rng.integers(2**31))  # one structure for all records
-    made = []
-    for i, (move, other) in enumerate(pairs):
-        felt = ANSWERS[kind](move, other, given, np.random.default_rng(seed))
-        response = felt.response(given.sensor, time_s)
+    recordings = []
+    for i, (move, second_motion) in enumerate(pairs):
+        felt = ANSWERS[kind](move, second_motion, conditions, np.random.default_rng(seed))
+        response = felt.response(conditions.sensor, time_s)
         channels = recorded(
-            move.reference(time_s, given.quantity), response, given.rate, noise, rng
+            move.reference(time_s, conditions.quantity), response, conditions.rate, noise, rng
         )
-        made.append(Raw(f"{declared}-{i}", *channels, given.rate, declared))
-    text = describe(given, made, noise, drawn)
-    return faulty_trial(made, None, given, f"unlike: {kind}", text, true=NOTHING_TRUE, strange=True)
+        recordings.append(Raw(f"{declared}-{i}", *channels, conditions.rate, declared))
+    text = describe(conditions, recordings, noise, drawn)
+    return faulty_trial(
+        recordings, None, conditions, f"unlike: {kind}", text, true=NOTHING_TRUE, strange=True
+    )

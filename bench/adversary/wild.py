@@ -39,18 +39,18 @@ def cases() -> Cases:
 def _maker(length: str, channel: str, motion: str, rng: np.random.Generator) -> Trial:
     quantity = str(rng.choice(QUANTITIES))
     places = ("in", "edge", "above")
-    given, drawn = draw_setting("accelerometer", quantity, rng, places, ("light", "damped"))
+    conditions, drawn = draw_setting("accelerometer", quantity, rng, places, ("light", "damped"))
     noise = draw_noise(rng, (1e-4, 1e-1))
     shape = ((1, 12_000), (1, 30_000), (4, 2500))[rng.integers(3)]
-    sound = draw_records(motion, given, noise, rng, shape)
+    sound = draw_records(motion, conditions, noise, rng, shape)
     bursts = int(rng.integers(1, 4))
     size = log_uniform(1.0, 600.0, rng)
-    made = [sound[0]]
+    recordings = [sound[0]]
     for _ in range(bursts):
-        made[0] = spoiled(made[0], CHANNELS[channel], LENGTHS[length], size, rng)
-    made += sound[1:]
-    text = f"{bursts} of {size:.3g} rms; {describe(given, made, noise, drawn)}"
-    return faulty_trial(made, sound, given, "wild samples", text, compared=True)
+        recordings[0] = spoiled(recordings[0], CHANNELS[channel], LENGTHS[length], size, rng)
+    recordings += sound[1:]
+    text = f"{bursts} of {size:.3g} rms; {describe(conditions, recordings, noise, drawn)}"
+    return faulty_trial(recordings, sound, conditions, "wild samples", text, compared=True)
 
 
 def spoiled(

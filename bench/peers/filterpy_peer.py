@@ -43,13 +43,13 @@ def weights(values, terms, interval_s):
         for i in range(j - 1, -1, -2):
             g[:, 2 + i, 2 + j] = 2.0 * (2.0 * i + 1.0)
     g /= 2.0**SQUARINGS
-    one = np.eye(2 + terms)
-    whole = one + g / TAYLOR
+    identity = np.eye(2 + terms)
+    exponential = identity + g / TAYLOR
     for k in range(TAYLOR - 1, 0, -1):
-        whole = one + g @ whole / k
+        exponential = identity + g @ exponential / k
     for _ in range(SQUARINGS):
-        whole = whole @ whole
-    return whole[:, :2, :2], whole[:, :2, 2:]
+        exponential = exponential @ exponential
+    return exponential[:, :2, :2], exponential[:, :2, 2:]
 
 
 class Filter(ExtendedKalmanFilter):
@@ -79,30 +79,30 @@ def main(source: str, target: str) -> None:
     data = np.load(source)
     values = []
     uncertainties = []
-    taken = 0.0
+    seconds = 0.0
     row = np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
     runs = zip(data["inputs"], data["response"], data["start"], data["noise"], strict=True)
     for inputs, response, start, noise in runs:
         begin = time.process_time()
-        one = Filter(start, inputs.shape[1], float(data["interval_s"]))
-        one.x = np.array([[0.0, 0.0, 1.0, 1.0, 1.0]]).T
-        one.P = np.diag(
+        filter_ = Filter(start, inputs.shape[1], float(data["interval_s"]))
+        filter_.x = np.array([[0.0, 0.0, 1.0, 1.0, 1.0]]).T
+        filter_.P = np.diag(
             [(UNKNOWN * np.std(response)) ** 2] * 2 + [float(data["relative_u"]) ** 2] * 3
         )
-        one.R = np.array([[noise**2]])
-        one.Q = np.zeros((5, 5))
+        filter_.R = np.array([[noise**2]])
+        filter_.Q = np.zeros((5, 5))
         for c, y in zip(inputs, response, strict=True):
-            one.update(np.array([[y]]), lambda x: row, lambda x: row @ x)
-            one.predict(c)
-        taken += time.process_time() - begin
-        values.append((one.x[2:, 0] * start).tolist())
-        uncertainties.append((np.sqrt(np.diag(one.P)[2:]) * start).tolist())
-    found = {
+            filter_.update(np.array([[y]]), lambda x: row, lambda x: row @ x)
+            filter_.predict(c)
+        seconds += time.process_time() - begin
+        values.append((filter_.x[2:, 0] * start).tolist())
+        uncertainties.append((np.sqrt(np.diag(filter_.P)[2:]) * start).tolist())
+    outcome = {
         "values": values,
         "uncertainties": uncertainties,
-        "seconds": taken / data["response"].size,
+        "seconds": seconds / data["response"].size,
     }
-    out = {"ekf": found}
+    out = {"ekf": outcome}
     out["versions"] = {
         name: importlib.metadata.version(name) for name in ("filterpy", "numpy", "scipy")
     }

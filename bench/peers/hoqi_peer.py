@@ -15,11 +15,11 @@ from hoqi_bench.methods import METHOD_REGISTRY
 SLOW = "koning_wimmer_witkovsky"
 
 
-def gain_error(phase, found):
+def gain_error(phase, phase_found):
     """Relative error of the amplitude; the sign of the direction is taken for known."""
     true = phase - phase.mean()
-    found = np.unwrap(found)
-    return float(abs(found @ true) / (true @ true) - 1.0)
+    phase_found = np.unwrap(phase_found)
+    return float(abs(phase_found @ true) / (true @ true) - 1.0)
 
 
 def main(path):
@@ -29,17 +29,17 @@ def main(path):
     for name, fit in METHOD_REGISTRY.items():
         if name == "raw_atan2":  # no fit
             continue
-        found = []
+        gains = []
         every = int(data["every"]) if name == SLOW else 1  # seconds a case
         for signals, phase in zip(data["signals"][::every], data["phase"][::every], strict=True):
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     result = fit(signals[0], signals[1])
-                found.append(gain_error(phase, np.asarray(result.recovered_phase)))
+                gains.append(gain_error(phase, np.asarray(result.recovered_phase)))
             except Exception:
-                found.append(float("nan"))
-        errors[name] = [None if not np.isfinite(value) else value for value in found]
+                gains.append(float("nan"))
+        errors[name] = [None if not np.isfinite(value) else value for value in gains]
     print(json.dumps(errors))
 
 

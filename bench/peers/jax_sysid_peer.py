@@ -35,7 +35,7 @@ def main(source: str, target: str) -> None:
     inputs = [row[:, None] / reference_scale for row in reference]
     begin = time.perf_counter()
     model.fit(outputs, inputs)
-    taken = time.perf_counter() - begin
+    seconds = time.perf_counter() - begin
     a, b, c, d = (np.asarray(matrix) for matrix in model.ssdata())
     poles = np.log(np.linalg.eigvals(a).astype(complex)) * float(data["rate_hz"])
     angular = float(np.sqrt(np.abs(np.prod(poles))))
@@ -51,7 +51,7 @@ def main(source: str, target: str) -> None:
         name: importlib.metadata.version(name) for name in ("jax-sysid", "jax", "numpy", "scipy")
     }
     Path(target).write_text(
-        json.dumps({"parameters": parameters, "seconds": taken, "versions": versions})
+        json.dumps({"parameters": parameters, "seconds": seconds, "versions": versions})
     )
 
 

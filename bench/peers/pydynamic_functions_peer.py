@@ -115,10 +115,10 @@ def _by_fir(values, u, data):
         mc_runs=1000,
     )
     low, shift = kaiser_lowpass(100, float(data["low_pass_hz"]), rate)
-    found, stated = FIRuncFilter(
+    acceleration, stated = FIRuncFilter(
         data["shock"], float(data["shock_noise"]), taps, spread, shift + order // 2, low
     )
-    return {"acceleration": np.ravel(found).tolist(), "u": np.ravel(stated).tolist()}
+    return {"acceleration": np.ravel(acceleration).tolist(), "u": np.ravel(stated).tolist()}
 
 
 def _by_dft(values, u, data):
@@ -132,8 +132,8 @@ def _by_dft(values, u, data):
     spectrum, spread = GUM_DFT(shock, float(data["shock_noise"]) ** 2)
     divided, divided_u = DFT_deconv(response, spectrum, covariance, spread)
     keep = np.tile(data["low_pass"], 2)
-    found, stated = GUM_iDFT(divided * keep, divided_u * np.outer(keep, keep), Nx=len(shock))
-    return {"acceleration": found.tolist(), "u": np.sqrt(np.diag(stated)).tolist()}
+    acceleration, stated = GUM_iDFT(divided * keep, divided_u * np.outer(keep, keep), Nx=len(shock))
+    return {"acceleration": acceleration.tolist(), "u": np.sqrt(np.diag(stated)).tolist()}
 
 
 if __name__ == "__main__":

@@ -32,20 +32,20 @@ def main(source: str, target: str) -> None:
         weighting = str(data["weighting"]) or None  # empty: its default, equal weights
         settings = {"UH": data["deviation"], "weighting": weighting, "MCruns": MONTE_CARLO_RUNS}
     np.random.seed(1)  # noqa: NPY002 - the generator it uses
-    found = fit_som(frequency, parts, **settings)
-    taken = []
+    fitted = fit_som(frequency, parts, **settings)
+    seconds = []
     for _ in range(int(data["repeats"])):
         begin = time.perf_counter()
-        found = fit_som(frequency, parts, **settings)
-        taken.append(time.perf_counter() - begin)
-    values = found[0] if isinstance(found, tuple) else found
+        fitted = fit_som(frequency, parts, **settings)
+        seconds.append(time.perf_counter() - begin)
+    values = fitted[0] if isinstance(fitted, tuple) else fitted
     parameters = {
         "sensitivity": float(values[0]),
         "natural_frequency": float(values[2]),
         "damping_ratio": float(values[1]),
     }
     versions = {name: importlib.metadata.version(name) for name in ("PyDynamic", "numpy", "scipy")}
-    out = {"parameters": parameters, "seconds": float(np.median(taken)), "versions": versions}
+    out = {"parameters": parameters, "seconds": float(np.median(seconds)), "versions": versions}
     if "draws" in data:
         fits = [fit_som(frequency, draw, **settings) for draw in data["draws"]]
         order = [0, 2, 1]  # it gives S0, damping, natural frequency

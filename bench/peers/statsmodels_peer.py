@@ -40,19 +40,19 @@ def fitted(y, rows):
     size = np.std(rows, axis=0)
     size[size == 0.0] = 1.0  # an offset
     begin = time.process_time()
-    found = RecursiveLS(y, rows / size).fit()
-    taken = time.process_time() - begin
+    fit = RecursiveLS(y, rows / size).fit()
+    seconds_ = time.process_time() - begin
     return (
-        np.asarray(found.params) / size,
-        np.asarray(found.cov_params()) / np.outer(size, size),
-        taken,
+        np.asarray(fit.params) / size,
+        np.asarray(fit.cov_params()) / np.outer(size, size),
+        seconds_,
     )
 
 
 def arx(c, y, interval_s):
     """Return the values, standard uncertainties, seconds."""
     c = c[:, :TERMS]
-    best, covariance, taken = fitted(
+    best, covariance, seconds_ = fitted(
         y[2:], np.hstack([y[1:-1, None], y[:-2, None], c[1:-1], c[:-2]])
     )
     slopes = []
@@ -60,7 +60,7 @@ def arx(c, y, interval_s):
         either = [physical(best + sign * step, interval_s) for sign in (1.0, -1.0)]
         slopes.append((either[0] - either[1]) / (2.0 * step.sum()))
     j = np.array(slopes).T
-    return physical(best, interval_s), np.sqrt(np.diag(j @ covariance @ j.T)), taken
+    return physical(best, interval_s), np.sqrt(np.diag(j @ covariance @ j.T)), seconds_
 
 
 def main(source: str, target: str) -> None:
@@ -75,13 +75,13 @@ def main(source: str, target: str) -> None:
     keys = ("inputs", "response", "columns", "more", "start")
     for c, y, columns, more, start in zip(*(data[key] for key in keys), strict=True):
         both["arx"].append(arx(c, y, float(data["interval_s"])))
-        best, covariance, taken = fitted(more, columns)
+        best, covariance, seconds_ = fitted(more, columns)
         both["linearised"].append(
-            (start * (1.0 + best[-3:]), start * np.sqrt(np.diag(covariance)[-3:]), taken)
+            (start * (1.0 + best[-3:]), start * np.sqrt(np.diag(covariance)[-3:]), seconds_)
         )
     for kind, fits in both.items():
-        values, uncertainties, taken = zip(*fits, strict=True)
-        seconds = sum(taken) / data["response"].size
+        values, uncertainties, seconds_ = zip(*fits, strict=True)
+        seconds = sum(seconds_) / data["response"].size
         out[kind] = {
             "values": np.array(values).tolist(),
             "uncertainties": np.array(uncertainties).tolist(),

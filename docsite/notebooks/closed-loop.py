@@ -148,9 +148,9 @@ for (motion, voltage), true in zip(later, sensors):
         loss = 2 * values["damping_ratio"] * natural
         gain = values["sensitivity"] * natural**2
         systems.append(gain / (s**2 + loss * s + natural**2))
-    now, known = systems
+    now, model_response = systems
     loop = 2 * np.pi * fast / s * table * now
-    followed = filtered / known
+    followed = filtered / model_response
     margins.append([modulus_margin(loop * c) for c in (fixed, followed)])
 margins = np.array(margins)
 print(f"alarms                      {len(tracker.alarms)}")

@@ -12,11 +12,11 @@ volt = np.fft.irfft(np.fft.rfft(motion) * true, motion.size)
 
 hz = np.geomspace(1.0, 0.5 * rate_hz, 80)  # the certificate
 stated = 0.01 / (1 - (hz / 60e3) ** 2)
-known = vibrident.KnownResponse.from_table(
+reference_channel = vibrident.KnownResponse.from_table(
     hz, stated, np.zeros(80), magnitude_uncertainty=0.002 * stated, channel_unit="V"
 )
 response = simulated.records[0].response
 calibration = vibrident.Calibration.from_arrays(
-    volt, response, rate_hz, excitation="random", reference_known_response=known
+    volt, response, rate_hz, excitation="random", reference_known_response=reference_channel
 )
 print(vibrident.identify(calibration).summary())

@@ -17,7 +17,7 @@ from vibrident import Calibration, InputError, Result, identify
 from vibrident.export import export
 from vibrident.export.online import REACH, tracker_of
 from vibrident.export.sensor import sensor_of
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.state import TrackerSettings
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 NAMES = tuple(TRUTH)
@@ -38,7 +38,7 @@ def case(request, tmp_path_factory):
 
 
 def python(result: Result):
-    return tracker_of(sensor_of(result, None), RATE_HZ, Settings())
+    return tracker_of(sensor_of(result, None), RATE_HZ, TrackerSettings())
 
 
 def lost_by_inversion(tracker) -> float:

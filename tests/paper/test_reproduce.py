@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 from vibrident.app.cli.application import app
 from vibrident.paper import methods, page, settings
 from vibrident.paper.sections import simulated
-from vibrident.paper.settings import Settings
+from vibrident.paper.settings import ReproductionSettings
 from vibrident.paper.training import Schedule
 from vibrident.show.views import Table
 
-SMALL = Settings(
+SMALL = ReproductionSettings(
     seed=7,
     rate_hz=25600.0,
     samples=2600,

@@ -29,10 +29,10 @@ CERTIFICATE = {
 }
 
 
-def certified(made):
-    return replace(made, certificate=CERTIFICATE)
+def certified(result):
+    return replace(result, certificate=CERTIFICATE)
 
 
-def written(made, folder, **more):
-    (path,) = export(made, "dcc", folder, country="DE", **more)
+def written(result, folder, **more):
+    (path,) = export(result, "dcc", folder, country="DE", **more)
     return etree.parse(str(path)).getroot()

@@ -56,16 +56,16 @@ def answered(u: Real, rate_hz: float, lives: Sequence[Life]) -> Real:
     edges = [*(life.first for life in lives), len(u)]
     state: tuple[float, float] | None = None
     for life, last in zip(lives, edges[1:], strict=True):
-        place, velocity = life.steady(u, rate_hz)
+        displacement, velocity = life.steady(u, rate_hz)
         time_s = np.arange(last - life.first + 1) / rate_hz
         span = np.minimum(np.arange(life.first, last + 1), len(u) - 1)
         pole = 2.0 * np.pi * life.natural_hz * (-life.damping + 1j * np.sqrt(1.0 - life.damping**2))
         free = np.zeros(len(time_s), dtype=complex)
         if state is not None:
-            off, slope = state[0] - place[life.first], state[1] - velocity[life.first]
+            off, slope = state[0] - displacement[life.first], state[1] - velocity[life.first]
             free = (off + 1j * (pole.real * off - slope) / pole.imag) * np.exp(pole * time_s)
-        response[life.first : last] = life.gain * (place[span] + free.real)[:-1]
-        state = float(place[span[-1]] + free[-1].real), float(velocity[span[-1]] + (pole * free[-1]).real)
+        response[life.first : last] = life.gain * (displacement[span] + free.real)[:-1]
+        state = float(displacement[span[-1]] + free[-1].real), float(velocity[span[-1]] + (pole * free[-1]).real)
     return response
 
 

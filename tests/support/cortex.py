@@ -68,8 +68,10 @@ def run(sources: Path, u: Real, y: Real) -> Said:
 
 def flash(sources: Path) -> int:
     """Bytes of code and constants of the tracker, with what it needs of libm and libgcc, and nothing else."""
-    kept = [f"-Wl,-u,sensor_{name}" for name in ENTRIES]
+    entry_options = [f"-Wl,-u,sensor_{name}" for name in ENTRIES]
     linked = ("-ffunction-sections", "-nostartfiles", "--specs=nosys.specs", "-Wl,--gc-sections,-e,sensor_step")
-    subprocess.run([*STRICT, *M4F, *linked, *kept, "-o", "alone.elf", "sensor.c", "-lm"], cwd=sources, check=True)
+    subprocess.run(
+        [*STRICT, *M4F, *linked, *entry_options, "-o", "alone.elf", "sensor.c", "-lm"], cwd=sources, check=True
+    )
     text = subprocess.check_output(["arm-none-eabi-size", "alone.elf"], cwd=sources, text=True)
     return sum(int(each) for each in text.splitlines()[1].split()[:2])

@@ -86,18 +86,18 @@ def count(url: str, table: sa.Table = schema.calibration) -> int:
 
 def filled(url: str, sensors: int, times: int) -> None:
     """A store with many sensors, each calibrated so many times; as rows, because results would take minutes."""
-    made = rows_of(calibrated())
+    rows = rows_of(calibrated())
     with Store(url) as store:
         store.begin()
         with store.writing() as connection:
             names = [f"{i:05d}" for i in range(sensors)]
-            connection.execute(sa.insert(schema.sensor), [made.sensor | {"serial_number": name} for name in names])
+            connection.execute(sa.insert(schema.sensor), [rows.sensor | {"serial_number": name} for name in names])
             keys = connection.execute(sa.select(schema.sensor.c.id).order_by(schema.sensor.c.id)).scalars().all()
             numbers = [(key, year) for key in keys for year in range(times)]
             connection.execute(
                 sa.insert(schema.calibration),
                 [
-                    made.calibration
+                    rows.calibration
                     | {
                         "sensor_id": key,
                         "sha256": f"{key:032d}{year:032d}",
@@ -111,10 +111,10 @@ def filled(url: str, sensors: int, times: int) -> None:
             parameters = [
                 row | {"calibration_id": c.id, "value": row["value"] * (1 + 1e-4 * (c.id % 7))}
                 for c in added
-                for row in made.parameters
+                for row in rows.parameters
             ]
             connection.execute(sa.insert(schema.parameter), parameters)
-            points = [row | {"calibration_id": c.id} for c in added for row in made.points]
+            points = [row | {"calibration_id": c.id} for c in added for row in rows.points]
             connection.execute(sa.insert(schema.point), points)
             event = {"kind": "added", "date": datetime.date.today(), "recorded": "", "by": "", "note": ""}
             events = [event | {"sensor_id": c.sensor_id, "calibration_id": c.id} for c in added]

@@ -28,15 +28,15 @@ def system_of(p, name="accelerometer", quantity="acceleration"):
 
 
 @functools.partial(jax.jit, static_argnames=("name", "model", "quantity", "terms", "whole"))
-def _compiled(p, ts, fraction, name, model, quantity, terms, whole):
+def _compiled(p, ts, fraction, name, model, quantity, terms, whole_steps):
     system = realise(parse(model).rational(p, quantity))
-    return method(name).weights(system, ts, 0.0 if whole else fraction, terms)
+    return method(name).weights(system, ts, 0.0 if whole_steps else fraction, terms)
 
 
 def weights_of(name, p, ts, fraction, terms, model="accelerometer", quantity="acceleration"):
     """The method's weights for a sensor, compiled once for all parameters, as NumPy arrays."""
-    whole = fraction == 0.0
-    return Weights(*(np.asarray(w) for w in _compiled(p, ts, fraction, name, model, quantity, terms, whole)))
+    whole_steps = fraction == 0.0
+    return Weights(*(np.asarray(w) for w in _compiled(p, ts, fraction, name, model, quantity, terms, whole_steps)))
 
 
 def recursion(weights, coefficients, state, offset=0.0):

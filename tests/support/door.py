@@ -49,7 +49,7 @@ def _signature(name: str, value: Callable[..., object]) -> Iterator[str]:
         if parameter.kind is parameter.KEYWORD_ONLY and kind not in (parameter.KEYWORD_ONLY, parameter.VAR_POSITIONAL):
             parts.append("*")
         kind = parameter.kind
-        parts.append(_told(parameter))
+        parts.append(_printed(parameter))
     returned = signature.return_annotation
     end = ")" if returned is signature.empty else f") -> {returned}"
     line = f"{name}({', '.join(parts)}{end}"
@@ -61,7 +61,7 @@ def _signature(name: str, value: Callable[..., object]) -> Iterator[str]:
     yield end
 
 
-def _told(parameter: inspect.Parameter) -> str:
+def _printed(parameter: inspect.Parameter) -> str:
     stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
     text = f"{stars}{parameter.name}"
     if parameter.annotation is not parameter.empty:

@@ -59,7 +59,7 @@ class Motion:
         time_s = np.arange(4 * self.samples) / self.rate_hz
         return np.fft.rfft(np.exp(-0.5 * ((time_s - 1.3 * self.samples / self.rate_hz) * high / 0.75) ** 2))
 
-    def seen(self, *responses: Response, noise: float = 0.0) -> np.ndarray:
+    def channel(self, *responses: Response, noise: float = 0.0) -> np.ndarray:
         """What a channel records behind responses, with white noise relative to its rms."""
         spectrum = self.spectrum.copy()
         for response in responses:
@@ -77,5 +77,5 @@ def back_to_back(kind: str = "random", *, seed: int = 1, **known: KnownResponse)
     """The sensor beside the reference, 8192 samples; without ``known`` beside a laser."""
     motion = Motion(kind, 8192, RATE_HZ, (50.0, 9000.0 if kind == "sweep" else 12000.0), seed)
     through = (accelerometer(*REFERENCE),) if "reference_known_response" in known else ()
-    response = motion.seen(accelerometer(*SENSOR), noise=1e-3)
-    return Calibration.from_arrays([motion.seen(*through)], [response], RATE_HZ, excitation=kind, **known)
+    response = motion.channel(accelerometer(*SENSOR), noise=1e-3)
+    return Calibration.from_arrays([motion.channel(*through)], [response], RATE_HZ, excitation=kind, **known)

@@ -80,7 +80,7 @@ STATED = {
 
 def certifiable(data: str = "one", serial: str = "4711", **more) -> Result:
     """Return a calibration with all that its certificate states but number, date of issue and approver."""
-    made = calibrated(data=data, serial=serial, certificate={**STATED, **more})
+    calibration = calibrated(data=data, serial=serial, certificate={**STATED, **more})
     damping = {"damping_ratio": Parameter(0.01, "1", 0.001, (None, None))}
     covers = {"covers": ["noise", "gain", "phase"]}
-    return replace(made, parameters={**made.parameters, **damping}, uncertainty=covers)
+    return replace(calibration, parameters={**calibration.parameters, **damping}, uncertainty=covers)

@@ -263,7 +263,7 @@ SENSORS = (
 
 def response_at(sensor: Sensor, frequency_hz: np.ndarray) -> np.ndarray:
     """C (jω − A)⁻¹ B + D, late."""
-    a, b, c, d = (np.array(part, dtype=float) for part in sensor.matrices)
+    a, b, c, d = (np.array(matrix, dtype=float) for matrix in sensor.matrices)
     s = 2j * np.pi * frequency_hz
     inner = s[:, None, None] * np.eye(len(a)) - a
     states = np.linalg.solve(inner, np.broadcast_to(b[:, None], (s.size, len(a), 1)).astype(complex))

@@ -61,9 +61,9 @@ class Compiled:
         rms = self._library.reading(_pointer(value), _pointer(u), excited.ctypes.data_as(ctypes.c_void_p))
         return value, u, excited, rms
 
-    def alarm(self, place: int) -> tuple[int, np.ndarray]:
+    def alarm(self, index: int) -> tuple[int, np.ndarray]:
         numbers = np.zeros(5)
-        return self._library.alarm(place, _pointer(numbers)), numbers
+        return self._library.alarm(index, _pointer(numbers)), numbers
 
     def save(self) -> bytes:
         buffer = ctypes.create_string_buffer(int(self._library.saved()))
@@ -74,9 +74,9 @@ class Compiled:
         return bool(self._library.restore(saved, ctypes.c_ulong(len(saved))))
 
     def corrected(self, y: Any) -> np.ndarray:
-        found = np.zeros(len(y))
-        self._library.corrected(_pointer(y), _pointer(found), len(y))
-        return found
+        corrected = np.zeros(len(y))
+        self._library.corrected(_pointer(y), _pointer(corrected), len(y))
+        return corrected
 
     @property
     def bytes(self) -> int:

@@ -55,7 +55,7 @@ def _calls(*functions: str) -> Iterator[tuple[ast.Call, dict[str, set[str]]]]:
                 yield node, texts
 
 
-def said() -> set[str]:
+def shown_sentences() -> set[str]:
     """Return each sentence that a module of the page gives to ``say``, directly or by a name."""
     sentences = set()
     for call, texts in _calls(*SAYING):
@@ -91,18 +91,18 @@ def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
 
 def unsaid() -> list[str]:
     """Return each literal of a module of the page that reads like words and is not said."""
-    known, found = said(), []
+    sentences_shown, unlisted = shown_sentences(), []
     for module in _page():
-        whole = tree(module)
-        silent = {id(part) for call in ast.walk(whole) for part in _silent(call)}
-        for node in ast.walk(whole):
+        module_tree = tree(module)
+        silent = {id(part) for call in ast.walk(module_tree) for part in _silent(call)}
+        for node in ast.walk(module_tree):
             if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
                 continue
             text = re.sub(r"<[^>]*>?", "\n", node.value)
             aloud = _SPOKEN.search(node.value)
-            if aloud or (id(node) not in silent and node.value not in known and _reads(text)):
-                found.append(f"{module}, line {node.lineno}: {node.value[:60]!r}")
-    return found
+            if aloud or (id(node) not in silent and node.value not in sentences_shown and _reads(text)):
+                unlisted.append(f"{module}, line {node.lineno}: {node.value[:60]!r}")
+    return unlisted
 
 
 def _reads(text: str) -> bool:

@@ -64,18 +64,19 @@ def factor_to(unit: str, plain: str) -> float:
 
 def later(seed: int, factor: float, date: str, serial: str = "4711", **more):
     """Another calibration of the sensor, its gain changed by a factor."""
-    made = table2(seed=seed)
+    result = table2(seed=seed)
     parameters = {
-        name: replace(p, value=p.value * factor) if name == "sensitivity" else p for name, p in made.parameters.items()
+        name: replace(p, value=p.value * factor) if name == "sensitivity" else p
+        for name, p in result.parameters.items()
     }
-    curve = replace(made.response, magnitude=tuple(m * factor for m in made.response.magnitude))
+    curve = replace(result.response, magnitude=tuple(m * factor for m in result.response.magnitude))
     files = [{"file": f"{seed}.csv", "sha256": f"{seed:064x}"}]
     return replace(
-        made,
+        result,
         parameters=parameters,
         response=curve,
         certificate={"date_of_calibration": date},
-        sensor={**made.sensor, "serial_number": serial},
-        provenance={**made.provenance, "files": files},
+        sensor={**result.sensor, "serial_number": serial},
+        provenance={**result.provenance, "files": files},
         **more,
     )

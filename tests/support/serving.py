@@ -52,27 +52,27 @@ def serving(folder: Path, *command: str, ending: int = signal.SIGTERM) -> Iterat
     pytest.importorskip("nicegui")
     begin = time.monotonic()
     log = folder / "log"
-    own = {"TMPDIR": str(folder), "XDG_DATA_HOME": str(folder / "data"), "PYTHONUNBUFFERED": "1"}
-    environment = os.environ | own
+    folders = {"TMPDIR": str(folder), "XDG_DATA_HOME": str(folder / "data"), "PYTHONUNBUFFERED": "1"}
+    environment = os.environ | folders
     for name in [name for name in environment if name.startswith(("NICEGUI", "PYTEST"))]:
         del environment[name]
     with (
         log.open("w") as errors,
         subprocess.Popen(
             [*command, "--no-browser"], stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
-        ) as made,
+        ) as process,
     ):
         try:
-            yield _ready(made, begin, log, folder)
+            yield _ready(process, begin, log, folder)
         finally:
-            made.send_signal(ending)  # a suite in the background ignores SIGINT, and its children with it
+            process.send_signal(ending)  # a suite in the background ignores SIGINT, and its children with it
             try:
-                made.wait(20)
+                process.wait(20)
             except subprocess.TimeoutExpired:
-                made.kill()
+                process.kill()
                 raise
-    left = [path for path in folder.iterdir() if path.name.startswith("vibrident-")]
-    assert ending != signal.SIGTERM or not left, "temporary files are left"
+    leftovers = [path for path in folder.iterdir() if path.name.startswith("vibrident-")]
+    assert ending != signal.SIGTERM or not leftovers, "temporary files are left"
 
 
 def _busy_s(pid: int, elapsed_s: float) -> float:
@@ -87,16 +87,16 @@ def _busy_s(pid: int, elapsed_s: float) -> float:
 def _ready(process: subprocess.Popen[str], begin: float, log: Path, folder: Path) -> Server:
     assert process.stdout is not None
     line = process.stdout.readline()
-    found = re.search(r"http://\S+", line)
-    assert found, line + process.stdout.read() + log.read_text()
+    match = re.search(r"http://\S+", line)
+    assert match, line + process.stdout.read() + log.read_text()
     while time.monotonic() < begin + WAIT_MS / 1000:
         try:
             with (
                 contextlib.suppress(urllib.error.HTTPError),
-                urllib.request.urlopen(found.group(), timeout=5) as answer,
+                urllib.request.urlopen(match.group(), timeout=5) as answer,
             ):
                 answer.read()  # a refusal is an answer too
-            return Server(process, found.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
+            return Server(process, match.group(), _busy_s(process.pid, time.monotonic() - begin), log, folder)
         except OSError:
             time.sleep(0.05)
     raise AssertionError("the page does not answer")
@@ -143,8 +143,8 @@ def choose(page, label: str, option: str) -> None:
 def simulated(folder: Path, *arguments: str) -> list[Path]:
     """A short calibration of known truth, without what its columns mean."""
     folder.mkdir(exist_ok=True)
-    made = ("--samples", "2000", "--rate", "12800", "--seed", "4")
-    printed("simulate", "--out", ".", *made, *arguments, folder=folder)
+    settings = ("--samples", "2000", "--rate", "12800", "--seed", "4")
+    printed("simulate", "--out", ".", *settings, *arguments, folder=folder)
     (folder / "calibration.toml").unlink()
     return sorted(folder.glob("*.csv"))
 

@@ -27,15 +27,15 @@ def key_file(
         root = ec.generate_private_key(ec.SECP256R1())
         issued_by = _certificate(root, root, _name(authority), _name(authority), days, ca=True)
         (folder / "authority.pem").write_bytes(issued_by.public_bytes(serialization.Encoding.PEM))
-        made = _certificate(private, root, subject, _name(authority), days)
+        certificate = _certificate(private, root, subject, _name(authority), days)
         chain = [issued_by]
     else:
-        made = _certificate(private, private, subject, subject, days)
+        certificate = _certificate(private, private, subject, subject, days)
         chain = None
     locked = serialization.BestAvailableEncryption(PHRASE.encode())
     path = folder / "key.p12"
-    path.write_bytes(pkcs12.serialize_key_and_certificates(b"laboratory", private, made, chain, locked))
-    path.with_suffix(".pem").write_bytes(made.public_bytes(serialization.Encoding.PEM))
+    path.write_bytes(pkcs12.serialize_key_and_certificates(b"laboratory", private, certificate, chain, locked))
+    path.with_suffix(".pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
     return path
 
 
@@ -43,13 +43,13 @@ def _name(text: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 
 
-def _certificate(own, signer, subject, issuer, days: int, *, ca: bool = False) -> x509.Certificate:
+def _certificate(subject_key, signer, subject, issuer, days: int, *, ca: bool = False) -> x509.Certificate:
     begin = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=1)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
         .issuer_name(issuer)
-        .public_key(own.public_key())
+        .public_key(subject_key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(begin)
         .not_valid_after(begin + datetime.timedelta(days=days))

@@ -24,11 +24,11 @@ class Import:
 @cache
 def modules() -> dict[str, Path]:
     """Dotted name to file of every module; a package goes by its own name."""
-    found = {}
+    paths = {}
     for path in sorted((SOURCES / "vibrident").rglob("*.py")):
         parts = path.relative_to(SOURCES).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return paths
 
 
 @cache
@@ -45,11 +45,11 @@ def imports(module: str) -> tuple[Import, ...]:
 
 def _imports(module: str) -> Iterator[Import]:
     package = module if modules()[module].name == "__init__.py" else module.rpartition(".")[0]
-    left: list[tuple[ast.AST, bool]] = [(tree(module), False)]
-    while left:
-        node, lazy = left.pop()
+    pending: list[tuple[ast.AST, bool]] = [(tree(module), False)]
+    while pending:
+        node, lazy = pending.pop()
         lazy = lazy or _runs_later(node)
-        left.extend((child, lazy) for child in ast.iter_child_nodes(node))
+        pending.extend((child, lazy) for child in ast.iter_child_nodes(node))
         if isinstance(node, ast.Import):
             yield from (Import(alias.name, node.lineno, lazy) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -58,9 +58,9 @@ def _imports(module: str) -> Iterator[Import]:
                 above = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*above, base] if base else above)
             for alias in node.names:
-                whole = f"{base}.{alias.name}"
+                target = f"{base}.{alias.name}"
                 # ``from package import name`` means the submodule where there is one, else the package.
-                yield Import(whole if whole in modules() else base, node.lineno, lazy)
+                yield Import(target if target in modules() else base, node.lineno, lazy)
 
 
 def _runs_later(node: ast.AST) -> bool:

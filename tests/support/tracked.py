@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from tests.support.random_record import RATE_HZ, TRUTH, Real
 
 from vibrident.physics.models import parse
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.state import TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
 BAND_HZ = (20.0, 4000.0)
-USUAL = Settings()
+USUAL = TrackerSettings()
 ACCELEROMETER = parse("accelerometer")
 
 
@@ -41,8 +41,8 @@ def motion(kind: str, samples: int, rng: np.random.Generator) -> Real:
     spectrum = np.zeros(lines.size, complex)
     phases = np.exp(2j * np.pi * rng.random(chosen.size))
     spectrum[chosen] = phases * (np.abs(rng.normal(size=(2, chosen.size))).sum(0) if kind == "random" else 1.0)
-    found = np.fft.irfft(spectrum, samples)
-    return found / np.std(found)
+    signal = np.fft.irfft(spectrum, samples)
+    return signal / np.std(signal)
 
 
 def answered(u: Real, values: Mapping[str, float] = TRUTH, model: str = "accelerometer") -> Real:
@@ -66,7 +66,7 @@ def record(
 
 
 def tracker(
-    rng: np.random.Generator | None = None, u: float = 0.05, off: float = 0.02, settings: Settings = USUAL
+    rng: np.random.Generator | None = None, u: float = 0.05, off: float = 0.02, settings: TrackerSettings = USUAL
 ) -> Tracker:
     """From start values off by normal errors of ``off``, stated with a relative uncertainty ``u``."""
     errors = np.zeros(3) if rng is None else off * rng.normal(size=3)
@@ -75,9 +75,9 @@ def tracker(
     return Tracker(ACCELEROMETER, start, covariance, RATE_HZ, settings=settings)
 
 
-def fed(one: Tracker, u: Real, y: Real, cuts: Callable[[int], list[int]] = lambda n: []) -> Tracker:
+def fed(sensor_tracker: Tracker, u: Real, y: Real, cuts: Callable[[int], list[int]] = lambda n: []) -> Tracker:
     """The tracker after these samples, cut into chunks at ``cuts``."""
     for a, b in zip(np.split(u, cuts(len(u))), np.split(y, cuts(len(u))), strict=True):
-        one.feed(a, b)
-    one.finish()
-    return one
+        sensor_tracker.feed(a, b)
+    sensor_tracker.finish()
+    return sensor_tracker

@@ -47,13 +47,13 @@ def cut(segments, chunk):
     lanes, owner = [], []
     for number, (inputs, response, weight, rate) in enumerate(segments):
         for start in range(0, len(response), chunk):
-            part = slice(start, start + chunk)
-            padding = chunk - len(response[part])
+            span = slice(start, start + chunk)
+            padding = chunk - len(response[span])
             lanes.append(
                 (
-                    np.pad(inputs[part], ((0, padding), (0, 0))),
-                    np.pad(response[part] * weight[part], (0, padding)),
-                    np.pad(weight[part], (0, padding)),
+                    np.pad(inputs[span], ((0, padding), (0, 0))),
+                    np.pad(response[span] * weight[span], (0, padding)),
+                    np.pad(weight[span], (0, padding)),
                     start == 0,
                     number,
                     rate,
@@ -61,7 +61,7 @@ def cut(segments, chunk):
             )
             owner.append(number)
     inputs, response, weight, first, segment, rates = zip(*lanes, strict=True)
-    made = Lanes(
+    lanes_of_chunks = Lanes(
         np.moveaxis(np.stack(inputs), 0, -1),
         np.stack(response, axis=1),
         np.stack(weight, axis=1),
@@ -69,16 +69,16 @@ def cut(segments, chunk):
         np.array(segment),
         np.array(rates),
     )
-    assert made.inputs.shape == (chunk, terms, len(lanes))
+    assert lanes_of_chunks.inputs.shape == (chunk, terms, len(lanes))
 
     def back(values):
         values = np.asarray(values)
-        whole = [
+        joined = [
             np.concatenate([values[:, m] for m in np.flatnonzero(np.array(owner) == s)]) for s in range(len(segments))
         ]
-        return [series[: len(segment[1])] for series, segment in zip(whole, segments, strict=True)]
+        return [series[: len(segment[1])] for series, segment in zip(joined, segments, strict=True)]
 
-    return made, back
+    return lanes_of_chunks, back
 
 
 def time_residual(weights, lanes, noise, segments):

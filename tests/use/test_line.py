@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from vibrident.fit.uncertainty.parameters import coverage_factor
-from vibrident.use.line import Points, explanations, fit_line
+from vibrident.use.line import LinePoints, explanations, fit_line
 from vibrident.use.outliers import find_outlier
 
 DRAWS = 2000
@@ -19,7 +19,7 @@ def points(rng, x, freedom, slope=0.3, off=0.0):
     sigma = np.geomspace(1.0, 1.5, len(x))
     known = np.isinf(freedom)
     u = sigma if known else sigma * np.sqrt(rng.chisquare(freedom, len(x)) / freedom)
-    return Points(x, 1000.0 + slope * x + sigma * rng.standard_normal(len(x)) + off, u, np.full(len(x), freedom))
+    return LinePoints(x, 1000.0 + slope * x + sigma * rng.standard_normal(len(x)) + off, u, np.full(len(x), freedom))
 
 
 def most(rate):

@@ -23,7 +23,7 @@ from vibrident.use.tracking.information import (
     RETAINED_INFORMATION,
 )
 from vibrident.use.tracking.knowledge import SECONDS_A_YEAR
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.state import TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
 REACH = 48  # samples of the corrector on either side
@@ -34,7 +34,7 @@ TRANSITION = 0.1
 BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010, sec. 7.5)
 
 
-def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: Settings) -> Tracker:
+def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings) -> Tracker:
     """Return the Python tracker that the C code equals.
 
     Raises:
@@ -97,7 +97,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             where="⟦export.rate_hz⟧",
             remedy="give a higher ⟦export.rate_hz⟧, or a lower ⟦export.band_hz⟧",
         )
-    settings = Settings()
+    settings = TrackerSettings()
     tracked = tracker_of(sensor, rate, settings)
     values = _numbers(sensor, tracked, rate, options.name)
     paths = []

@@ -129,10 +129,10 @@ class Fleet:
 
 def _scheduler(workers: int | None, scheduler: str | None) -> Scheduler:
     from vibrident.base.process import processors
-    from vibrident.lab.fleet import Dask, Local
+    from vibrident.lab.fleet import Dask, LocalScheduler
 
     if scheduler is None:
-        return Local(workers or processors())
+        return LocalScheduler(workers or processors())
     if workers is not None:
         raise InputError(
             "Workers are requested in two ways.",

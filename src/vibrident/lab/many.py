@@ -197,11 +197,11 @@ def _next(waiting: deque[_Waiting], settings: dict[str, Any]) -> Result | Vibrid
 
     Until it is there, calibrations that no process has begun are identified here.
     """
-    for place, (calibration, future) in enumerate(tuple(waiting)):
+    for number, (calibration, future) in enumerate(tuple(waiting)):
         if waiting[0][1].done():
             break
         if future.cancel():
             here: Future[Result | VibridentError] = Future()
             here.set_result(_identified(calibration, settings))
-            waiting[place] = calibration, here
+            waiting[number] = calibration, here
     return waiting.popleft()[1].result()

@@ -18,7 +18,7 @@ from vibrident.base.backend import equinox as eqx
 from vibrident.base.backend import jax, jnp, lax
 from vibrident.data.records import FloatArray
 from vibrident.paper.dataset import Dataset, Windows, cut, scored, whole_records
-from vibrident.paper.training import Schedule, Trained, train
+from vibrident.paper.training import Schedule, TrainingOutcome, train
 from vibrident.paper.unrolled import weighted_mse
 
 Kind = Literal["gru", "lstm"]
@@ -74,7 +74,9 @@ class Recurrent(eqx.Module):
         return outputs
 
 
-def fit_recurrent(dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int) -> Trained:
+def fit_recurrent(
+    dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int
+) -> TrainingOutcome:
     """Train a recurrent network in float32 on the training records' windows."""
     windows, held_back = (Windows(*(a.astype(np.float32) for a in part)) for part in cut(dataset))
 

@@ -54,7 +54,7 @@ MAX_STEP_RAD = 0.3
 
 
 @dataclass(frozen=True)
-class Scale:
+class ChannelScale:
     """Scale for all records of a channel: physical value = normalised value · unit.
 
     The smallest and the largest normalised value over the training records lie in [−1, 1] and one
@@ -70,7 +70,7 @@ class Scale:
     shift: float
 
     @classmethod
-    def from_signals(cls, signals: Sequence[FloatArray]) -> Scale:
+    def from_signals(cls, signals: Sequence[FloatArray]) -> ChannelScale:
         """Return the common scale of signals."""
         low = min(float(s.min()) for s in signals)
         high = max(float(s.max()) for s in signals)
@@ -94,8 +94,8 @@ class Dataset:
     calibration: Calibration
     training: tuple[int, ...]
     test: tuple[int, ...]
-    reference: Scale
-    response: Scale
+    reference: ChannelScale
+    response: ChannelScale
     outliers: int
     motions: tuple[Motion, ...] = ()
 
@@ -217,8 +217,8 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
         replace(calibration, records=records),
         training,
         test,
-        Scale.from_signals([reference_of(records[i]) for i in training]),
-        Scale.from_signals([records[i].response for i in training]),
+        ChannelScale.from_signals([reference_of(records[i]) for i in training]),
+        ChannelScale.from_signals([records[i].response for i in training]),
         sum(count for _, count in pairs),
     )
 

@@ -105,12 +105,12 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
 
 
 def _cropped(record: Record) -> Record:
-    part = slice(_HALF_LENGTH, record.samples - _HALF_LENGTH)
+    span = slice(_HALF_LENGTH, record.samples - _HALF_LENGTH)
     return replace(
         record,
-        reference=reference_of(record)[part],
-        response=record.response[part],
-        valid=record.mask[part],
+        reference=reference_of(record)[span],
+        response=record.response[span],
+        valid=record.mask[span],
     )
 
 
@@ -164,8 +164,8 @@ def seismometer(data: Path, *, seed: int) -> Experiment | None:
     folder = data / "sm3"
     if not any(folder.glob("*Hz.csv")):
         return None
-    with tempfile.TemporaryDirectory() as place:
-        file = Path(place) / "sm3-laser.toml"
+    with tempfile.TemporaryDirectory() as temporary:
+        file = Path(temporary) / "sm3-laser.toml"
         file.write_text(
             _SEISMOMETER.replace("*Hz.csv", f"{folder.resolve().as_posix()}/*Hz.csv"),
             encoding="utf-8",

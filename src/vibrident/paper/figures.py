@@ -61,7 +61,7 @@ def signals(run: Reproduction) -> Stacks:
     section = run.simulation
     records = section.published.calibration.records
     stacks = []
-    for place, frequency in enumerate(TYPICAL_HZ):
+    for number, frequency in enumerate(TYPICAL_HZ):
         record = min(records, key=lambda r: abs(np.log((r.frequency_hz or 1.0) / frequency)))
         shown = slice(0, min(record.samples, round(6.0 * record.sampling_rate_hz / frequency)))
         time = 1e3 * record.time_s[shown]
@@ -72,10 +72,11 @@ def signals(run: Reproduction) -> Stacks:
             Series(time, response, "response", Look(BLUE, width=1.2)),
         )
         y = axes.linear(
-            "Normalised, one scale a channel" if place == 0 else "Normalised", np.array([-1.0, 1.0])
+            "Normalised, one scale a channel" if number == 0 else "Normalised",
+            np.array([-1.0, 1.0]),
         )
         panel = Panel(axes.linear("Time in ms", time, most=5, margin=0.02), y, series, 1.7)
-        stacks.append(Stack((panel,), f"({'abcd'[place]}) {record.name}"))
+        stacks.append(Stack((panel,), f"({'abcd'[number]}) {record.name}"))
     return tuple(stacks)
 
 
@@ -118,7 +119,9 @@ def discrete_response(
     interval = 1.0 / rate_hz
     system = realise(parse(SENSOR.model).rational(parameters))
     terms = step.terms(2.0 * np.pi * parameters["natural_frequency"] * interval)
-    weights = Weights(*(np.asarray(part) for part in step.weights(system, interval, 0.0, terms)))
+    weights = Weights(
+        *(np.asarray(weight) for weight in step.weights(system, interval, 0.0, terms))
+    )
     return network_response(weights, frequency_hz, interval, name)
 
 

@@ -18,8 +18,8 @@ from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.least_squares import from_extremes, from_sine_fits
 from vibrident.paper.metrics import Metrics
 from vibrident.paper.pinn import fit_pinn
-from vibrident.paper.training import Schedule, Trained
-from vibrident.paper.unrolled import Activation, Network, fit, network_for, plain_model
+from vibrident.paper.training import Schedule, TrainingOutcome
+from vibrident.paper.unrolled import Activation, TiedNetwork, fit, network_for, plain_model
 from vibrident.use.identification import identify
 
 # Names of the methods in the tables.
@@ -82,7 +82,7 @@ class Judge:
         predicted: list[FloatArray],
         parameters: Mapping[str, float] | None,
         seconds: float,
-        trained: Trained | None = None,
+        trained: TrainingOutcome | None = None,
     ) -> MethodResult:
         """Return a row from predictions of the test records."""
         data = self.published
@@ -135,7 +135,7 @@ def unrolled_network(
 ) -> MethodResult:
     """Train the unrolled network by Adam; ``near``: first estimate of the sensor."""
     core = plain_model(judge.published.calibration.model)
-    network: Network = network_for(judge.published, core, near, discretisation, activation)
+    network: TiedNetwork = network_for(judge.published, core, near, discretisation, activation)
     begin = time.perf_counter()
     fitted = fit(network, near, judge.schedule, seed=judge.seed, progress=progress)
     seconds = time.perf_counter() - begin

@@ -22,7 +22,7 @@ import numpy as np
 from vibrident.base.backend import jax, jnp
 from vibrident.fit.optimise import Progress, silent
 from vibrident.paper.dataset import Dataset, reference_of
-from vibrident.paper.training import Fitted, Schedule, train
+from vibrident.paper.training import Schedule, TrainedSensor, train
 from vibrident.paper.unrolled import start_of_training
 from vibrident.physics.models import SensorModel
 
@@ -58,7 +58,7 @@ def fit_pinn(
     *,
     seed: int,
     progress: Progress = silent,
-) -> Fitted:
+) -> TrainedSensor:
     """Train on the middle of the training records, in float64.
 
     Start values are those of the unrolled network. ``dataset``: records of one sampling rate,
@@ -68,9 +68,11 @@ def fit_pinn(
     records = [dataset.calibration.records[i] for i in dataset.training]
     span = min(SPAN_STEPS, *(record.samples for record in records))
     first = (records[0].samples - span) // 2
-    part = slice(first, first + span)
-    excitation = np.stack([reference_of(r)[part] for r in records], axis=1) / dataset.reference.unit
-    response = np.stack([r.response[part] for r in records], axis=1) / dataset.response.unit
+    window = slice(first, first + span)
+    excitation = (
+        np.stack([reference_of(r)[window] for r in records], axis=1) / dataset.reference.unit
+    )
+    response = np.stack([r.response[window] for r in records], axis=1) / dataset.response.unit
     points = CollocationPoints(np.arange(span) / span, excitation, response)
     held = np.arange(span) % 5 == 4
     duration = span * records[0].sampling_interval_s
@@ -94,7 +96,7 @@ def fit_pinn(
     rng = np.random.default_rng([seed, 2])
     trained = train(begin, loss, training, held_back, schedule, rng=rng, progress=progress)
     weights = sum(leaf.size for leaf in jax.tree.leaves(begin))
-    return Fitted(coordinates.values(np.asarray(trained.model["sensor"])), weights, trained)
+    return TrainedSensor(coordinates.values(np.asarray(trained.model["sensor"])), weights, trained)
 
 
 def _layers(outputs: int, seed: int) -> list[tuple[Any, Any]]:

@@ -35,7 +35,7 @@ TABLE_5 = {
 
 
 @dataclass(frozen=True)
-class Deviation:
+class PublishedDeviation:
     """Relative deviation of a sensitivity curve, %."""
 
     mean: float
@@ -43,10 +43,10 @@ class Deviation:
 
 
 #: Of the identified curve from the true one (section 4.2; the largest is at the resonance peak).
-SIMULATION = {"IPNN": Deviation(0.55, 1.25), "LSM": Deviation(4 * 0.55, 3.5)}
+SIMULATION = {"IPNN": PublishedDeviation(0.55, 1.25), "LSM": PublishedDeviation(4 * 0.55, 3.5)}
 #: Of the identified curve from the interferometer's points (section 5.2; LSM's mean from
 #: "approximately 65 % lower").
-EXPERIMENT = {"IPNN": Deviation(0.88, 1.4), "LSM": Deviation(0.88 / 0.35, 2.51)}
+EXPERIMENT = {"IPNN": PublishedDeviation(0.88, 1.4), "LSM": PublishedDeviation(0.88 / 0.35, 2.51)}
 RMSE_REDUCTION = 0.60  # least reduction of the RMSE against GRU and LSTM (abstract)
 DEVIATION_REDUCTION = 0.65  # least reduction of the mean deviation against LSM (section 5.2)
 #: Above this ratio of performance to deviation a prediction counts as highly reliable (section

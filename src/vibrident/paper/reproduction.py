@@ -15,7 +15,7 @@ from vibrident.paper.black_box import Kind
 from vibrident.paper.experiment import interferometer, seismometer
 from vibrident.paper.methods import Judge, MethodResult, recurrent
 from vibrident.paper.sections import PaperSection, experiment, full_range, simulated, simulation
-from vibrident.paper.settings import Settings, Stages, silently
+from vibrident.paper.settings import ReproductionSettings, Stages, silently
 from vibrident.paper.studies import (
     NoiseStudy,
     RatePoint,
@@ -44,7 +44,7 @@ class Reproduction:
         seconds: of the whole.
     """
 
-    settings: Settings
+    settings: ReproductionSettings
     simulation: PaperSection
     interferometer: PaperSection
     seismometer: PaperSection | None
@@ -90,7 +90,7 @@ class Reproduction:
         }
 
 
-def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
+def reproduce(settings: ReproductionSettings, stages: Stages = silently) -> Reproduction:
     """Run every experiment of the paper.
 
     Raises:
@@ -141,7 +141,7 @@ def reproduce(settings: Settings, stages: Stages = silently) -> Reproduction:
 
 
 def _recurrent(
-    judges: Sequence[Judge], settings: Settings, stages: Stages
+    judges: Sequence[Judge], settings: ReproductionSettings, stages: Stages
 ) -> list[list[MethodResult]]:
     """Train GRU and LSTM for every set of data, in parallel if there are processes."""
     tasks = [(judge, kind) for judge in judges for kind in KINDS]

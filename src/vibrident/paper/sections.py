@@ -15,7 +15,7 @@ from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.experiment import Experiment
 from vibrident.paper.methods import CLOSED, Judge, MethodResult
 from vibrident.paper.metrics import CurveDeviation, curve_deviation, deviation_at_points
-from vibrident.paper.settings import Settings, Stages
+from vibrident.paper.settings import ReproductionSettings, Stages
 from vibrident.paper.unrolled import Activation, plain_model
 from vibrident.physics.models import parse
 from vibrident.use.identification import identify
@@ -63,7 +63,7 @@ class PaperSection:
         return next(row for row in self.rows if row.name == name)
 
 
-def simulated(settings: Settings, *, full_range: bool = False) -> Judge:
+def simulated(settings: ReproductionSettings, *, full_range: bool = False) -> Judge:
     """Judge of the data of section 4."""
     data = section_4.section_4(
         seed=settings.seed,
@@ -91,7 +91,7 @@ def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) 
     return _against_truth("simulation of section 4", judge.published, rows, BAND_HZ)
 
 
-def full_range(settings: Settings, stages: Stages) -> PaperSection:
+def full_range(settings: ReproductionSettings, stages: Stages) -> PaperSection:
     """Run section 4 from 0.1 Hz on, by the methods that accept records of different rates."""
     with stages("Simulating 0.1 to 1000 Hz"):
         judge = simulated(settings, full_range=True)

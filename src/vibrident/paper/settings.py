@@ -12,7 +12,7 @@ from vibrident.paper.training import Schedule
 
 
 @dataclass(frozen=True)
-class Settings:
+class ReproductionSettings:
     """Settings of a run. The defaults run everything.
 
     ``quick()`` is a trial whose networks are not trained to the end.
@@ -57,9 +57,9 @@ class Settings:
     trial: bool = False
 
 
-def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> Settings:
+def quick(seed: int, data: Path | None = None, *, full_range: bool = False) -> ReproductionSettings:
     """Return a run of less than two minutes through everything."""
-    return Settings(
+    return ReproductionSettings(
         seed=seed,
         rate_hz=25600.0,
         samples=6000,

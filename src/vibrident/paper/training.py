@@ -49,7 +49,7 @@ class Schedule:
 
 
 @dataclass(frozen=True, eq=False)
-class Trained:
+class TrainingOutcome:
     """Outcome of training.
 
     Attributes:
@@ -64,7 +64,7 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class TrainedSensor:
     """Trained parameters of a sensor, and the training.
 
     Attributes:
@@ -73,7 +73,7 @@ class Fitted:
 
     parameters: dict[str, float]
     weights: int
-    trained: Trained
+    trained: TrainingOutcome
 
 
 def train(
@@ -86,7 +86,7 @@ def train(
     rng: np.random.Generator,
     few: bool = False,
     progress: Progress = silent,
-) -> Trained:
+) -> TrainingOutcome:
     """Train the inexact arrays of ``model``, any pytree, on windows.
 
     ``windows``: a pytree of arrays with a common leading axis; ``loss``: (model, batch) → mean
@@ -137,7 +137,7 @@ def train(
         if waited >= schedule.patience:
             converged = True
             break
-    return Trained(eqx.combine(best, fixed), tuple(training), converged)
+    return TrainingOutcome(eqx.combine(best, fixed), tuple(training), converged)
 
 
 def _forwards(cost: Loss) -> Callable[[Any, Any], tuple[Any, Any]]:

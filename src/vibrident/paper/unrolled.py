@@ -22,7 +22,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Coordinates
 from vibrident.paper.dataset import Dataset, NetworkInputs, Windows, cut, scored, whole_records
-from vibrident.paper.training import Fitted, Schedule, train
+from vibrident.paper.training import Schedule, TrainedSensor, train
 from vibrident.physics.discretisation import method
 from vibrident.physics.models import SensorModel, parse
 from vibrident.physics.models.state_space import realise
@@ -34,7 +34,7 @@ START = {"sensitivity": 0.9, "natural_frequency": 1.1, "damping_ratio": 1.5}
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class TiedNetwork:
     """Network whose weights are tied to the physics, in normalised units.
 
     Attributes:
@@ -106,7 +106,7 @@ def unrolled(table: Mapping[str, Any], inputs: Any, activation: Activation = "li
     return outputs
 
 
-_predicted = jax.jit(Network.__call__, static_argnums=(0,))
+_predicted = jax.jit(TiedNetwork.__call__, static_argnums=(0,))
 
 
 def network_for(
@@ -116,7 +116,7 @@ def network_for(
     discretisation: str = "euler",
     activation: Activation = "linear",
     delay_s: float = 0.0,
-) -> Network:
+) -> TiedNetwork:
     """Return the network of a discretisation.
 
     ``near``: values near the sensor's, which define its number of inputs.
@@ -125,19 +125,19 @@ def network_for(
     fastest = 2.0 * np.pi * near["natural_frequency"]
     rate = min(record.sampling_rate_hz for record in dataset.calibration.records)
     direct = len(model.rational(near, dataset.calibration.quantity).numerator) > 2
-    return Network(
+    return TiedNetwork(
         model, dataset, NetworkInputs(step, step.terms(fastest / rate, direct), delay_s), activation
     )
 
 
 def fit(
-    network: Network,
+    network: TiedNetwork,
     near: Mapping[str, float],
     schedule: Schedule,
     *,
     seed: int,
     progress: Progress = silent,
-) -> Fitted:
+) -> TrainedSensor:
     """Train ``network`` by Adam on the training records' windows, all of one sampling rate.
 
     Training starts at ``START`` times ``near``, the first estimate of the sensor. ``seed``: of the
@@ -155,7 +155,9 @@ def fit(
     begin = jnp.asarray(coordinates.first)
     rng = np.random.default_rng([seed, 1])
     trained = train(begin, loss, windows, held_back, schedule, rng=rng, few=True, progress=progress)
-    return Fitted(coordinates.values(np.asarray(trained.model)), len(coordinates.first), trained)
+    return TrainedSensor(
+        coordinates.values(np.asarray(trained.model)), len(coordinates.first), trained
+    )
 
 
 def start_of_training(model: SensorModel, near: Mapping[str, float]) -> Coordinates:

@@ -92,11 +92,13 @@ def _covariance(result: Any, model: SensorModel) -> FloatArray:
     stated = [result.parameters[name].standard_uncertainty for name in names]
     deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
     correlation = np.full((len(names), len(names)), np.nan)
-    place = {name: index for index, name in enumerate(result.correlation.names)}
+    index_of = {name: index for index, name in enumerate(result.correlation.names)}
     for row, first in enumerate(names):
         for column, second in enumerate(names):
-            if first in place and second in place:
-                correlation[row, column] = result.correlation.matrix[place[first]][place[second]]
+            if first in index_of and second in index_of:
+                correlation[row, column] = result.correlation.matrix[index_of[first]][
+                    index_of[second]
+                ]
     return correlation * np.outer(deviation, deviation)
 
 

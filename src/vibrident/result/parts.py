@@ -60,7 +60,7 @@ Code = Annotated[WarningCode, _AnyCode()]
 
 
 @dataclass(frozen=True)
-class Part:
+class ResultPart:
     """Part of a result, with the fields of a later version that this one does not know."""
 
     unknown_fields: Mapping[str, Any] = field(
@@ -69,7 +69,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _NumericPart(Part):
+class _NumericPart(ResultPart):
     """Part whose ``Numbers`` are read-only arrays; equal where all fields are, NaN to NaN."""
 
     __repr__ = brief
@@ -94,7 +94,7 @@ def _are_equal(first: Any, second: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class ResultWarning(Part):
+class ResultWarning(ResultPart):
     """Warning of a result: a fixed code and a sentence for the user."""
 
     code: Code
@@ -102,7 +102,7 @@ class ResultWarning(Part):
 
 
 @dataclass(frozen=True)
-class Finding(Part):
+class Finding(ResultPart):
     """Significant departure from the fit, whether it matters or not.
 
     Attributes:
@@ -124,7 +124,7 @@ class Finding(Part):
 
 
 @dataclass(frozen=True)
-class Parameter(Part):
+class Parameter(ResultPart):
     """Identified or derived parameter.
 
     Attributes:
@@ -146,7 +146,7 @@ class Parameter(Part):
 
 
 @dataclass(frozen=True)
-class Correlation(Part):
+class Correlation(ResultPart):
     """Correlation of the estimated parameters: names, and matrix of shape (names, names)."""
 
     names: tuple[str, ...]
@@ -156,7 +156,7 @@ class Correlation(Part):
 
 
 @dataclass(frozen=True)
-class Fit(Part):
+class Fit(ResultPart):
     """Quality of a fit: how well the model's prediction meets the data.
 
     For records the residual is measured minus predicted response in time, in the response unit; for
@@ -269,7 +269,7 @@ class Signal(_NumericPart):
 
 
 @dataclass(frozen=True)
-class Training(Part):
+class Training(ResultPart):
     """Course of the optimisation: mean squared weighted residual and parameters by iteration.
 
     ``weighting_changes`` are the iterations from which on the residual has other weights: losses on

@@ -31,7 +31,7 @@ from vibrident.result.parts import (
     Fit,
     MeasuredCurve,
     Parameter,
-    Part,
+    ResultPart,
     ResultWarning,
     Signal,
     Training,
@@ -53,7 +53,7 @@ TRACKED = "tracked"
 
 
 @dataclass(frozen=True)
-class Result(Part):
+class Result(ResultPart):
     """Outcome of an identification, as ``result.json`` holds it.
 
     Attributes:
@@ -297,8 +297,8 @@ class Result(Part):
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
-            place = ".".join(str(part) for part in finding["loc"])
-            raise damaged(f"{place}: {finding['msg']}") from None
+            location = ".".join(str(part) for part in finding["loc"])
+            raise damaged(f"{location}: {finding['msg']}") from None
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise damaged(f"{type(error).__name__}: {error}") from error
         return result

@@ -33,7 +33,12 @@ from vibrident.show.views import (
     Sentence,
     Table,
 )
-from vibrident.use.conformity import DEVIATION, Judgement, judge_requirements, ratio_uncertainty
+from vibrident.use.conformity import (
+    DEVIATION,
+    JudgedRequirement,
+    judge_requirements,
+    ratio_uncertainty,
+)
 
 
 def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ...]:
@@ -48,12 +53,12 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
         why = "tracked_conformity" if result.is_tracked else "no_conformity"
         return (Sentence(say("text", why)),)
     point = reference_value(result)
-    place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
+    measured_pair = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     result = stated_parameters(result)
     rows = [
         _judged(result, judgement, say)
         for judgement in judge_requirements(
-            result, None if point is None else point.frequency_hz, place
+            result, None if point is None else point.frequency_hz, measured_pair
         )
     ]
     heads = [Column(say("head", key)) for key in ("requirement", "source")]
@@ -68,15 +73,15 @@ def conformity(result: Result, say: Say = ENGLISH) -> tuple[Table | Sentence, ..
     return (Sentence(rule), replace(table, notes=(say("text", "probability"),)))
 
 
-def _judged(result: Result, row: Judgement, say: Say) -> tuple[str, ...]:
+def _judged(result: Result, row: JudgedRequirement, say: Say) -> tuple[str, ...]:
     if row.quantity == DEVIATION:
         point = reference_value(result)
-        place = "" if point is None else point.nominal
+        nominal = "" if point is None else point.nominal
         if row.frequency_hz is None:
-            name = say("text", "deviation_nowhere", reference=place or NONE)
+            name = say("text", "deviation_nowhere", reference=nominal or NONE)
         else:
             frequency = f"{row.frequency_hz:.5g}"
-            name = say("text", "deviation", reference=place, frequency=frequency)
+            name = say("text", "deviation", reference=nominal, frequency=frequency)
         factor = 1.0
         unit = "%"
     elif row.quantity not in result.parameters:

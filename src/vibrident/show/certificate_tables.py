@@ -27,7 +27,7 @@ from vibrident.show.numbers import (
     with_u,
 )
 from vibrident.show.points import (
-    Point,
+    SensitivityPoint,
     measured_at,
     measured_band,
     nominal_points,
@@ -128,7 +128,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
     return Facts(tuple(rows))
 
 
-def _reference_rows(result: Result, point: Point, source: str, say: Say) -> list[Fact]:
+def _reference_rows(result: Result, point: SensitivityPoint, source: str, say: Say) -> list[Fact]:
     """Return magnitude and phase at the reference frequency, measured or of the model."""
 
     def label(key: str) -> Words:
@@ -174,7 +174,7 @@ def _heads(say: Say, unit: str, phases: bool) -> tuple[Column, ...]:
     return tuple(Column(title, "number", unit) for title, unit in heads)
 
 
-def exact_frequency(point: Point) -> str:
+def exact_frequency(point: SensitivityPoint) -> str:
     """Return the frequency that a point's values belong to, in Hz, five digits."""
     return (
         f"{point.frequency_hz:#.5g}".rstrip(".")
@@ -183,7 +183,7 @@ def exact_frequency(point: Point) -> str:
     )
 
 
-def _row(point: Point, factor: float, phases: bool) -> tuple[str, ...]:
+def _row(point: SensitivityPoint, factor: float, phases: bool) -> tuple[str, ...]:
     magnitude, expanded = with_u(point.magnitude, point.magnitude_uncertainty, factor)
     relative = NONE
     if point.magnitude_uncertainty is not None and point.magnitude:
@@ -209,8 +209,10 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     extra_columns = columns_of_points(result, say)
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
-        place = Point(nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known))
-        row = _row(place, scale.factor, phases)
+        point = SensitivityPoint(
+            nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known)
+        )
+        row = _row(point, scale.factor, phases)
         rows.append((*row[:_BESIDE], *(extra.cell(i) for extra in extra_columns), *row[_BESIDE:]))
     notes = [
         say("text", "measured_note"),

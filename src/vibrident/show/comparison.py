@@ -24,7 +24,7 @@ from vibrident.show.numbers import (
     with_sign,
     with_u,
 )
-from vibrident.show.points import Point, nominal_points, reference_point
+from vibrident.show.points import SensitivityPoint, nominal_points, reference_point
 from vibrident.show.views import Column, K, Table, columns
 from vibrident.use.comparison import (
     assumed_sources,
@@ -80,7 +80,7 @@ def of_parameter(result: Result, name: str) -> Value:
     return Value(parameter.value, parameter.standard_uncertainty, shared)
 
 
-def at_point(result: Result, point: Point) -> Value:
+def at_point(result: Result, point: SensitivityPoint) -> Value:
     """Return the magnitude of the sensitivity at a point, with what another result may share."""
     shared = shared_sources(result, sensitivity=(point.frequency_hz, point.magnitude))
     return Value(point.magnitude, point.magnitude_uncertainty, shared)
@@ -125,7 +125,7 @@ def sensitivity_kind(result: Result) -> tuple[str, str]:
 
 
 def _magnitudes(
-    label: str, points: Sequence[Point | None], results: Sequence[Result]
+    label: str, points: Sequence[SensitivityPoint | None], results: Sequence[Result]
 ) -> ComparedQuantity:
     values = (
         None if point is None else at_point(result, point)
@@ -235,7 +235,7 @@ def _at_nominal(first: Result, second: Result, names: tuple[str, str], reason: s
     )
 
 
-def _phase(point: Point | None, near: Point) -> Value | None:
+def _phase(point: SensitivityPoint | None, near: SensitivityPoint) -> Value | None:
     if point is None or point.phase_deg is None or near.phase_deg is None:
         return None
     return Value(
@@ -252,7 +252,7 @@ def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
     return difference(second, first, row), reason or error(second, first)
 
 
-def _at_the_same(points: Sequence[Point | None]) -> list[Point | None]:
+def _at_the_same(points: Sequence[SensitivityPoint | None]) -> list[SensitivityPoint | None]:
     """Return the points at the frequency of the first.
 
     Nominal 160 Hz may be 160.00 or 158.49 Hz, where S is not the same.

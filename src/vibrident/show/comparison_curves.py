@@ -48,12 +48,12 @@ def comparison_figure(results: Sequence[Result], names: Sequence[str]) -> Figure
         ratio = magnitude / sizes
         turned = principal(phase - angles)
         label = name if name not in [earlier for _, earlier in alike[:i]] else f"{name} ({i + 1})"
-        for part, y in zip(
+        for lines, y in zip(
             parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True
         ):
-            part.append(Series(x, y, label, look))
+            lines.append(Series(x, y, label, look))
     x_axis = axes.frequency(np.concatenate([result.response.frequency_hz for result, _ in alike]))
-    values = [np.concatenate([line.y for line in part]) for part in parts]
+    values = [np.concatenate([line.y for line in lines]) for lines in parts]
     y_axes = (
         replace(axes.size(f"|S|\nin {scale.unit}", values[0]), levels=True),
         axes.angle("Phase\nin °", values[1]),
@@ -67,8 +67,8 @@ def comparison_figure(results: Sequence[Result], names: Sequence[str]) -> Figure
         f"Phase, difference from {names[0]}",
     )
     panels = tuple(
-        Panel(x_axis, y, tuple(part), height, title, rules=(0.0,) if title else ())
-        for part, y, height, title, value in zip(
+        Panel(x_axis, y, tuple(lines), height, title, rules=(0.0,) if title else ())
+        for lines, y, height, title, value in zip(
             parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, values, strict=True
         )
         if np.isfinite(value).any()

@@ -92,8 +92,8 @@ def _choose_records(first: Sequence[bool], most: int) -> list[int]:
 
 
 def _record(record: Record, calibration: Calibration) -> Stack:
-    part = excerpt(record)
-    time, clock = from_start(record.time_s[part] + record.start_time_s)
+    span = excerpt(record)
+    time, clock = from_start(record.time_s[span] + record.start_time_s)
     x = axes.linear(clock, time, most=4, margin=0.02)
     panels = []
     channels = (
@@ -103,9 +103,9 @@ def _record(record: Record, calibration: Calibration) -> Stack:
     for word, values, unit, colour in channels:
         if values is None:
             continue
-        scale = scaled(unit, float(np.abs(values[part]).max()))
-        shown = values[part] * scale.factor
-        bad = ~record.mask[part]
+        scale = scaled(unit, float(np.abs(values[span]).max()))
+        shown = values[span] * scale.factor
+        bad = ~record.mask[span]
         series = [Series(*envelope(time, shown), look=Look(colour, width=1.0))]
         if bad.any():
             series.append(Series(time[bad], shown[bad], "", Look(BLACK, marker="x"), "points"))

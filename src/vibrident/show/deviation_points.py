@@ -29,7 +29,7 @@ from vibrident.show.views import (
     Series,
     Stack,
 )
-from vibrident.use.conformity import Judgement, judge_points
+from vibrident.use.conformity import JudgedRequirement, judge_points
 
 TITLE = "Deviation from the value at the reference frequency"
 _DECIBEL = 20.0 / math.log(10.0)  # dB for a relative change of one, to first order
@@ -72,7 +72,7 @@ def columns_of_points(result: Result, say: Say = ENGLISH) -> list[PointColumn]:
     return columns
 
 
-def by_point(result: Result) -> dict[int, Judgement]:
+def by_point(result: Result) -> dict[int, JudgedRequirement]:
     """Return what is said of each measured point by its number; nothing without a reference value.
 
     A document that certifies nothing judges nothing.
@@ -80,10 +80,10 @@ def by_point(result: Result) -> dict[int, Judgement]:
     value = reference_value(result)
     if value is None or not value.magnitude:
         return {}
-    place = value.magnitude, value.magnitude_uncertainty
+    measured_pair = value.magnitude, value.magnitude_uncertainty
     judging = "gain" not in unstated(result)
     known = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
-    rows = judge_points(result, value.frequency_hz, place, limited=judging)
+    rows = judge_points(result, value.frequency_hz, measured_pair, limited=judging)
     return dict(zip(known, rows, strict=True))
 
 
@@ -104,15 +104,15 @@ def _per_g(result: Result, say: Say) -> list[PointColumn]:
     return [PointColumn(Column(say("head", "magnitude"), "number", scale.unit), cell)]
 
 
-def _limited(row: Judgement) -> bool:
+def _limited(row: JudgedRequirement) -> bool:
     return math.isfinite(row.low) or math.isfinite(row.high)
 
 
-def _percent(row: Judgement) -> str:
+def _percent(row: JudgedRequirement) -> str:
     return with_sign(rounded(row.value, None if row.u is None else K * row.u)[0])
 
 
-def _decibel(row: Judgement) -> str:
+def _decibel(row: JudgedRequirement) -> str:
     ratio = 1.0 + row.value / 100.0
     if ratio <= 0.0:
         return NONE
@@ -120,7 +120,7 @@ def _decibel(row: Judgement) -> str:
     return with_sign(rounded(_DECIBEL * math.log(ratio), u)[0])
 
 
-def _limits(row: Judgement) -> str:
+def _limits(row: JudgedRequirement) -> str:
     if not _limited(row):
         return ""
     low = plain(row.low)

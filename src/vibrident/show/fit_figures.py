@@ -71,11 +71,11 @@ def signals(result: Result) -> Figure | None:
 
 def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, float]) -> Stack:
     time = signal.time_s
-    part = time <= time[0] + PERIODS / frequency_hz if frequency_hz else slice(None)
+    shown_samples = time <= time[0] + PERIODS / frequency_hz if frequency_hz else slice(None)
     measured, predicted, residual = (
-        values[part] for values in (signal.measured, signal.predicted, signal.residual)
+        values[shown_samples] for values in (signal.measured, signal.predicted, signal.residual)
     )
-    time, clock = from_start(time[part])
+    time, clock = from_start(time[shown_samples])
     # one unit for all records, but where one is far smaller
     sizes = largest(measured), largest(residual)
     size, small = (
@@ -88,7 +88,9 @@ def _signal(signal: Signal, frequency_hz: float | None, common: tuple[float, flo
     )
     residual_line = Series(time, residual * small.factor, "residual", Look(BLUE, width=0.8))
     called = frequency_text(frequency_hz) if frequency_hz else ""
-    name = " · ".join(dict.fromkeys(part for part in (called, signal.record) if part))
+    name = " · ".join(
+        dict.fromkeys(shown_samples for shown_samples in (called, signal.record) if shown_samples)
+    )
     x = axes.linear(clock, time, most=4, margin=0.02)
     upper = axes.linear(
         f"Response\nin {size.unit}", np.concatenate([line.y for line in lines]), most=4
@@ -248,7 +250,7 @@ def training(result: Result) -> Figure | None:
     panels = [_loss(x, np.array(run.loss, dtype=float), changes, marks)]
     if run.parameters:
         panels.append(_parameters(x, run, marks))
-        panels[0] = replace(panels[0], marks=tuple((place, "") for place, _ in marks))
+        panels[0] = replace(panels[0], marks=tuple((iteration, "") for iteration, _ in marks))
     caption = f"Optimiser {run.optimiser}: {run.status}, {run.iterations} iterations."
     if changes:
         caption += (

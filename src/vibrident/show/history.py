@@ -43,7 +43,7 @@ _DERIVED = (
 
 
 @dataclass(frozen=True)
-class History:
+class SensorHistory:
     """Calibrations of one sensor in the order of their dates."""
 
     sensor: str  # one line
@@ -57,7 +57,7 @@ class History:
     evaluated: bool
 
 
-def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[History, ...]:
+def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[SensorHistory, ...]:
     """Return a history of each serial number that has results of at least two dates."""
     groups: dict[tuple[str, ...], list[tuple[datetime.date, str, Result]]] = {}
     for result, name in zip(results, names, strict=True):
@@ -78,7 +78,7 @@ def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[History,
 
 def _history(
     entries: Sequence[tuple[datetime.date, str, Result]], dates: tuple[datetime.date, ...]
-) -> History:
+) -> SensorHistory:
     results = tuple(result for _, _, result in entries)
     shown = tuple(
         q for q in quantities(results) if q.label not in _DERIVED and q.values[0] is not None
@@ -87,7 +87,7 @@ def _history(
         f"{day}{f' ({name})' if dates.count(day) > 1 else ''}" for day, name, _ in entries
     )
     evaluated = any(not result.certificate.get("date_of_calibration") for result in results)
-    return History(sensor_name(results[0].sensor), dates, labels, results, shown, evaluated)
+    return SensorHistory(sensor_name(results[0].sensor), dates, labels, results, shown, evaluated)
 
 
 def date_of(result: Result) -> datetime.date | None:
@@ -101,7 +101,7 @@ def date_of(result: Result) -> datetime.date | None:
         return None
 
 
-def drift(history: History, name: str) -> Figure:
+def drift(history: SensorHistory, name: str) -> Figure:
     """Change of each quantity from the first date, in percent where it can be, with U (k = 2)."""
     days = np.array([float(date.toordinal()) for date in history.dates])
     x = axes.of_dates("Date", history.dates)
@@ -139,7 +139,7 @@ def changes(quantity: ComparedQuantity) -> tuple[FloatArray, FloatArray, str]:
     )
 
 
-def drift_table(history: History) -> Table:
+def drift_table(history: SensorHistory) -> Table:
     """Return each quantity by date, its change from the first, and E_n to first and previous."""
     rows = []
     for quantity in history.quantities:
@@ -180,7 +180,7 @@ def drift_table(history: History) -> Table:
     return Table((*columns("quantity", "unit", "date"), *heads), tuple(rows), notes=tuple(notes))
 
 
-def _en(history: History, quantity: ComparedQuantity, i: int, base: int) -> str:
+def _en(history: SensorHistory, quantity: ComparedQuantity, i: int, base: int) -> str:
     reference = quantity.values[base]
     if reference is None:
         return NONE

@@ -65,35 +65,42 @@ def _parameters(
     base = "the true value" if truth else names[0]
     rows = []
     for key in dict.fromkeys(key for result in results for key in result.parameters):
-        owners = [result.parameters[key] for result in results if key in result.parameters]
-        scale = scaled(owners[0].unit, max(abs(p.value or 0.0) for p in owners))
-        zero = truth.get(key) if truth else getattr(results[0].parameters.get(key), "value", None)
-        cells = []
-        below = []
-        for i, result in enumerate(results):
-            parameter = result.parameters.get(key)
-            cells.append(NONE if parameter is None else _short(parameter, scale, owners[0].unit))
-            off = (
-                parameter is not None
-                and zero is not None
-                and (truth or i > 0)
-                and parameter.unit == owners[0].unit
-            )
-            below.append(
-                _deviation(parameter.value, zero, scale.factor)  # type: ignore[union-attr]
-                if off
-                else ""
-            )
-        true = [NONE if zero is None else plain(zero * scale.factor)] if truth else []
-        rows.append((parameter_name(key).words, scale.printed, *true, *cells))
-        if any(below):
-            rows.append(("", "", *("" for _ in true), *below))
+        rows += _parameter_rows(key, [result.parameters.get(key) for result in results], truth)
+    true_head = ["true"] if truth else []
     heads = (
         *columns("parameter", "unit"),
-        *columns(*(["true"] if truth else []), *names, kind="number"),
+        *columns(*true_head, *names, kind="number"),
     )
     notes = (f"Below each value: deviation from {base}",)
     return Table(heads, tuple(rows), notes=notes, title="Parameters: value(u in its last digits)")
+
+
+def _parameter_rows(
+    key: str, estimates: Sequence[Parameter | None], truth: Mapping[str, float]
+) -> list[tuple[str, ...]]:
+    """Return the row of a parameter, and the row of its deviations if there are any.
+
+    ``estimates``: of each method, None where its model lacks the parameter.
+    """
+    present = [estimate for estimate in estimates if estimate is not None]
+    unit = present[0].unit
+    scale = scaled(unit, max(abs(estimate.value or 0.0) for estimate in present))
+    first_value = None if estimates[0] is None else estimates[0].value
+    zero = truth.get(key) if truth else first_value
+    cells = []
+    below = []
+    for i, estimate in enumerate(estimates):
+        cells.append(NONE if estimate is None else _short(estimate, scale, unit))
+        deviation = ""
+        is_compared = bool(truth) or i > 0
+        if is_compared and estimate is not None and zero is not None and estimate.unit == unit:
+            deviation = _deviation(estimate.value, zero, scale.factor)
+        below.append(deviation)
+    true = [NONE if zero is None else plain(zero * scale.factor)] if truth else []
+    rows = [(parameter_name(key).words, scale.printed, *true, *cells)]
+    if any(below):
+        rows.append(("", "", *("" for _ in true), *below))
+    return rows
 
 
 def _short(parameter: Parameter, scale: UnitScale, unit: str) -> str:
@@ -110,29 +117,31 @@ def _with_u(value: float | None, u: float | None, scale: UnitScale) -> str:
 def _deviation(value: float | None, zero: float, factor: float) -> str:
     if value is None:
         return NONE
-    return (
-        percent(100 * (value / zero - 1))
-        if zero
-        else f"{'+' if value >= 0 else ''}{plain(value * factor, 3)}"
-    )
+    if zero:
+        return percent(100 * (value / zero - 1))
+    sign = "+" if value >= 0 else ""
+    return f"{sign}{plain(value * factor, 3)}"
 
 
 def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
     """Fit metrics by method, and the time it took where the settings hold one."""
-    units = {fit_unit(result) for result in results}
     times = [result.settings.get("time_s") for result in results]
     timed = any(isinstance(time, int | float) for time in times)
     rows = []
     for result, name, time in zip(results, names, times, strict=True):
-        row = (
-            name,
-            *(plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS),
-        )
-        lasted = (plain(time if isinstance(time, int | float) else None, 3),) * timed
-        rows.append((*row, str(len(result.warnings)), *lasted))
-    heads = [*(words.METRICS[field].label for field in _FIELDS), "warn.", *(["time/s"] * timed)]
-    title = f"Fit{f' (RMSE, MAE in {pretty(units.pop())})' if len(units) == 1 else ''}"
-    return Table((Column("method"), *columns(*heads, kind="number")), tuple(rows), title=title)
+        row = [name]
+        row += [plain(getattr(result.fit, field), 6 if field == "r2" else 4) for field in _FIELDS]
+        row.append(str(len(result.warnings)))
+        if timed:
+            row.append(plain(time if isinstance(time, int | float) else None, 3))
+        rows.append(tuple(row))
+    heads = [*(words.METRICS[field].label for field in _FIELDS), "warn."]
+    if timed:
+        heads.append("time/s")
+    units = {fit_unit(result) for result in results}
+    unit_of_errors = f" (RMSE, MAE in {pretty(units.pop())})" if len(units) == 1 else ""
+    heads_of_table = (Column("method"), *columns(*heads, kind="number"))
+    return Table(heads_of_table, tuple(rows), title=f"Fit{unit_of_errors}")
 
 
 def models(
@@ -202,20 +211,19 @@ def joint(result: Result) -> tuple[Table | Sentence, ...]:
     unused = [
         entry["file"] for entry in joint_settings["calibrations"] if not entry["own_fit_used"]
     ]
-    unused_sentences = (
-        [Sentence(f"Of no use alone, the joint fit explains it better: {', '.join(unused)}.")]
-        if unused
-        else []
-    )
+    unused_sentences = []
+    if unused:
+        sentence = f"Of no use alone, the joint fit explains it better: {', '.join(unused)}."
+        unused_sentences.append(Sentence(sentence))
     consistency = joint_settings["consistency"]
     line = (
         f"The calibrations by themselves: χ² = {plain(consistency['chi2'], 4)} (ν = "
         f"{consistency['degrees_of_freedom']}), p = {plain(consistency['probability'], 2)}:"
     )
-    fine = consistency["consistent"]
-    verdict = Sentence(
-        line, "fine" if fine else "doubt", end="consistent" if fine else "inconsistent"
-    )
+    if consistency["consistent"]:
+        verdict = Sentence(line, "fine", end="consistent")
+    else:
+        verdict = Sentence(line, "doubt", end="inconsistent")
     return (table, *unused_sentences, verdict)
 
 
@@ -230,27 +238,19 @@ def network_beside(
     called = labels(results)
     values = []
     for key, true in truth.items():
-        known = [result.parameters.get(key) for result in results]
-        unit = next((p.unit for p in known if p is not None), "")
-        scale = scaled(unit, abs(true))
-        pairs = [None if p is None else (p.value, p.standard_uncertainty) for p in known]
-        values += _against(parameter_name(key).words, scale, true, pairs)
+        estimates = [result.parameters.get(key) for result in results]
+        unit = next((p.unit for p in estimates if p is not None), "")
+        pairs = [None if p is None else (p.value, p.standard_uncertainty) for p in estimates]
+        values += _against(parameter_name(key).words, scaled(unit, abs(true)), true, pairs)
     curve = []
     for frequency, true in true_curve.items():
         points = [sensitivity_at(result, Nominal(frequency, frequency)) for result in results]
         pairs = [None if p is None else (p.magnitude, p.magnitude_uncertainty) for p in points]
         curve += _against(f"|S| at {frequency:g} Hz", sensitivity_scale(results[0]), true, pairs)
-    weights = []
-    for row in weight_rows(results[-1].weights, digits=3):
-        for number, numbers in enumerate(row.numbers, 1):
-            name = f"{row.name} {row.layer}" + f", row {number}" * (len(row.numbers) > 1)
-            lines = ["  ".join(numbers[i : i + 2]) for i in range(0, len(numbers), 2)]
-            weights += [
-                (name * (line is lines[0]), "", "", *("" for _ in called[:-1]), line)
-                for line in lines
-            ]
+    weights = _weight_rows(results[-1], len(called))
     groups = {len(values): "the curve:"}
-    groups |= {len(values) + len(curve): "its weights (Table 1):"} if weights else {}
+    if weights:
+        groups[len(values) + len(curve)] = "its weights (Table 1):"
     heads = (*columns("parameter", "unit"), *columns("true", *called, kind="number"))
     notes = ("Below each value: difference / u, from the true one.",)
     return Table(
@@ -260,6 +260,25 @@ def network_beside(
         title="value(u in its last digits)",
         groups=groups,
     )
+
+
+def _weight_rows(result: Result, methods: int) -> list[tuple[str, ...]]:
+    """Return the weights of a result's network, two numbers a line, in its column of the table.
+
+    ``methods``: number of results in the table; this one is the last.
+    """
+    rows = []
+    for weight in weight_rows(result.weights, digits=3):
+        for number, numbers in enumerate(weight.numbers, 1):
+            name = f"{weight.name} {weight.layer}"
+            if len(weight.numbers) > 1:
+                name += f", row {number}"
+            for start in range(0, len(numbers), 2):
+                before = ("",) * (methods + 1)  # unit, true value, the other results
+                rows.append(
+                    (name if start == 0 else "", *before, "  ".join(numbers[start : start + 2]))
+                )
+    return rows
 
 
 def _against(
@@ -304,11 +323,9 @@ def planned(plan: Plan) -> Table:
         number = stated(parameter)
         scale = scaled(parameter.unit, abs(parameter.value))
         u = parameter.standard_uncertainty
-        share = (
-            NONE
-            if u is None or not parameter.value
-            else f"{uncertainty(100 * abs(u / parameter.value))} %"
-        )
+        share = NONE
+        if u is not None and parameter.value:
+            share = f"{uncertainty(100 * abs(u / parameter.value))} %"
         alternatives = (plan.spread, plan.all_points) if chosen else ()
         more = (
             uncertainty(alternative[name] * scale.factor) if name in alternative else NONE

@@ -26,7 +26,7 @@ _MAX_DIGITS = 15  # digits of a value beyond which a float has nothing more to s
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedParameter:
     """A parameter ready for print, all in ``unit``."""
 
     value: str  # to the place of the standard uncertainty's second digit
@@ -155,7 +155,7 @@ def natural_scale(parameter: Parameter) -> UnitScale:
     return scaled(parameter.unit, max(sizes, default=0.0))
 
 
-def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -> Stated:
+def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -> StatedParameter:
     """All numbers of a parameter in one unit, rounded by GUM 7.2.6; U = k u.
 
     ``scale``: unit and factor to it; None for a natural prefix.
@@ -166,7 +166,7 @@ def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -
     u = scale.times(u)
     texts = [printed(text) for text in _aligned(value, u, [u, None if u is None else k * u])]
     low, high = map(scale.times, parameter.interval_95)
-    return Stated(
+    return StatedParameter(
         value=texts[0],
         standard=texts[1],
         expanded=texts[2],

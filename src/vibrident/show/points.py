@@ -19,7 +19,7 @@ _OWN = 1e-9  # relative distance within which a frequency is the curve's own poi
 
 
 @dataclass(frozen=True)
-class Point:
+class SensitivityPoint:
     """The model's sensitivity at one frequency, in the result's units; standard uncertainties."""
 
     nominal: str  # nominal frequency, as text in Hz
@@ -47,7 +47,7 @@ def measured_band(result: Result) -> tuple[float, float] | None:
     return (low, high) if low <= high * (1 + SAME) else None
 
 
-def nominal_points(result: Result) -> tuple[Point, ...]:
+def nominal_points(result: Result) -> tuple[SensitivityPoint, ...]:
     """Return the sensitivity at each nominal one-third-octave frequency of the measured band."""
     band = measured_band(result)
     if band is None:
@@ -68,13 +68,13 @@ def reference_frequency(result: Result) -> tuple[Nominal | None, str]:
     return choose_reference(*band, result.measured.frequency_hz, stated)
 
 
-def reference_point(result: Result) -> tuple[Point | None, str]:
+def reference_point(result: Result) -> tuple[SensitivityPoint | None, str]:
     """Return the model's sensitivity at the reference frequency, and how that was chosen."""
     chosen, why = reference_frequency(result)
     return (None if chosen is None else sensitivity_at(result, chosen)), why
 
 
-def reference_value(result: Result) -> Point | None:
+def reference_value(result: Result) -> SensitivityPoint | None:
     """Return what is stated at the reference frequency: the measured value, else the model's."""
     chosen, _ = reference_frequency(result)
     if chosen is None:
@@ -82,7 +82,7 @@ def reference_value(result: Result) -> Point | None:
     return measured_at(result, chosen) or sensitivity_at(result, chosen)
 
 
-def measured_at(result: Result, where: Nominal) -> Point | None:
+def measured_at(result: Result, where: Nominal) -> SensitivityPoint | None:
     """Return what the data say at a frequency; None where they were not taken there.
 
     Repeated points are averaged by the inverse variance of their noise; what they have in common
@@ -94,8 +94,8 @@ def measured_at(result: Result, where: Nominal) -> Point | None:
         return None
     magnitude, u = _averaged(points, "magnitude", there)
     phase, u_phase = _averaged(points, "phase_deg", there)
-    place = where.name, float(np.mean(points.frequency_hz[there]))
-    return Point(*place, magnitude, _known(phase), _known(u), _known(u_phase))
+    averages = where.name, float(np.mean(points.frequency_hz[there]))
+    return SensitivityPoint(*averages, magnitude, _known(phase), _known(u), _known(u_phase))
 
 
 def _averaged(points: MeasuredCurve, quantity: str, there: BoolArray) -> tuple[float, float]:
@@ -114,7 +114,7 @@ def _averaged(points: MeasuredCurve, quantity: str, there: BoolArray) -> tuple[f
     return mean, float(np.hypot(common, mean_uncertainty))
 
 
-def sensitivity_at(result: Result, where: Nominal) -> Point | None:
+def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
     """Return the model's sensitivity: the curve's own point, else between its neighbours.
 
     Between neighbours the ratio of the curve to the result's model is interpolated, which is one
@@ -134,17 +134,17 @@ def sensitivity_at(result: Result, where: Nominal) -> Point | None:
     return _between(result, slice(right - 1, right + 1), where)
 
 
-def _own_point(curve: Curve, i: int, where: Nominal) -> Point:
+def _own_point(curve: Curve, i: int, where: Nominal) -> SensitivityPoint:
     values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
-    place = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
-    return Point(*place, *(_known(column[i]) for column in values))
+    point = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
+    return SensitivityPoint(*point, *(_known(column[i]) for column in values))
 
 
 def _known(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _between(result: Result, pair: slice, where: Nominal) -> Point:
+def _between(result: Result, pair: slice, where: Nominal) -> SensitivityPoint:
     curve = result.response
     f = where.frequency_hz
     ends = curve.frequency_hz[pair]
@@ -160,7 +160,7 @@ def _between(result: Result, pair: slice, where: Nominal) -> Point:
         phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
     relative = _mixed(curve.magnitude_uncertainty[pair] / np.abs(curve.magnitude[pair]), share)
     u = None if relative is None else relative * magnitude
-    return Point(
+    return SensitivityPoint(
         where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share)
     )
 

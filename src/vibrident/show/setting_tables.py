@@ -79,8 +79,8 @@ def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
             continue
         sizes = [source[key] for source in document["sources"]]
         rows = []
-        for i, place in enumerate(places):
-            u = None if np.isnan(total[place]) else factor * float(total[place])
+        for i, index in enumerate(places):
+            u = None if np.isnan(total[index]) else factor * float(total[index])
             cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
             both = uncertainty(u), uncertainty(None if u is None else K * u)
             rows.append((f"{document['frequency_hz'][i]:.5g}", *cells, *both))

@@ -198,64 +198,122 @@ def measured(result: Result) -> Table | None:
     if total == 0:
         return None
     scale = sensitivity_scale(result)
-    phases = bool(np.isfinite(points.phase_deg).any())
-    apart = bool(np.isfinite(points.magnitude_noise).any())
+    has_phases = bool(np.isfinite(points.phase_deg).any())
+    has_noise = bool(np.isfinite(points.magnitude_noise).any())
     step = max(1, -(-total // MAX_ROWS))
-
-    def cells(
-        quantity: str, factor: float, off: FloatArray, off_u: str, text_of: Callable[..., str]
-    ) -> Iterator[Any]:
-        """Value, U, U of the noise, deviation and E_n of each row."""
-        uncertainties = (column(points, quantity + part) for part in ("", "_uncertainty", "_noise"))
-        every = (
-            values[::step].tolist() for values in (*uncertainties, off, K * column(points, off_u))
-        )
-        for value, u, noise, d, d_u in zip(*every, strict=True):
-            en = signed(d / d_u, 2) if d_u else NONE
-            yield (
-                *with_u(value, u, factor),
-                uncertainty(K * noise * factor) * apart,
-                text_of(d, d_u),
-                en * apart,
-            )
-
-    off = column(points, "deviation_percent")
-    turned = principal(column(points, "deviation_phase_deg"))
-    magnitudes = cells("magnitude", scale.factor, off, "deviation_uncertainty_percent", percent)
-    angles = cells("phase_deg", 1.0, turned, "deviation_phase_uncertainty_deg", _turned)
-    places = [
-        (f"{f:.6g}", nominal_frequency(f) or "") for f in points.frequency_hz[::step].tolist()
-    ]
-    names = points.record[::step] or ("",) * len(places)
+    shown = slice(None, None, step)
+    frequencies = points.frequency_hz[shown].tolist()
+    magnitudes = _point_cells(
+        points,
+        shown,
+        "magnitude",
+        scale.factor,
+        column(points, "deviation_percent"),
+        column(points, "deviation_uncertainty_percent"),
+        percent,
+    )
+    phases = _point_cells(
+        points,
+        shown,
+        "phase_deg",
+        1.0,
+        principal(column(points, "deviation_phase_deg")),
+        column(points, "deviation_phase_uncertainty_deg"),
+        _turned,
+    )
+    blank = ("",) * 5
     rows = [
-        (*place, *magnitude, *(text * phases for text in angle), name)
-        for place, magnitude, angle, name in zip(places, magnitudes, angles, names, strict=True)
+        (
+            f"{frequency:.6g}",
+            nominal_frequency(frequency) or "",
+            *magnitude,
+            *(phase if has_phases else blank),
+            name,
+        )
+        for frequency, magnitude, phase, name in zip(
+            frequencies,
+            magnitudes,
+            phases,
+            points.record[shown] or ("",) * len(frequencies),
+            strict=True,
+        )
     ]
-    heads = [("frequency", "Hz"), ("nominal", "Hz"), ("magnitude", scale.unit), ("U", scale.unit)]
-    heads += [
-        ("noise", scale.unit),
-        ("deviation", ""),
-        (Words("E_n"), ""),
-        ("phase", "°"),
-        ("U", "°"),
-        ("noise", "°"),
-    ]
-    heads += [("deviation", "°"), (Words("E_n of phase"), "")]
     thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
     lead = (
         "Deviation is model − measured, of the magnitude relative to the measured one; U with "
         f"k = 2.{thinned}"
     )
-    notes = [
-        *(["phase"] if phases else []),
-        *(["unstated"] if np.isnan(points.magnitude_uncertainty).any() else []),
-    ]
-    return Table(
-        (*(Column(title, "number", unit) for title, unit in heads), Column("record")),
-        tuple(rows),
-        tuple(text for text in (lead, worst(points), _APART if apart else "") if text),
-        tuple(ENGLISH("text", note) for note in notes),
-    ).telling()
+    notes = []
+    if has_phases:
+        notes.append(ENGLISH("text", "phase"))
+    if np.isnan(points.magnitude_uncertainty).any():
+        notes.append(ENGLISH("text", "unstated"))
+    leads = (lead, worst(points), _APART if has_noise else "")
+    heads = _measured_heads(scale.unit)
+    return Table(heads, tuple(rows), tuple(text for text in leads if text), tuple(notes)).telling()
+
+
+def _measured_heads(unit: str) -> tuple[Column, ...]:
+    """Return the columns of :func:`measured`; ``unit``: of the sensitivity."""
+    numbers = (
+        ("frequency", "Hz"),
+        ("nominal", "Hz"),
+        ("magnitude", unit),
+        ("U", unit),
+        ("noise", unit),
+        ("deviation", ""),
+        (Words("E_n"), ""),
+        ("phase", "°"),
+        ("U", "°"),
+        ("noise", "°"),
+        ("deviation", "°"),
+        (Words("E_n of phase"), ""),
+    )
+    return (*(Column(title, "number", per) for title, per in numbers), Column("record"))
+
+
+def _point_cells(
+    points: MeasuredCurve,
+    shown: slice,
+    quantity: str,
+    factor: float,
+    deviation: FloatArray,
+    deviation_u: FloatArray,
+    text_of: Callable[[float, float], str],
+) -> list[tuple[str, ...]]:
+    """Return value, U, U of the noise, deviation and E_n of each shown point, as text.
+
+    Args:
+        points: measured.
+        shown: which of them.
+        quantity: name of the curve's field.
+        factor: from the field to the unit that is printed.
+        deviation: of the model from each point, shape (n,).
+        deviation_u: its standard uncertainty, shape (n,).
+        text_of: from a deviation and its U to text.
+    """
+    has_noise = bool(np.isfinite(points.magnitude_noise).any())
+    columns_ = (
+        column(points, quantity),
+        column(points, f"{quantity}_uncertainty"),
+        column(points, f"{quantity}_noise"),
+        deviation,
+        K * deviation_u,
+    )
+    cells = []
+    for value, u, noise, off, off_expanded in zip(
+        *(values[shown].tolist() for values in columns_), strict=True
+    ):
+        en = signed(off / off_expanded, 2) if off_expanded else NONE
+        cells.append(
+            (
+                *with_u(value, u, factor),
+                uncertainty(K * noise * factor) if has_noise else "",
+                text_of(off, off_expanded),
+                en if has_noise else "",
+            )
+        )
+    return cells
 
 
 _APART = Words(
@@ -277,11 +335,11 @@ def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
     off = np.abs(points.deviation_percent)
     if np.isnan(off).all():
         return ""
-    place = int(np.nanargmax(off))
+    index = int(np.nanargmax(off))
     mean = plain(float(np.nanmean(off)), 2)
-    largest = plain(float(off[place]), 2)
+    largest = plain(float(off[index]), 2)
     return say(
-        "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[place]:.5g}"
+        "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[index]:.5g}"
     )
 
 

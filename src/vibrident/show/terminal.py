@@ -69,17 +69,19 @@ def parameter_table(result: Result) -> Table:
     doubtful = []
     groups = {}
     table = tables.parameters(result)
-    place = {column.title: j for j, column in enumerate(table.columns)}
+    column_of = {column.title: j for j, column in enumerate(table.columns)}
     for i, row in enumerate(table.rows):
-        remarks = [part for part in row[place["remark"]].split(", ") if part and part != "derived"]
-        if "derived" in row[place["remark"]] and not groups:
+        remarks = [
+            part for part in row[column_of["remark"]].split(", ") if part and part != "derived"
+        ]
+        if "derived" in row[column_of["remark"]] and not groups:
             groups[i] = "derived from these:"
         if {words.WEAK, words.UNKNOWN} & {*remarks}:
             doubtful.append(i)
         name = row[0] + "".join(f" ({remark})" for remark in remarks)
-        unit = row[place["unit"]]
-        cells = (row[place[title]] for title in ("value", "u", "U"))
-        rows.append((name, *cells, "" if unit == "1" else unit, row[place["95 % interval"]]))
+        unit = row[column_of["unit"]]
+        cells = (row[column_of[title]] for title in ("value", "u", "U"))
+        rows.append((name, *cells, "" if unit == "1" else unit, row[column_of["95 % interval"]]))
     heads = (
         Column("parameter"),
         *columns("value", "u", f"U (k = {plain(k, 3)})", kind="number"),

@@ -72,10 +72,10 @@ def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure
 def _corrected(correction: Correction, corrections: Corrections) -> Stack:
     unit = pretty(corrections.unit)
     record = correction.record
-    part = excerpt(record)
-    time, clock = from_start(record.start_time_s + record.time_s[part])
-    a = correction.acceleration[part]
-    u = correction.standard_uncertainty[part]
+    span = excerpt(record)
+    time, clock = from_start(record.start_time_s + record.time_s[span])
+    a = correction.acceleration[span]
+    u = correction.standard_uncertainty[span]
     thin = slice(None, None, max(1, len(time) // 3000))
     upper = [
         Series(time[thin], a[thin], look=Look(BLACK, width=0.0), half=K * u[thin], band="± 2 u")
@@ -83,7 +83,7 @@ def _corrected(correction: Correction, corrections: Corrections) -> Stack:
     if record.reference is not None and correction.reference is not None:
         upper.append(
             Series(
-                *envelope(time, correction.reference[part]),
+                *envelope(time, correction.reference[span]),
                 "reference, same band",
                 Look(ORANGE, width=2.6),
             )
@@ -92,7 +92,7 @@ def _corrected(correction: Correction, corrections: Corrections) -> Stack:
     typical = float(np.nanmedian(u)) if np.isfinite(u).any() else 0.0
     lower = []
     for name, (look, words) in _ORIGINS.items():
-        values = correction.components[name][part]
+        values = correction.components[name][span]
         if np.isfinite(values).any() and np.nanmax(values) > _SHOWN * typical:
             visible = np.where(values > _LEAST * typical, values, np.nan)
             lower.append(Series(time[thin], visible[thin], words, look))

@@ -23,7 +23,7 @@ GUARD_BAND_IN_U = 2.0  # w = U with k = 2 (ILAC-G8:09/2019, 5.1)
 
 
 @dataclass(frozen=True)
-class Judgement:
+class JudgedRequirement:
     """Requirement with its judgement."""
 
     quantity: str  # name of a parameter, or ``sensitivity_deviation``
@@ -63,7 +63,7 @@ def accepted(value: float, u: float | None, low: float, high: float, rule: Rule)
 
 def judge_requirements(
     result: Result, reference_hz: float | None, reference: tuple[float, float | None] | None
-) -> list[Judgement]:
+) -> list[JudgedRequirement]:
     """Judge each requirement of ``result.certificate``.
 
     Args:
@@ -110,7 +110,7 @@ def judge_requirements(
 
 def judge_points(
     result: Result, reference_hz: float, reference: tuple[float, float | None], *, limited: bool
-) -> list[Judgement]:
+) -> list[JudgedRequirement]:
     """Return the deviation of every measured point, with the narrowest limits that apply to it.
 
     Args:
@@ -154,7 +154,7 @@ def _is_unstated(result: Result, name: str) -> bool:
     return name in (*model.parameter_names, *(derived.name for derived in model.core.derived))
 
 
-def _order(row: Judgement) -> tuple[bool, float, float]:
+def _order(row: JudgedRequirement) -> tuple[bool, float, float]:
     """Return a sort key by which the point that decides comes first.
 
     A point decides that is not met, then least probable, then farthest from the middle.
@@ -170,11 +170,11 @@ def _row(
     u: float | None,
     frequency: float | None,
     rule: Rule,
-) -> Judgement:
+) -> JudgedRequirement:
     known = math.isfinite(value)
     chance = probability_of_conformance(value, u, *limits) if known and u is not None else None
     met = accepted(value, u, *limits, rule) if known else None
-    return Judgement(
+    return JudgedRequirement(
         entry["quantity"],
         unit,
         *limits,
@@ -228,8 +228,8 @@ def ratio_uncertainty(
         base_common: contributions to that, shape (sources,).
     """
     independent = [
-        max(total**2 - float(np.sum(part**2)), 0.0)
-        for total, part in ((u, common), (base_u, base_common))
+        max(total**2 - float(np.sum(shared**2)), 0.0)
+        for total, shared in ((u, common), (base_u, base_common))
     ]
     rounding = 8.0 * np.finfo(float).eps
     independent = [

@@ -114,8 +114,8 @@ def identify(
             ),
         )
 
-    def fit_part(part: Calibration) -> Fitted:
-        return fit(part, name, estimator, uncertainty=uncertainty, progress=progress)
+    def fit_part(part_of_data: Calibration) -> Fitted:
+        return fit(part_of_data, name, estimator, uncertainty=uncertainty, progress=progress)
 
     if len(runs) > 1:
         return identify_runs(runs, fit_part, uncertainty)

@@ -10,7 +10,7 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.data.io import GivenCalibration, as_calibration, describe
 from vibrident.data.records import Calibration
-from vibrident.data.screening import Finding, screen
+from vibrident.data.screening import ScreeningFinding, screen
 from vibrident.data.screening.copies import notes_of_copies, without_copies
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Inspection:
     """
 
     calibration: Calibration
-    findings: tuple[Finding, ...]
+    findings: tuple[ScreeningFinding, ...]
     copies: tuple[str, ...]
 
     __repr__ = brief
@@ -70,7 +70,7 @@ def inspect(calibration: GivenCalibration) -> Inspection:
     once = without_copies(data.records)
     copies = notes_of_copies((record.name, record.provenance.history) for record in once)
     findings = [
-        Finding(finding.code, finding.message)
+        ScreeningFinding(finding.code, finding.message)
         for record in once
         if record.optical is not None
         for finding in record.optical.findings
@@ -80,7 +80,7 @@ def inspect(calibration: GivenCalibration) -> Inspection:
         try:
             (screened,), doubts = screen([record], data.units)
         except InputError as error:
-            findings.append(Finding("dead_channel", error.found))
+            findings.append(ScreeningFinding("dead_channel", error.found))
             screened = record
         else:
             findings += doubts

@@ -20,7 +20,7 @@ from vibrident.data.records import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class LinePoints:
     """Values y at x, with standard uncertainties and their degrees of freedom, shape (n,) each."""
 
     x: FloatArray
@@ -44,7 +44,7 @@ class Line:
         probability: chance of points on a line to deviate as much; 1 without degrees of freedom.
     """
 
-    points: Points
+    points: LinePoints
     coefficients: FloatArray
     smoother: FloatArray
     covariance: FloatArray
@@ -64,7 +64,7 @@ class Line:
         return float(np.sqrt(gradient @ self.covariance @ gradient)), freedom
 
 
-def fit_line(points: Points, further: FloatArray | None = None) -> Line:
+def fit_line(points: LinePoints, further: FloatArray | None = None) -> Line:
     """Fit a line, and a further column, by weighted least squares.
 
     Args:
@@ -97,7 +97,7 @@ def _test_chi2(chi2: float, degrees: int, doubt: float) -> tuple[float, float]:
     return ratio, f_tail(degrees, below, ratio)
 
 
-def explanations(points: Points, rejection: float) -> list[int | None]:
+def explanations(points: LinePoints, rejection: float) -> list[int | None]:
     """Return what brings the points back to a line: a point to leave out, or None, a parabola.
 
     Each is one further column, so that all are alternatives of one size; those with which the test

@@ -51,7 +51,7 @@ class NoListener(Listener):
 
 
 @dataclass(frozen=True)
-class Method:
+class IdentificationMethod:
     """Way to identify the same data.
 
     Attributes:
@@ -281,18 +281,22 @@ def _methods(
     estimators: Sequence[str],
     models: Sequence[str | None],
     steps: Sequence[str | None],
-) -> list[Method]:
+) -> list[IdentificationMethod]:
     """Return every valid combination: not every estimator has a discretisation."""
     stepping = with_setting("discretisation", estimators) if any(steps) else ()
     return [
-        Method(name, model, step)
+        IdentificationMethod(name, model, step)
         for model, name in itertools.product(models, estimators)
         for step in (steps if name in stepping else (None,))
     ]
 
 
 def _identified(
-    calibration: Calibration, methods: Sequence[Method], listener: Listener, *, must: bool
+    calibration: Calibration,
+    methods: Sequence[IdentificationMethod],
+    listener: Listener,
+    *,
+    must: bool,
 ) -> dict[str, Result]:
     """Return results by name; unnamed methods that do not suit the data are left out."""
     results: dict[str, Result] = {}
@@ -317,7 +321,7 @@ def _identified(
 
 def _cross_validated(
     calibration: Calibration,
-    methods: Sequence[Method],
+    methods: Sequence[IdentificationMethod],
     results: Mapping[str, Result],
     listener: Listener,
 ) -> dict[str, dict[str, Any]]:

@@ -76,8 +76,8 @@ def _test(
         return None
     residual = values - member.T @ (member @ values / counts[:, None])
     # part of a row's variance that its residual has
-    part = 1.0 - 1.0 / (member.T @ counts)[:, None]
-    squares = np.divide(residual**2, part, out=np.zeros_like(residual), where=part > 0.0)
+    share = 1.0 - 1.0 / (member.T @ counts)[:, None]
+    squares = np.divide(residual**2, share, out=np.zeros_like(residual), where=share > 0.0)
     variance = np.maximum((np.sum(residual**2, axis=0) - squares) / degrees, noise)
     at = np.unravel_index(
         int(np.argmax(squares / np.maximum(variance, np.finfo(float).tiny))), squares.shape

@@ -18,7 +18,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import MOTIONS, BoolArray, Calibration, FloatArray, Record, is_motion
-from vibrident.data.screening import Finding, screen
+from vibrident.data.screening import ScreeningFinding, screen
 from vibrident.fit.problem import Coordinates, network_of
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
 from vibrident.physics.discretisation import method
@@ -68,7 +68,9 @@ class Predictions:
     """Predictions for a calibration's records."""
 
     predictions: tuple[Prediction, ...]  # one a record, in order, without those left out
-    findings: tuple[Finding, ...]  # doubts about the data; they name records that are left out
+    findings: tuple[
+        ScreeningFinding, ...
+    ]  # doubts about the data; they name records that are left out
     discretisation: str  # of the network
 
     __repr__ = brief

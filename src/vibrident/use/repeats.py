@@ -96,69 +96,90 @@ def identify_runs(
         InputError: a run cannot be identified.
     """
     fits = [fit(each) for each in runs.values()]
+    results = [document(each, budget_of(each, scope)) for each in fits]
+    mountings = [mounting for mounting, _ in runs]
     first = fits[0]
     coordinates = first.estimate.coordinates
     places = np.array(
         [coordinates.place(each.estimate.coordinates.values(each.estimate.z)) for each in fits]
     )
-    mountings = [key[0] for key in runs]
-    mean, parts = _components(places, mountings)
-    rows = [*parts, *(row for row in budget_of(first, scope) if row.kind != DATA)]
-    total = np.sum([row.covariance for row in rows], axis=0)
-    freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
-    results = [document(each, budget_of(each, scope)) for each in fits]
-    base = results[0]
-    calibration = first.evidence.calibration
-    names = first.evidence.model.parameter_names
-    doubtful = {
-        name: "" for each in results for name, p in each.parameters.items() if not p.identifiable
-    }
-    covers = [
-        f"{len(fits)} runs",
-        *([f"{len(set(mountings))} mountings"] if len(set(mountings)) > 1 else []),
-    ]
-    settings = {
-        **base.settings,
-        "uncertainty_covers": "; ".join([*covers, *covered(rows)]),
-        "coverage_factor": coverage_factor(freedom),
-        "effective_degrees_of_freedom": freedom,
-        "uncertainty_budget": as_settings(rows, names, coordinates.slopes(mean)),
-        "repeats": _repeats_settings(list(runs), results),
-    }
-    response = base.response
-    if base.has_gain:
-        response = curve(coordinates, mean, total, calibration.quantity, response.frequency_hz)
+    mean, data_rows = _components(places, mountings)
+    rows = [*data_rows, *(row for row in budget_of(first, scope) if row.kind != DATA)]
+    combined = _combined(first, results, mean, rows)
     outlier = find_outlier(
         places, mountings, np.mean([np.diag(each.estimate.covariance) for each in fits], axis=0)
     )
-    findings = [finding for each in results for finding in each.findings]
-    warnings = [warning for each in results for warning in each.warnings]
     if outlier is not None and outlier.probability < REJECTION:
-        finding = _finding(outlier, first, places, list(runs))
-        findings.append(finding)
-        warnings.append(ResultWarning(finding.code, finding.message))
-    combined = replace(
+        combined = _with_finding(combined, _finding(outlier, first, places, list(runs)))
+    measured = _measured(results, combined, mountings)
+    sources = [f"{len(fits)} runs"]
+    if len(set(mountings)) > 1:
+        sources.append(f"{len(set(mountings))} mountings")
+    settings = {
+        **combined.settings,
+        "uncertainty_covers": "; ".join([*sources, *covered(rows)]),
+        "repeats": _repeats_settings(list(runs), results),
+    }
+    settings = _with_scatter(settings, measured, sources[-1])
+    combined = replace(combined, measured=measured, settings=settings)
+    return with_floor(combined, first.evidence.calibration.capabilities)
+
+
+def _combined(
+    first: Fitted, results: Sequence[Result], mean: FloatArray, rows: Sequence[BudgetRow]
+) -> Result:
+    """Return the first run's result with the mean of all runs, its covariance and their warnings.
+
+    Args:
+        first: run.
+        results: of each run.
+        mean: coordinates, shape (p,).
+        rows: budget of the mean.
+    """
+    coordinates = first.estimate.coordinates
+    calibration = first.evidence.calibration
+    model = first.evidence.model
+    base = results[0]
+    covariance = np.sum([row.covariance for row in rows], axis=0)
+    freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
+    doubtful = {
+        name: "" for each in results for name, p in each.parameters.items() if not p.identifiable
+    }
+    response = base.response
+    if base.has_gain:
+        response = curve(coordinates, mean, covariance, calibration.quantity, response.frequency_hz)
+    files = [file for each in results for file in each.provenance.get("files") or ()]
+    warnings = [warning for each in results for warning in each.warnings]
+    return replace(
         base,
         parameters=parameter_table(
-            coordinates, mean, total, freedom, unit_fields(calibration), doubtful
+            coordinates, mean, covariance, freedom, unit_fields(calibration), doubtful
         ),
-        correlation=correlation(first.evidence.model, total),
+        correlation=correlation(model, covariance),
         response=response,
         warnings=tuple(dict.fromkeys(warnings)),
-        findings=tuple(findings),
+        findings=tuple(finding for each in results for finding in each.findings),
         fit=replace(base.fit, adequate=all(each.fit.adequate for each in results)),
-        provenance={
-            **base.provenance,
-            "files": [f for each in results for f in each.provenance.get("files") or ()],
-        },
+        provenance={**base.provenance, "files": files},
         signals=tuple(signal for each in results for signal in each.signals),
-        settings=settings,
+        settings={
+            **base.settings,
+            "coverage_factor": coverage_factor(freedom),
+            "effective_degrees_of_freedom": freedom,
+            "uncertainty_budget": as_settings(
+                rows, model.parameter_names, coordinates.slopes(mean)
+            ),
+        },
     )
-    measured = _measured(results, combined, mountings)
-    combined = replace(
-        combined, measured=measured, settings=_with_scatter(settings, measured, covers[-1])
+
+
+def _with_finding(result: Result, finding: Finding) -> Result:
+    warning = ResultWarning(finding.code, finding.message)
+    return replace(
+        result,
+        warnings=tuple(dict.fromkeys([*result.warnings, warning])),
+        findings=(*result.findings, finding),
     )
-    return with_floor(combined, calibration.capabilities)
 
 
 def _repeats_settings(runs: Sequence[tuple[str, str]], results: Sequence[Result]) -> dict[str, Any]:
@@ -243,7 +264,8 @@ def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArra
     # part of repeatability in the variance of the mean
     share = np.clip(np.diag(repeatability) / np.maximum(np.diag(covariance), 1e-300), 0.0, 1.0)
     repeated, remounted = (
-        covariance * np.outer(part, part) for part in (np.sqrt(share), np.sqrt(1.0 - share))
+        covariance * np.outer(weights, weights)
+        for weights in (np.sqrt(share), np.sqrt(1.0 - share))
     )
     mixed = covariance - repeated - remounted  # of the correlations, none on the diagonal
     rows = [
@@ -259,11 +281,9 @@ def _groups(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
     ``values``: shape (runs, …).
     """
     names = list(dict.fromkeys(mountings))
-    return (
-        [values[[mounting == name for mounting in mountings]] for name in names]
-        if len(names) > 1
-        else list(values[:, None])
-    )
+    if len(names) == 1:
+        return list(values[:, None])
+    return [values[[mounting == name for mounting in mountings]] for name in names]
 
 
 def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:

@@ -23,7 +23,7 @@ from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty.parameters import coverage_factor
 from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result, ResultWarning
-from vibrident.use.line import Line, Points, explanations, fit_line
+from vibrident.use.line import Line, LinePoints, explanations, fit_line
 from vibrident.use.repeats import partly_stated_error
 
 DEFAULT_REFERENCE_C = (
@@ -102,7 +102,7 @@ def identify_temperatures(
     )
 
 
-def _points(results: Mapping[float, Result], name: str, reference: float) -> Points | None:
+def _points(results: Mapping[float, Result], name: str, reference: float) -> LinePoints | None:
     """Return a parameter's values over temperature, less the reference's.
 
     None where a u is not known.
@@ -114,7 +114,7 @@ def _points(results: Mapping[float, Result], name: str, reference: float) -> Poi
     if len(known) < len(results):
         return None
     x, y, u = np.array(known).T
-    return Points(x, y, u, np.array([_freedom(result) for result in results.values()]))
+    return LinePoints(x, y, u, np.array([_freedom(result) for result in results.values()]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,10 +70,12 @@ def cross_validate(
     for fold in range(dealt):
         out = np.arange(count) % dealt == fold
         try:
-            part = identify(_subset(calibration, ~out), result.model, estimator, progress=progress)
+            training_part = identify(
+                _subset(calibration, ~out), result.model, estimator, progress=progress
+            )
         except VibridentError:
             return None
-        values = {name: part.parameters[name].value for name in model.parameter_names}
+        values = {name: training_part.parameters[name].value for name in model.parameter_names}
         here = out[owners]
         predicted[here] = model.frequency_response(values, frequency[here], calibration.quantity)
     known = bool(np.isfinite(result.measured.phase_deg[0]))

@@ -7,7 +7,7 @@ import re
 from string import Formatter
 
 import pytest
-from tests.support.page_words import said, unsaid, with_values
+from tests.support.page_words import shown_sentences, unsaid, with_values
 from tests.support.sample_results import table2
 from tests.support.serving import WAIT_MS, upload
 from tests.support.sources import ROOT, modules, tree
@@ -111,10 +111,10 @@ def test_the_script_of_the_page_has_no_words():
 @pytest.mark.parametrize("code", OTHERS)
 def test_a_catalogue_has_what_is_said_and_nothing_else(code):
     own, of_certificates = catalogue(code), from_english(code)
-    wanted = (said() - with_values() - {*own["made"]}) | elsewhere()
+    wanted = (shown_sentences() - with_values() - {*own["made"]}) | elsewhere()
     missing = {text for text in wanted if language(code).known(text) is None}
     assert missing == set()
-    assert {*own["said"]} - said() - elsewhere() == set()
+    assert {*own["said"]} - shown_sentences() - elsewhere() == set()
     assert {*own["said"]} & {*own["made"]} == set()
     assert with_values() - {*own["made"]} == set()
     repeated = {text for part in own.values() for text in part if of_certificates.get(text) == part[text]}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vibrident.app.web.session import CALIBRATION, MAX_RESULTS, Session, refuse_outside, safe_name
+from vibrident.app.web.session import CALIBRATION, MAX_RESULTS, PageSession, refuse_outside, safe_name
 from vibrident.base.errors import InputError
 
 TOML = """[reference]
@@ -26,7 +26,7 @@ excitation = "random"
 
 @pytest.fixture
 def session(tmp_path):
-    made = Session(tmp_path, 1.0)
+    made = PageSession(tmp_path, 1.0)
     assert not list(tmp_path.iterdir()), "a page without files costs a folder"
     yield made
     made.close()

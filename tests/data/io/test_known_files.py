@@ -25,7 +25,7 @@ TABLE = (
 def folder(tmp_path: Path) -> Path:
     """A random record of a reference in V and a sensor, and the certificate of the reference in mV/g."""
     motion = Motion("random", 4096, RATE_HZ, (100.0, 12000.0))
-    columns = motion.seen(accelerometer(*REFERENCE)), motion.seen(accelerometer(0.01, 4000.0, 0.02), noise=1e-3)
+    columns = motion.channel(accelerometer(*REFERENCE)), motion.channel(accelerometer(0.01, 4000.0, 0.02), noise=1e-3)
     np.savetxt(tmp_path / "rec.csv", np.transpose(columns), delimiter=",", header="ref (V),resp (V)", comments="")
     _write_certificate(tmp_path / "ref.csv", HZ)
     return tmp_path
@@ -70,7 +70,7 @@ def test_every_form_states_the_same_response(folder):
     truth = accelerometer(*REFERENCE)(HZ)
     motion = Motion("random", 4096, RATE_HZ, (100.0, 12000.0))
     laser = Calibration.from_arrays(
-        [motion.seen()], [motion.seen(accelerometer(*REFERENCE), noise=1e-5)], RATE_HZ, excitation="random"
+        [motion.channel()], [motion.channel(accelerometer(*REFERENCE), noise=1e-5)], RATE_HZ, excitation="random"
     )
     identify(laser).save(folder / "result.json")
     forms = {

@@ -73,10 +73,10 @@ def test_a_conditioner_and_a_digital_filter_of_the_response_are_taken_out():
     motion = Motion("random", 8192, RATE_HZ, (50.0, 12000.0))
     conditioner = KnownResponse.from_corners([0.5], [30e3], 10.0, corner_uncertainty=0.02)
     chain = conditioner.times(KnownResponse.from_filter(np.hanning(9)[1:-1] / 4.0, rate_hz=RATE_HZ))
-    response = motion.seen(accelerometer(*SENSOR), chain.value, noise=1e-3)
+    response = motion.channel(accelerometer(*SENSOR), chain.value, noise=1e-3)
     result = identify(
         Calibration.from_arrays(
-            [motion.seen()], [response], RATE_HZ, excitation="random", response_known_response=chain
+            [motion.channel()], [response], RATE_HZ, excitation="random", response_known_response=chain
         )
     )
     assert result.warnings == ()
@@ -96,8 +96,8 @@ def test_a_huddle_test_beside_a_broadband(corner):
     known = KnownResponse.from_poles(poles, [0.0, 0.0] if corner else (), 1500.0)
     result = identify(
         Calibration.from_arrays(
-            [motion.seen(known.value)],
-            [motion.seen(sensor, noise=1e-3)],
+            [motion.channel(known.value)],
+            [motion.channel(sensor, noise=1e-3)],
             100.0,
             quantity="velocity",
             excitation="random",
@@ -114,8 +114,8 @@ def test_a_huddle_test_beside_a_broadband(corner):
 def test_a_result_is_the_reference_of_the_next_with_its_covariance(tmp_path):
     motion = Motion("random", 8192, RATE_HZ, (50.0, 12000.0))
     laser = Calibration.from_arrays(
-        [motion.seen()],
-        [motion.seen(accelerometer(*REFERENCE), noise=0.03)],
+        [motion.channel()],
+        [motion.channel(accelerometer(*REFERENCE), noise=0.03)],
         RATE_HZ,
         excitation="random",
         reference_standard_uncertainty=RELATIVE,
@@ -172,8 +172,8 @@ def test_coverage_over_500_draws_of_the_reference():
 
         result = identify(
             Calibration.from_arrays(
-                [motion.seen(reference)],
-                [motion.seen(accelerometer(*SENSOR), noise=1e-3)],
+                [motion.channel(reference)],
+                [motion.channel(accelerometer(*SENSOR), noise=1e-3)],
                 RATE_HZ,
                 excitation="random",
                 reference_known_response=known,

@@ -12,7 +12,10 @@ from vibrident import Calibration, identify
 @pytest.mark.parametrize("corner_hz", [1.0 / 120.0, 1.0 / 30.0])
 def test_a_huddle_test_without_the_broadbands_response_names_the_reference(corner_hz):
     motion = Motion("random", 30_000, 100.0, (0.02, 30.0), seed=4)
-    reference, response = motion.seen(seismometer(1.0, corner_hz, 0.707)), motion.seen(seismometer(30.0, 1.0, 0.6))
+    reference, response = (
+        motion.channel(seismometer(1.0, corner_hz, 0.707)),
+        motion.channel(seismometer(30.0, 1.0, 0.6)),
+    )
     result = identify(
         Calibration.from_arrays(
             [reference],

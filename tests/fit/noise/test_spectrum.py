@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vibrident.fit.noise.spectrum import Motion, noise_spectrum
+from vibrident.fit.noise.spectrum import PredictedMotion, noise_spectrum
 
 
 @pytest.mark.parametrize("natural", [0.01, 0.1])
@@ -20,7 +20,7 @@ def test_noise_of_the_reference_is_told_without_motion(samples: int, natural: fl
         rng = np.random.default_rng(seed)
         reference, response = (np.fft.rfft(size * rng.normal(size=samples)) for size in (1.0, 0.01))
         predicted = transfer * reference
-        motion = Motion(predicted, float(samples), int(0.4 * samples), np.abs(transfer) ** 2)
+        motion = PredictedMotion(predicted, float(samples), int(0.4 * samples), np.abs(transfer) ** 2)
         found.append(noise_spectrum(response - predicted, motion, 0.0).input_noise)
     assert np.mean(found) == pytest.approx(1.0, abs=0.1)
     assert np.all(np.abs(np.array(found) - 1.0) < 0.3)

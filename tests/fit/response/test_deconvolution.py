@@ -38,12 +38,12 @@ def place(record: Record, rate_hz: float = RATE_HZ) -> slice:
 def test_a_reference_that_resonates_gives_the_motion(kind):
     motion = Motion(kind, 8192, RATE_HZ, BAND_HZ if kind != "sweep" else (50.0, 9000.0))
     record = freed(
-        motion.seen(accelerometer(*REFERENCE)),
-        motion.seen(),
+        motion.channel(accelerometer(*REFERENCE)),
+        motion.channel(),
         kind,
         reference_known_response=known_reference(),
     )
-    truth = motion.seen()
+    truth = motion.channel()
     assert record.samples > 0.8 * 8192
     np.testing.assert_allclose(record.reference, truth[place(record)], atol=2e-4 * np.std(truth) + 1e-4)
     # the response is the laser's, filtered alike: no relation between the channels is left
@@ -54,8 +54,8 @@ def test_a_response_that_is_known_goes_to_the_other_side_and_leaves_the_response
     motion = Motion("random", 8192, RATE_HZ, BAND_HZ)
     taps = np.hanning(9)[1:-1] / 4.0
     known = KnownResponse.from_filter(3.0 * taps, rate_hz=RATE_HZ)
-    response = motion.seen(known.value)
-    record = freed(motion.seen(), response, response_known_response=known)
+    response = motion.channel(known.value)
+    record = freed(motion.channel(), response, response_known_response=known)
     np.testing.assert_allclose(record.response, record.reference, atol=2e-4 * np.std(response))
     # in the unit of the sensor's output
     assert np.std(record.response) == pytest.approx(np.std(response / 3.0), rel=0.01)
@@ -65,8 +65,8 @@ def test_a_broadband_gives_the_velocity_above_the_band_that_its_record_tells():
     motion = Motion("random", 60_000, 100.0, (0.02, 30.0))
     turn = 2.0 * np.pi / 120.0
     known = KnownResponse.from_poles(np.roots([1.0, 1.414 * turn, turn**2]), [0.0, 0.0], 1500.0)
-    signal = motion.seen(seismometer(1500.0, 1.0 / 120.0, 0.707))
-    record = freed(signal, motion.seen(), rate_hz=100.0, quantity="velocity", reference_known_response=known)
+    signal = motion.channel(seismometer(1500.0, 1.0 / 120.0, 0.707))
+    record = freed(signal, motion.channel(), rate_hz=100.0, quantity="velocity", reference_known_response=known)
     assert record.band_hz is not None
     assert record.band_hz[0] < 0.1
     # at its bins the channels are alike, whatever lies below
@@ -87,7 +87,7 @@ def test_a_sine_needs_one_value():
 
 def test_what_is_clipped_spoils_as_far_as_the_filter_reaches_and_no_further():
     motion = Motion("random", 8192, RATE_HZ, BAND_HZ)
-    signal, answer = motion.seen(accelerometer(*REFERENCE)), motion.seen()
+    signal, answer = motion.channel(accelerometer(*REFERENCE)), motion.channel()
     whole = freed(signal, answer, reference_known_response=known_reference())
     bad = np.zeros(8192, bool)
     bad[4000:4004] = True
@@ -130,7 +130,7 @@ def test_a_band_beyond_the_table_gets_one_message():
     motion = Motion("random", 8192, RATE_HZ, BAND_HZ)
     known = KnownResponse.from_table([20.0, 200.0, 5000.0], [1.0] * 3, [0.0] * 3)
     calibration = Calibration.from_arrays(
-        [motion.seen()], [motion.seen()], RATE_HZ, excitation="random", reference_known_response=known
+        [motion.channel()], [motion.channel()], RATE_HZ, excitation="random", reference_known_response=known
     )
     chain = chain_of(calibration)
     assert chain is not None
@@ -145,8 +145,8 @@ def test_a_record_too_short_and_a_free_decay_are_refused_by_name():
     known = KnownResponse.from_poles(np.roots([1.0, 1.414 * turn, turn**2]), [0.0, 0.0], 1500.0)
     narrow = KnownResponse.from_table([0.01, 0.1, 1.0], [1.0] * 3, [0.0] * 3)
     with pytest.raises(InputError, match="too short for the known response"):
-        freed(motion.seen(), motion.seen(), rate_hz=100.0, reference_known_response=known.times(narrow))
-    decay = Record("free", None, motion.seen(), 100.0, "decay")
+        freed(motion.channel(), motion.channel(), rate_hz=100.0, reference_known_response=known.times(narrow))
+    decay = Record("free", None, motion.channel(), 100.0, "decay")
     chain = chain_of(Calibration((decay,), response_known_response=known))
     assert chain is not None
     with pytest.raises(InputError, match="free decay"):

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from tests.support.fleets import DEADLY
 
-from vibrident.lab.fleet import Local, Orders, Outcome, RunRequest, run, worker
+from vibrident.lab.fleet import LocalScheduler, Orders, Outcome, RunRequest, run, worker
 from vibrident.lab.fleet.batch import Identifier
 
 Run = Callable[..., Outcome]
@@ -21,7 +21,9 @@ def run_fleet() -> Run:
     """Run a fleet, with one process unless it is asked for more."""
 
     def run_(patterns: list[Path], out: Path, *, workers: int = 1, fresh: bool = False, **orders: object) -> Outcome:
-        return run(RunRequest([str(one) for one in patterns], Orders(str(out), **orders), fresh=fresh), Local(workers))  # type: ignore[arg-type]
+        return run(
+            RunRequest([str(one) for one in patterns], Orders(str(out), **orders), fresh=fresh), LocalScheduler(workers)
+        )  # type: ignore[arg-type]
 
     return run_
 

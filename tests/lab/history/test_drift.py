@@ -14,7 +14,7 @@ from tests.support.joint_sensors import table
 import vibrident
 from vibrident.data.effects import SystematicEffect
 from vibrident.lab.history import control
-from vibrident.lab.history.drift import Drift
+from vibrident.lab.history.drift import SensorDrift
 from vibrident.lab.history.due import Tolerance, due, risk
 from vibrident.lab.history.life import Entry, Event, agreement, life
 from vibrident.lab.history.result_rows import rows_of
@@ -24,7 +24,7 @@ def series(years, values, u=0.001, shared=0.0):
     """A drift of one series, with noise and an error in common."""
     n = len(years)
     covariance = u**2 * np.eye(n) + shared**2
-    return Drift(np.array(years, float), np.array(values, float), covariance, np.zeros(n, int))
+    return SensorDrift(np.array(years, float), np.array(values, float), covariance, np.zeros(n, int))
 
 
 def entries(values, u=0.001, shared=0.0, first=2010, step=1):
@@ -70,7 +70,7 @@ def test_what_is_shared_cancels_in_drift_and_stays_in_the_value():
 def test_the_unit_of_value_and_time_does_not_matter():
     years, values = [0.0, 1.1, 2.0, 3.7], np.array([1.0, 1.002, 1.001, 1.006])
     plain = series(years, values)
-    other = Drift(365 * plain.time, 1e3 * values, 1e6 * plain.covariance, plain.group)
+    other = SensorDrift(365 * plain.time, 1e3 * values, 1e6 * plain.covariance, plain.group)
     assert other.probability == pytest.approx(plain.probability)
     assert other.sensitivity(365 * 5).interval_95 == pytest.approx(
         [1e3 * end for end in plain.sensitivity(5).interval_95], rel=1e-9

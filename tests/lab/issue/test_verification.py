@@ -17,7 +17,7 @@ from tests.support.lives import certifiable
 from tests.support.signing import PHRASE, key_file
 
 from vibrident.base.errors import InputError
-from vibrident.lab.issue.documents import Content, signed_documents
+from vibrident.lab.issue.documents import DraftContent, signed_documents
 from vibrident.lab.issue.keys import load_key
 from vibrident.lab.issue.verification import verify
 from vibrident.show.issue import NOTHING_MORE
@@ -31,7 +31,7 @@ def signed(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("signed")
     key = load_key(key_file(folder, kind=request.param), PHRASE)
     result = certifiable(**STATED)
-    draft = Content(result, NOTHING_MORE, None)
+    draft = DraftContent(result, NOTHING_MORE, None)
     signed_documents(draft, result, key).write(folder, "c")
     return folder
 
@@ -148,7 +148,7 @@ def test_the_key_of_somebody_else_is_not_trusted(signed, form, tmp_path):
 def test_a_certificate_that_a_trusted_authority_issued_is_trusted(tmp_path):
     key = load_key(key_file(tmp_path, authority="Authority"), PHRASE)
     result = certifiable(**STATED)
-    signed_documents(Content(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
+    signed_documents(DraftContent(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
     (tmp_path / "other").mkdir()
     key_file(tmp_path / "other", authority="Authority")
     for form in FORMS:
@@ -161,7 +161,7 @@ def test_a_signature_after_the_certificate_ended_is_found(tmp_path):
     key = load_key(key_file(tmp_path, days=0), PHRASE)
     assert key.certificate.not_valid_after_utc < datetime.datetime.now(datetime.UTC)
     result = certifiable(**STATED)
-    signed_documents(Content(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
+    signed_documents(DraftContent(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
     for form in FORMS:
         with pytest.raises(InputError, match="while its certificate was valid"):
             verify(tmp_path / f"c.{form}")
@@ -171,7 +171,7 @@ def test_a_signature_made_while_its_certificate_was_valid_stays_valid(tmp_path):
     with time_machine.travel(datetime.datetime(2020, 1, 2, tzinfo=datetime.UTC)):
         key = load_key(key_file(tmp_path, days=30), PHRASE)
         result = certifiable(**STATED)
-        signed_documents(Content(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
+        signed_documents(DraftContent(result, NOTHING_MORE, None), result, key).write(tmp_path, "c")
     for form in FORMS:
         assert verify(tmp_path / f"c.{form}", tmp_path / "key.pem").time.year == 2020
 

@@ -8,7 +8,7 @@ from tests.support.corrections import DECENT, known_result
 
 import vibrident
 from vibrident.physics.simulation import SENSORS, ChannelNoise, simulate, with_noise
-from vibrident.use.correction import Band
+from vibrident.use.correction import PassBand
 from vibrident.use.correction.chain import MeasuringChain
 from vibrident.use.correction.compensation import Compensation
 from vibrident.use.correction.quiet import Baseline, estimate_baseline
@@ -33,7 +33,7 @@ def test_noise_of_every_sample_is_that_of_simulated_noise(model: str, rest: int,
     tilt = np.linspace(0.0, 1.0, 65)
     spectrum = 1e-6 * (1.0 / (0.05 + tilt) if coloured else np.ones(65))
     known = around(spectrum, rest)
-    compensation = Compensation.from_baseline(MeasuringChain(sensor), Band(low, 40.0, ""), RATE, SAMPLES, known)
+    compensation = Compensation.from_baseline(MeasuringChain(sensor), PassBand(low, 40.0, ""), RATE, SAMPLES, known)
     rng = np.random.default_rng(8)
     size = 4 * SAMPLES
     shape = np.sqrt(known.noise(np.fft.rfftfreq(size, 1.0 / RATE)))
@@ -52,7 +52,7 @@ def test_integrated_noise_grows_from_the_first_sample() -> None:
     values = {"generator_constant": 2.0, "natural_frequency": 50.0, "damping_ratio": 0.6}
     sensor = known_result("velocity-pickup", values).to_sensor()
     compensation = Compensation.from_baseline(
-        MeasuringChain(sensor), Band(0.0, 10.0, ""), RATE, SAMPLES, around(np.full(9, 1e-6), 100)
+        MeasuringChain(sensor), PassBand(0.0, 10.0, ""), RATE, SAMPLES, around(np.full(9, 1e-6), 100)
     )
     noise = compensation.noise_deviation
     assert np.all(np.diff(noise) >= 0)

@@ -14,7 +14,7 @@ from vibrident.data.sources.source import Chunk
 from vibrident.use.tracking.causes import Cause
 from vibrident.use.tracking.effects import CarriedEffects
 from vibrident.use.tracking.known import KnownEffects
-from vibrident.use.tracking.session import Session
+from vibrident.use.tracking.session import TrackingSession
 from vibrident.use.tracking.state import Alarm
 
 SAMPLES, NOISE = 40000, 1e-3
@@ -25,7 +25,7 @@ def said(u, responses, levels, rng):
     one = tracker(None, u=1e-3)
     count = one.network.parameters
     no_effects = CarriedEffects((), np.zeros((0, count)), np.eye(count), np.zeros(count), KnownEffects.none(count))
-    session = Session(one, 4096, {}, Cause(None, "", dict(TRUTH)), no_effects)
+    session = TrackingSession(one, 4096, {}, Cause(None, "", dict(TRUTH)), no_effects)
     for level, y in zip(levels, responses, strict=True):
         session.take(Chunk(level * u, y + NOISE * rng.normal(size=SAMPLES)))
     session.finish()

@@ -21,8 +21,8 @@ from vibrident.show import report
 from vibrident.show.certificate import certificate
 from vibrident.show.use_figures import tracking
 from vibrident.use.tracking.outcome import tracked_result
-from vibrident.use.tracking.session import Session
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.session import TrackingSession
+from vibrident.use.tracking.state import TrackerSettings
 
 GAIN, LATE_S = 0.02, 3e-6  # stated standard uncertainties: relative, and of the time
 EFFECTS = (SystematicEffect("bridge", "gain", GAIN), SystematicEffect("filter", "timing", LATE_S))
@@ -45,9 +45,9 @@ def calibrated() -> Result:
     return vibrident.identify(records(1, effects=EFFECTS, **named), model="accelerometer+delay")
 
 
-def session_of(result: Result, reference: float = 0.0) -> Session:
-    settings = Settings(reference_uncertainty=reference)
-    session = Session.from_result(result, RATE_HZ, "acceleration", 1.0, settings)
+def session_of(result: Result, reference: float = 0.0) -> TrackingSession:
+    settings = TrackerSettings(reference_uncertainty=reference)
+    session = TrackingSession.from_result(result, RATE_HZ, "acceleration", 1.0, settings)
     for chunk in chunks_of(records(2)):
         session.take(chunk)
     session.finish()
@@ -64,7 +64,7 @@ def u_of(result: Result, name: str) -> float:
 
 
 def test_no_samples_leave_the_calibration(calibrated):
-    session = Session.from_result(calibrated, RATE_HZ, "acceleration", 1.0, Settings(drift_per_year=0.0))
+    session = TrackingSession.from_result(calibrated, RATE_HZ, "acceleration", 1.0, TrackerSettings(drift_per_year=0.0))
     unmoved = tracked_result(calibrated, session)
     for name in (*TRUTH, "delay"):
         assert u_of(unmoved, name) == pytest.approx(u_of(calibrated, name), rel=1e-9)

@@ -8,7 +8,7 @@ from tests.support.random_record import RATE_HZ, TRUTH
 from tests.support.tracked import ACCELEROMETER, answered, fed, motion, record, tracker
 
 from vibrident import Calibration, InputError, identify
-from vibrident.use.tracking.network import Linearised, Network
+from vibrident.use.tracking.network import LinearisedCell, SensorNetwork
 from vibrident.use.tracking.tracker import Tracker
 
 NAMES = tuple(TRUTH)
@@ -45,7 +45,7 @@ def test_it_scatters_as_a_batch_does_and_covers(kind, draws):
 
 
 def test_the_cell_and_its_sensitivities_are_those_of_a_plain_recursion(rng):
-    network = Network.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
+    network = SensorNetwork.from_start_values(ACCELEROMETER, TRUTH, "acceleration", 1.0 / RATE_HZ)
     inputs = rng.normal(size=(53, network.terms))
     state = rng.normal(size=12)
 
@@ -59,7 +59,7 @@ def test_the_cell_and_its_sensitivities_are_those_of_a_plain_recursion(rng):
 
     start = state.copy()
     start[2:8] = 0.0
-    out, _ = Linearised.at_point(network, np.ones(3)).run(start, inputs)
+    out, _ = LinearisedCell.at_point(network, np.ones(3)).run(start, inputs)
     assert out[:, 0] == pytest.approx(plain(np.ones(3)), rel=1e-12)
     step = 1e-6
     for place in range(3):

@@ -13,8 +13,8 @@ from vibrident import Calibration
 from vibrident.data.sources.kinds.calibration_records import chunks_of
 from vibrident.use.tracking.outcome import tracked_result
 from vibrident.use.tracking.reference_noise import estimate_reference_noise
-from vibrident.use.tracking.session import Session
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.session import TrackingSession
+from vibrident.use.tracking.state import TrackerSettings
 
 NAMES = tuple(TRUTH)
 TONES_HZ = np.geomspace(41.0, 3900.0, 10)
@@ -35,8 +35,8 @@ def sines(rng, values=TRUTH, samples=8000, harmonics=0.0):
 
 
 def tracked(result, calibration):
-    session = Session.from_result(
-        result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, Settings()
+    session = TrackingSession.from_result(
+        result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, TrackerSettings()
     )
     for chunk in chunks_of(calibration):
         session.take(chunk)

@@ -38,11 +38,11 @@ def _open(wanted: SourceRequest) -> Iterator[Chunk]:
     except Error as error:
         raise _refused(wanted, error) from error
     try:
-        for place in places:
-            task.ai_channels.add_ai_voltage_chan(f"{wanted.address or 'Dev1'}/ai{place - 1}")
-        kept = round(BUFFER_S * wanted.rate_hz)
+        for channel in places:
+            task.ai_channels.add_ai_voltage_chan(f"{wanted.address or 'Dev1'}/ai{channel - 1}")
+        buffer_samples = round(BUFFER_S * wanted.rate_hz)
         task.timing.cfg_samp_clk_timing(
-            wanted.rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=kept
+            wanted.rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=buffer_samples
         )
         check_rate(wanted, float(task.timing.samp_clk_rate))
         task.start()

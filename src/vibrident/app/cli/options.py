@@ -173,12 +173,12 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
     def split(text: str | None) -> list[str] | None:
         if text is None:
             return None
-        parts = [part.strip() for part in text.split(",") if part.strip()]
+        parts = [word.strip() for word in text.split(",") if word.strip()]
         if not parts:
             remedy = f"name at least one, or leave {marked(name)} out"
             raise unreadable_error(name, text, "names joined by commas", remedy)
         checked = [
-            part if allowed is None else one_of(name, part, _names_of(allowed)) for part in parts
+            word if allowed is None else one_of(name, word, _names_of(allowed)) for word in parts
         ]
         return list(dict.fromkeys(checked))
 
@@ -240,7 +240,7 @@ def band(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
     try:
-        low, high = (float(part) for part in text.split(":"))
+        low, high = (float(limit) for limit in text.split(":"))
     except ValueError:
         expected = "two frequencies in Hz, a lower and a higher one, such as 10:1000"
         raise unreadable_error(
@@ -258,7 +258,7 @@ def frequencies(text: str | None) -> list[float] | None:
         return None
     separator = ":" if ":" in text else ","
     try:
-        numbers = [float(part) for part in text.split(separator)]
+        numbers = [float(number_text) for number_text in text.split(separator)]
     except ValueError:
         numbers = []
     if not numbers or (separator == ":" and len(numbers) != 2):

@@ -44,20 +44,24 @@ def prepare() -> None:
 
 def guess(folder: Path, files: Sequence[str], code: str = "en") -> ColumnGuess:
     """ColumnGuess the columns from the first file, and the excitation from several."""
-    part = find_optical_part(files)
-    columns, apart = _guess_columns(folder, pair_files(files, part))
-    part = part if apart else ""
+    name_part = find_optical_part(files)
+    columns, apart = _guess_columns(folder, pair_files(files, name_part))
+    name_part = name_part if apart else ""
     try:
         excitation = likely_excitation(
-            columns, folder, [file for file, _ in pair_files(files, part)]
+            columns, folder, [file for file, _ in pair_files(files, name_part)]
         )
     except MemoryError:  # the files may be too large for a guess
         excitation = None
     try:
-        drawn = draw_chart(describe_guess(columns, excitation or "sine", part), folder, files, code)
+        drawn = draw_chart(
+            describe_guess(columns, excitation or "sine", name_part), folder, files, code
+        )
     except (VibridentError, MemoryError):  # reported when the page requests the chart
         drawn = b""
-    return ColumnGuess(_offered_columns(columns), excitation, len(columns.columns), drawn, part)
+    return ColumnGuess(
+        _offered_columns(columns), excitation, len(columns.columns), drawn, name_part
+    )
 
 
 def _guess_columns(folder: Path, pairs: Sequence[tuple[str, str | None]]) -> tuple[Columns, bool]:

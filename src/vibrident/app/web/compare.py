@@ -57,7 +57,7 @@ class CompareStep:
             return
         with self.body:
             for _, figure, height in shown["charts"]:
-                frame.Chart(figure, height)
+                frame.ChartView(figure, height)
             for title, table in shown["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with frame.actions():

@@ -156,20 +156,20 @@ class DataStep:
             try:
                 if not file.name.lower().endswith(".json"):
                     self.user.require("identify", "upload data")
-                place = session.reserve_path(file.name, file.size())
+                path = session.reserve_path(file.name, file.size())
                 try:
-                    await file.save(place)
+                    await file.save(path)
                 except BaseException:
-                    session.remove(place.name)
+                    session.remove(path.name)
                     raise
-                if place.suffix.lower() != ".json":
-                    came.append(place.name)
+                if path.suffix.lower() != ".json":
+                    came.append(path.name)
                     continue
                 try:  # an earlier result, checked in a separate process
-                    await self.user.run_sandboxed(model_and_estimator, place)
-                    self.user.keep_result(place.stem, place)
+                    await self.user.run_sandboxed(model_and_estimator, path)
+                    self.user.keep_result(path.stem, path)
                 finally:
-                    session.remove(place.name)
+                    session.remove(path.name)
                 results = True
             except InputError as error:
                 if alone:

@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web.language import say, say_count
-from vibrident.app.web.session import Session
+from vibrident.app.web.session import PageSession
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS, page_word
 from vibrident.base.errors import InputError, VibridentError
@@ -27,9 +27,9 @@ _MAX_LISTED_NAMES = 12  # most names in a list; the rest is counted
 
 
 def show_error(
-    place: ui.element,
+    element: ui.element,
     error: BaseException,
-    session: Session | None = None,
+    session: PageSession | None = None,
     labels: Mapping[str, str] = LABELS,
 ) -> None:
     """Show an error in a box, in the words of the form; for unexpected ones, the number in the log.
@@ -37,10 +37,10 @@ def show_error(
     ``labels``: by setting, or by option of a command.
     """
     known = _error_to_show(error)
-    if place.is_deleted:  # the page was left meanwhile
+    if element.is_deleted:  # the page was left meanwhile
         return
-    place.clear()
-    with place, ui.element("div").classes("error").props("role=alert"):
+    element.clear()
+    with element, ui.element("div").classes("error").props("role=alert"):
         if not isinstance(known, InputError):
             _spoken_as_is(str(known)).classes("problem")
             return
@@ -69,12 +69,12 @@ async def run_sandboxed(
         return None
 
 
-def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
+def show_left_out(element: ui.element, left_out: Mapping[str, Sequence[str]]) -> None:
     """Show the omitted files, by reason."""
-    if place.is_deleted or not left_out:
+    if element.is_deleted or not left_out:
         return
     number = sum(map(len, left_out.values()))
-    with place, ui.element("div").classes("warning").props('role=alert id="left-out"'):
+    with element, ui.element("div").classes("warning").props('role=alert id="left-out"'):
         singular = "{count} file was left out; the rest is here."
         plural = "{count} files were left out; the rest is here."
         ui.label(say_count(number, singular, plural)).classes("problem")
@@ -82,14 +82,14 @@ def show_left_out(place: ui.element, left_out: Mapping[str, Sequence[str]]) -> N
             ui.label(f"{say(reason)}: {list_names(names)}")
 
 
-def show_faults(place: ui.element, errors: Sequence[InputError], session: Session) -> None:
+def show_faults(element: ui.element, errors: Sequence[InputError], session: PageSession) -> None:
     """Show what is wrong in the files, each problem once with its places."""
     places: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
         places.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(
             error.where
         )
-    with place, ui.element("div").classes("warning").props("role=alert"):
+    with element, ui.element("div").classes("warning").props("role=alert"):
         singular = "To mend before you identify, in {count} file:"
         plural = "To mend before you identify, in {count} files:"
         ui.label(say_count(len(errors), singular, plural)).classes("problem")
@@ -183,7 +183,7 @@ class Text:
         self._label.text = text
 
 
-class Chart:
+class ChartView:
     """A chart from its JSON, which is passed to the browser unread.
 
     NiceGUI's own element would copy every number several times, and asks plotly to fit charts that
@@ -207,7 +207,7 @@ class GrowingChart:
     def __init__(self, place: ui.element, height: int) -> None:
         self.place = place
         self.height = height
-        self.chart: Chart | None = None
+        self.chart: ChartView | None = None
         self.points = 0
 
     def grows_to(self, points: int) -> bool:
@@ -224,7 +224,7 @@ class GrowingChart:
         drawn = json.dumps(figure).encode()
         if self.chart is None:
             with self.place:
-                self.chart = Chart(drawn, self.height)
+                self.chart = ChartView(drawn, self.height)
         else:
             self.chart.show(drawn)
 
@@ -236,7 +236,7 @@ class GrowingChart:
 
 
 def _for_page(
-    error: InputError, session: Session | None, labels: Mapping[str, str] = LABELS
+    error: InputError, session: PageSession | None, labels: Mapping[str, str] = LABELS
 ) -> InputError:
     """Return the error in the words of the page, without the server's folders."""
     error_on_page = error.in_words(page_word(labels))

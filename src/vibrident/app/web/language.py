@@ -35,11 +35,11 @@ def choose_language(cookies: Mapping[str, str], accepted: str) -> str:
     if (code := cookies.get(COOKIE, "")) in LANGUAGES:
         return code
     wanted = []
-    for place, part in enumerate(accepted[:1000].split(",")):
+    for order, part in enumerate(accepted[:1000].split(",")):
         name, _, weight = part.partition(";")
         quality = re.fullmatch(r"\s*q=([01](?:\.\d{1,3})?)\s*", weight)
         size = float(quality[1]) if quality else 0.0 if weight else 1.0
-        wanted.append((-size, place, name.strip().lower().partition("-")[0]))
+        wanted.append((-size, order, name.strip().lower().partition("-")[0]))
     return next((code for size, _, code in sorted(wanted) if size and code in LANGUAGES), "en")
 
 

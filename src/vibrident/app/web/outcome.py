@@ -320,7 +320,7 @@ class HistoryPanel:
         self.body.clear()
         with self.body:
             for _, figure, height in shown["charts"]:
-                frame.Chart(figure, height)
+                frame.ChartView(figure, height)
             ui.html(shown["tables"], sanitize=False)
 
 
@@ -354,7 +354,7 @@ def _curves(shown: dict[str, Any]) -> None:
         frame.hint(say("Not everything can be drawn here; see the report (HTML)."))
     for title, figure, height in shown["charts"]:
         frame.heading(title)
-        frame.Chart(figure, height)
+        frame.ChartView(figure, height)
     if shown["found"]:
         behind = ui.expansion(say("How it was found")).classes("w-full").props("id=how")
 
@@ -362,7 +362,7 @@ def _curves(shown: dict[str, Any]) -> None:
             if behind.value and not behind.default_slot.children:
                 with behind:
                     for _, figure, height in shown["found"]:
-                        frame.Chart(figure, height)
+                        frame.ChartView(figure, height)
 
         behind.on_value_change(draw)
     if signals := shown["signals"]:
@@ -374,4 +374,4 @@ def _curves(shown: dict[str, Any]) -> None:
             )
             choice.style("max-width: 20rem")
             choice.on_value_change(lambda event: plot.show(signals[event.value][1]))
-        plot = frame.Chart(*signals[0][1:])
+        plot = frame.ChartView(*signals[0][1:])

@@ -26,6 +26,7 @@ from vibrident.show.views import BLUE, GREEN, VERMILION, Figure, Look, Panel, Se
 
 CHART_HEIGHT_PX = 360  # height of the chart in pixels
 MAX_SAMPLES = 3000  # samples drawn
+MAX_ELLIPSE_SAMPLES = 1 << 18  # of light, enough to fit an ellipse
 
 
 def preview(
@@ -53,7 +54,7 @@ def preview(
     wanted = list(dict.fromkeys(column for column in drawn if column is not None))
     if not description.signals:  # those of an interferometer are read in blocks
         positions = [source.position_of(column, "columns and units") for column in wanted]
-        require_room(folder / response_file, sum(source.length(place) for place in positions))
+        require_room(folder / response_file, sum(source.length(position) for position in positions))
     stacks = [*_light(light, description), _over(source, wanted, across, table=description.table)]
     if light is not source:
         signals = [column for column in description.motion if column is not None]
@@ -110,7 +111,8 @@ def _light(source: ColumnFile, description: Description) -> tuple[Stack, ...]:
         for column in description.signals
         if column is not None
     ]
-    size = min(*(source.length(place) for place in places), 1 << 18)  # enough to fit an ellipse
+    lengths = [source.length(position) for position in places]
+    size = min(*lengths, MAX_ELLIPSE_SAMPLES)
     signals = source.block(places, 0, size)
     if size < 2 or not np.isfinite(signals).all():
         return ()

@@ -20,7 +20,7 @@ MAX_SENSORS = 500  # rows of the table
 
 
 @dataclass(frozen=True)
-class Draft:
+class CertifiableResult:
     """A result whose certificate can be written."""
 
     serial_number: str
@@ -40,8 +40,8 @@ def sensors(store: str, wanted: str, code: str) -> dict[str, Any]:
         if opened.revision() is None:
             return {"count": None, "table": ""}
         rows = all_due(opened, Question())
-    part = wanted.strip().casefold()
-    named = [row for row in rows if part in str(row["serial_number"]).casefold()]
+    sought = wanted.strip().casefold()
+    named = [row for row in rows if sought in str(row["serial_number"]).casefold()]
     return {
         "count": len(named),
         "table": fragment(language(code), _table(named, language(code))) if named else "",
@@ -76,11 +76,13 @@ def _table(rows: Sequence[dict[str, Any]], speak: Language) -> Table:
     return Table(heads, tuple(cells), doubtful=tuple(overdue))
 
 
-def drafts(paths: Sequence[Path], stated: Sequence[CertificateData]) -> list[Draft]:
+def drafts(paths: Sequence[Path], stated: Sequence[CertificateData]) -> list[CertifiableResult]:
     """Return serial number and missing entries of each result with what is stated beside it."""
     open_drafts = []
     for path, data in zip(paths, stated, strict=True):
         result = with_statements(Result.load(path), data)
         missing = lacking(result.certificate, result.sensor)
-        open_drafts.append(Draft(str(result.sensor.get("serial_number") or ""), len(missing)))
+        open_drafts.append(
+            CertifiableResult(str(result.sensor.get("serial_number") or ""), len(missing))
+        )
     return open_drafts

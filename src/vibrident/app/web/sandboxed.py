@@ -98,9 +98,9 @@ def find_faults(
 def _require_numbers(path: Path, columns: Sequence[int | str]) -> None:
     source = open_columns(path)
     places = [source.position_of(column, "columns and units") for column in columns]
-    require_room(path, sum(source.length(place) for place in places))
-    for place, values in zip(places, source.load(places), strict=True):
-        source.require_finite(place, values, 0, "repair the file, or remove it")
+    require_room(path, sum(source.length(position) for position in places))
+    for position, values in zip(places, source.load(places), strict=True):
+        source.require_finite(position, values, 0, "repair the file, or remove it")
 
 
 def require_readable(folder: Path, name: str) -> None:

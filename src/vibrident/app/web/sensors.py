@@ -75,11 +75,11 @@ class SensorsStep:
         drafts = await frame.run_sandboxed(user, self.errors, register.drafts, paths, stated) or []
         if turn != self.turn or self.body.is_deleted:
             return
-        part = wanted.strip().casefold()
+        sought = wanted.strip().casefold()
         open_work = [
             (draft, *entry)
             for draft, entry in zip(drafts, work, strict=False)
-            if part in draft.serial_number.casefold()
+            if sought in draft.serial_number.casefold()
         ]
         begun = known["count"] is not None
         self.section.visible = begun or failed or bool(work)
@@ -102,7 +102,7 @@ class SensorsStep:
                 frame.heading(say("Sensors"))
                 ui.html(known["table"], sanitize=False)  # escaped in the process that made it
 
-    def _draft(self, draft: register.Draft, owner: User, named: NamedResult) -> None:
+    def _draft(self, draft: register.CertifiableResult, owner: User, named: NamedResult) -> None:
         lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")
         missing = html(lacking if draft.missing else say("complete"))
         serial = html(draft.serial_number or say("no serial number"))

@@ -32,7 +32,7 @@ _UNSAFE = re.compile(r"[^\w.+ -]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
-class Session:
+class PageSession:
     """Files of one user, in a private folder below ``parent``.
 
     The folder is made with the first file; ``name``: of a kept one. ``limit_mb``: most megabytes of
@@ -272,12 +272,12 @@ class Session:
         for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _MAX_DOWNLOADS]:
             old.unlink(missing_ok=True)
         self._made += 1
-        place = folder / f"{self._made}"
+        target = folder / f"{self._made}"
         if isinstance(content, bytes):
-            place.write_bytes(content)
+            target.write_bytes(content)
         else:
-            content.replace(place)
-        return place
+            content.replace(target)
+        return target
 
     def with_local_paths(self, error: InputError) -> InputError:
         """Return the error with paths relative to the folder of the data."""

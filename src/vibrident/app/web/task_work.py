@@ -198,9 +198,11 @@ def _joint(
     request.check(len(files))
     tell.step(phrase("Identifying together"))
     results = run(request, [read(file) for file in files], tell)
-    for result, place in zip(results, result_folders([*map(Path, files)], folder), strict=True):
-        place.mkdir(parents=True, exist_ok=True)
-        result.save(place / "result.json")
+    for result, result_folder in zip(
+        results, result_folders([*map(Path, files)], folder), strict=True
+    ):
+        result_folder.mkdir(parents=True, exist_ok=True)
+        result.save(result_folder / "result.json")
     return TaskOutput(methods.joint(results[0]) if len(results) > 1 else ())
 
 

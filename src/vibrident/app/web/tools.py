@@ -185,7 +185,7 @@ class ToolsStep:
             ui.html(now.shown["tables"], sanitize=False).classes("scroll")  # escaped in the process
             for heading, chart, height in now.shown["charts"]:
                 frame.heading(heading)
-                frame.Chart(chart, height)
+                frame.ChartView(chart, height)
             if now.archive is not None:
                 count = len(now.shown["files"])
                 archive = now.archive

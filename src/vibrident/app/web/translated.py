@@ -151,7 +151,7 @@ def _panel(language: Language, panel: Panel) -> Panel:
         y=_axis(language, panel.y),
         series=tuple(_series(language, line) for line in panel.series),
         title=_translate(language, panel.title),
-        marks=tuple((place, _translate(language, words)) for place, words in panel.marks),
+        marks=tuple((x, _translate(language, words)) for x, words in panel.marks),
         empty=_translate(language, panel.empty),
     )
 
@@ -161,7 +161,7 @@ def _axis(language: Language, axis: Axis) -> Axis:
     label = _translate(language, axis.label)
     if label == axis.label:
         label = type(label)("\n".join(_line(language, line) for line in axis.label.split("\n")))
-    ticks = tuple((place, language.number(name)) for place, name in axis.ticks)
+    ticks = tuple((tick, language.number(name)) for tick, name in axis.ticks)
     return replace(axis, label=label, ticks=ticks)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from vibrident.app.web.form.description import calibration_text
 from vibrident.app.web.language import phrase
 from vibrident.app.web.sandboxed import model_and_estimator
-from vibrident.app.web.session import RESULT, Session
+from vibrident.app.web.session import RESULT, PageSession
 from vibrident.app.web.state import (
     Choices,
     ConfirmedCalibration,
@@ -35,7 +35,7 @@ class User:
         self.owner = owner
         self.tab = tab
         self.run_sandboxed = users.run_sandboxed
-        self.session = Session(users.folder, users.limit_mb, users.make_room, folder_name)
+        self.session = PageSession(users.folder, users.limit_mb, users.make_room, folder_name)
         self.task = TaskRun(self)
         self.worker = Worker()
         self.results: list[NamedResult] = []

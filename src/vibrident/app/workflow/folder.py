@@ -71,9 +71,9 @@ def written_whole(target: Path) -> Iterator[Folder]:
             yield folder
             new_files = [path for path in partial.rglob("*") if path.is_file()]
             for file in sorted(new_files, key=lambda file: (file.name == _LAST, file)):
-                place = target / file.relative_to(partial)
-                place.parent.mkdir(parents=True, exist_ok=True)
-                folder.files.append(file.replace(place))
+                destination = target / file.relative_to(partial)
+                destination.parent.mkdir(parents=True, exist_ok=True)
+                folder.files.append(file.replace(destination))
     except BrokenPipeError:
         raise
     except OSError as error:

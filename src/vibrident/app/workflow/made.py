@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vibrident.show.views import Figure, Sentence, Table
-    from vibrident.use.tracking.state import Estimate
+    from vibrident.use.tracking.state import TrackedEstimate
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ProgressReporter:
     def share(self, words: str, done: int, most: int) -> None:
         """Report how many parts of the work are done."""
 
-    def estimate(self, row: Estimate, units: Mapping[str, str]) -> None:
+    def estimate(self, row: TrackedEstimate, units: Mapping[str, str]) -> None:
         """Report a tracked sensor at a time, in these units."""
 
     def note(self, words: str) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vibrident.data.records import Calibration
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
-    from vibrident.use.tracking.session import Session
+    from vibrident.use.tracking.session import TrackingSession
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     from vibrident.use.tracking.following import interval_of_records
     from vibrident.use.tracking.known import known_effects, without_known
     from vibrident.use.tracking.outcome import tracked_result
-    from vibrident.use.tracking.session import Session
-    from vibrident.use.tracking.state import Settings
+    from vibrident.use.tracking.session import TrackingSession
+    from vibrident.use.tracking.state import TrackerSettings
 
     known = load_result(request.result)
     folder = request.folder
@@ -78,13 +78,15 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
             where=str(request.calibration),
             remedy="add rate_hz = … (samples per second)",
         )
-    settings = Settings(
+    settings = TrackerSettings(
         request.false_alarms_per_day,
         _walks(request.store, known, tell),
         described.reference.standard_uncertainty,
     )
     every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
-    session = Session.from_result(known, rate_hz, described.reference.quantity, every_s, settings)
+    session = TrackingSession.from_result(
+        known, rate_hz, described.reference.quantity, every_s, settings
+    )
     if data is not None:
         effects = known_effects(data, known.to_sensor())
         session.effects = replace(session.effects, known=effects)
@@ -150,7 +152,7 @@ def _data(calibration: Path, known: Result) -> Calibration:
 
 def _run(
     chunks: Iterator[Chunk],
-    session: Session,
+    session: TrackingSession,
     files: TrackingFiles,
     tell: ProgressReporter,
     *,

@@ -19,8 +19,8 @@ from vibrident.base.errors import InputError
 from vibrident.base.files import atomic_write, unwritable
 
 if TYPE_CHECKING:
-    from vibrident.use.tracking.session import Session
-    from vibrident.use.tracking.state import Estimate
+    from vibrident.use.tracking.session import TrackingSession
+    from vibrident.use.tracking.state import TrackedEstimate
 
 CHECKPOINT = "track.state"
 RECORDS = "calibration-records"  # the source where none is given
@@ -29,7 +29,7 @@ RECORDS = "calibration-records"  # the source where none is given
 class TrackingFiles:
     """``track.csv``, ``track.json`` and the checkpoint of the session that ``key`` identifies."""
 
-    def __init__(self, folder: Path, session: Session, key: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, session: TrackingSession, key: Mapping[str, Any]) -> None:
         self._folder = folder
         self._session = session
         self._key = hashlib.sha256(
@@ -85,7 +85,7 @@ class TrackingFiles:
         os.truncate(self._folder / "track.csv", known["csv_bytes"])
         return int(known["position"])
 
-    def write(self, rows: Sequence[Estimate]) -> None:
+    def write(self, rows: Sequence[TrackedEstimate]) -> None:
         """Add rows."""
         for row in rows:
             pairs = [(row.values[name], row.uncertainty[name]) for name in row.values]

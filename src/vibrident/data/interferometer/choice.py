@@ -13,6 +13,7 @@ from vibrident.data.interferometer.setting import FloatArray
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import Survey, usable_samples
 
+MEDIAN_OF_NORMAL = 0.6745  # median size of a standard normal variable
 COMMON_CHANCE = 1e-3  # records share an ellipse unless their differences are less probable
 MAX_STABLE_CHANGE = 0.02  # of centre, ratio or quadrature over the amplitude; more is reported
 
@@ -84,7 +85,8 @@ def carrier_choice(record_survey: Survey, index: int) -> EllipseChoice:
     """Return the circle about zero of a heterodyne signal, which needs no ellipse."""
     radius = np.hypot(record_survey.points[0], record_survey.points[1])
     size = float(np.median(radius))
-    noise = np.full(2, max(float(np.median(np.abs(radius - size))) / 0.6745, 1e-9 * size) ** 2)
+    deviation = float(np.median(np.abs(radius - size))) / MEDIAN_OF_NORMAL
+    noise = np.full(2, max(deviation, 1e-9 * size) ** 2)
     circle = Ellipse(np.zeros(2), size * np.eye(2), np.zeros((5, 5)), noise)
     return EllipseChoice(circle, (), "none: a carrier", index)
 

@@ -170,8 +170,8 @@ def at_positions(
     offsets = np.arange(-half, half + 2)
     interpolated = np.empty(positions.shape[0])
     for begin in range(0, positions.shape[0], 4096):
-        part = positions[begin : begin + 4096]
-        base, low, high, share = _rows(part, values.shape[0] - 2 - half, spacing, length)
+        block = positions[begin : begin + 4096]
+        base, low, high, share = _rows(block, values.shape[0] - 2 - half, spacing, length)
         near = values[np.clip(base[:, None] + offsets, 0, values.shape[0] - 1)]
         below = np.einsum("ij,ij->i", low, near)
         interpolated[begin : begin + 4096] = below + share * (
@@ -199,9 +199,9 @@ def _rows(
     """
     table = _table(spacing, length)
     base = np.minimum(np.floor(positions).astype(int), most)
-    place = (positions - base) * TABULATED_POSITIONS
-    index = np.minimum(place.astype(int), TABULATED_POSITIONS - 1)
-    return base, table[index], table[index + 1], place - index
+    offset = (positions - base) * TABULATED_POSITIONS
+    index = np.minimum(offset.astype(int), TABULATED_POSITIONS - 1)
+    return base, table[index], table[index + 1], offset - index
 
 
 def reach(spacing: float, length: int = HALF) -> int:

@@ -182,12 +182,12 @@ def _excerpt(
     Some periods of a sine, about samples left out if any; of other motion every n-th sample of the
     record.
     """
-    part = slice(0, None, max(valid.size // EXCERPT_SAMPLES, 1))
+    span = slice(0, None, max(valid.size // EXCERPT_SAMPLES, 1))
     if near_hz is not None:
         first = int(np.argmin(valid)) if not valid.all() else 0
         start = int(np.clip(first - EXCERPT_SAMPLES // 2, 0, max(valid.size - EXCERPT_SAMPLES, 0)))
-        part = slice(start, start + EXCERPT_SAMPLES)
-    return time_s[part], np.where(valid, values, np.nan)[part]
+        span = slice(start, start + EXCERPT_SAMPLES)
+    return time_s[span], np.where(valid, values, np.nan)[span]
 
 
 def _longest_piece(piece: np.ndarray, usable: BoolArray) -> int:

@@ -45,6 +45,9 @@ DEGREE = 11  # of the polynomial
 #: are filtered out where a carrier is mixed down.
 MAX_SPEED_RAD = TURN * PASS / (ORDERS[-1] + 1)
 MIN_PIECES = 16
+MAX_CONDITION = 1e10  # of the normal equations of the harmonics, in float64
+BANDS = 16  # of frequency, from the lowest line …
+MAX_BAND_HZ_OF_RATE = 0.45  # … to this part of the sampling rate
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
 _ELLIPSE_HARMONICS = np.array([
     [0.0, 1.0, 0.0, 0.0, 0.0],
@@ -69,15 +72,15 @@ class CyclicError:
 
     def amplitude(self, index: int) -> tuple[float, float]:
         """Return the amplitude of one order, by its index, and its standard uncertainty, rad."""
-        part = slice(2 * index, 2 * index + 2)
-        u = float(np.sqrt(0.5 * np.trace(self.covariance[part, part])))
-        return float(np.hypot(*self.waves[part])), u
+        pair = slice(2 * index, 2 * index + 2)
+        u = float(np.sqrt(0.5 * np.trace(self.covariance[pair, pair])))
+        return float(np.hypot(*self.waves[pair])), u
 
     def rarity(self, index: int) -> float:
         """Return the probability by chance of an amplitude at least as large."""
-        part = slice(2 * index, 2 * index + 2)
-        wave = self.waves[part]
-        covariance = self.covariance[part, part] + self.by_ellipse[part, part]
+        pair = slice(2 * index, 2 * index + 2)
+        wave = self.waves[pair]
+        covariance = self.covariance[pair, pair] + self.by_ellipse[pair, pair]
         square = float(wave @ np.linalg.solve(covariance, wave))
         # Hotelling's T² of two amplitudes
         return float(np.exp(-0.5 * self.freedom * np.log1p(square / self.freedom)))
@@ -142,7 +145,7 @@ def cyclic_error(
     if len(normals) < MIN_PIECES:
         return None
     normal_sum = np.sum(normals, axis=0)
-    if np.linalg.cond(normal_sum) > 1e10:
+    if np.linalg.cond(normal_sum) > MAX_CONDITION:
         return None
     inverse = np.linalg.inv(normal_sum)
     amplitudes = inverse @ np.sum(scores, axis=0)
@@ -221,8 +224,8 @@ def harmonics_of_sine(
     """
     rows = []
     for n in ORDERS:
-        part = 2.0 * j1(n * amplitude) / max(amplitude, 1e-300)
-        rows += [-part * np.sin(n * mean), part * np.cos(n * mean)]
+        bessel = 2.0 * j1(n * amplitude) / max(amplitude, 1e-300)
+        rows += [-bessel * np.sin(n * mean), bessel * np.cos(n * mean)]
     return np.array([frequency_hz]), np.array(rows, dtype=complex)[:, None]
 
 
@@ -238,7 +241,8 @@ def harmonics_of_motion(
     window = np.hanning(count) if count > 64 else np.ones(count)
     reference = np.asarray(fft.rfft((phase - phase.mean()) * window))
     lines = np.arange(reference.shape[0]) * rate_hz / count
-    edges = np.geomspace(max(lines[1], 1e-5 * rate_hz), 0.45 * rate_hz, 17)  # of 16 bands
+    lowest_hz = max(lines[1], 1e-5 * rate_hz)
+    edges = np.geomspace(lowest_hz, MAX_BAND_HZ_OF_RATE * rate_hz, BANDS + 1)
     harmonics = waves(phase)
     errors = np.asarray(
         fft.rfft((harmonics - harmonics.mean(axis=1, keepdims=True)) * window, axis=1)

@@ -180,8 +180,8 @@ def _unwrapped_block(
         jump = adjacent & ((sizes > MAX_CHANGE_RAD) | (bend > MAX_BEND_RAD))
         jump[1:] &= adjacent[:-1] | (sizes[1:] > MAX_CHANGE_RAD)
         _add_gaps(path, good, start)
-        for place in places[jump].tolist():
-            _add_gap(path, Gap(start + max(place - 1, 0), start + place + 1, True))
+        for jump_index in places[jump].tolist():
+            _add_gap(path, Gap(start + max(jump_index - 1, 0), start + jump_index + 1, True))
         top = float(np.max(np.where(jump | ~adjacent, 0.0, sizes)))
     path.fastest = max(path.fastest, top)
     path.length += float(np.sum(sizes))

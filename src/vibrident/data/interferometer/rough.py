@@ -108,9 +108,9 @@ def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:
     inverse = np.linalg.pinv(line)
     power = np.zeros(length // 2 + 1)
     for start in starts:
-        part = values[:, start : start + length]
+        piece = values[:, start : start + length]
         power += np.sum(
-            np.abs(np.fft.rfft((part - (part @ inverse) @ line) * window, axis=1)) ** 2, axis=0
+            np.abs(np.fft.rfft((piece - (piece @ inverse) @ line) * window, axis=1)) ** 2, axis=0
         )
     smooth = np.convolve(power, np.full(AVERAGED_LINES, 1.0 / AVERAGED_LINES), "same")
     floor = float(np.median(power[power.shape[0] // 2 :])) / np.log(2.0)

@@ -25,6 +25,11 @@ LOST_SIGMA = 6.0
 MIN_LOST_RADIUS = 0.3  # … but at least of this …
 MAX_LOST_RADIUS = 0.6  # … and at most of this
 MAX_RADIUS = 2.0  # a sample is also lost above this radius
+MIN_USABLE_SHARE = 0.2  # samples that are not lost; with fewer, an ellipse is fitted to all …
+MIN_USABLE_SAMPLES = 8  # … and with no more than these
+MIN_NOISE_SAMPLES = 1000  # that determine the ratio of the signals' noise …
+MAX_NOISE_CONDITION = 100.0  # … with equations of at most this condition …
+MAX_NOISE_FACTOR = 10.0  # … on the variance of each, or its inverse
 SECTORS = 32  # sectors of the circle by which its coverage is determined
 MIN_SOUND_BLOCKS = 0.5  # above this share of blocks without lost samples, the others are left out
 PIECES = 16  # pieces of time of an ellipse that may change
@@ -160,7 +165,8 @@ def _coarse_ellipse(points: FloatArray) -> Ellipse:
     ellipse = ellipses.fit_circle(points)
     for _ in range(4):
         usable = points[:, usable_samples(ellipse, points)]
-        usable = usable if usable.shape[1] > max(0.2 * points.shape[1], 8) else points
+        if usable.shape[1] <= max(MIN_USABLE_SHARE * points.shape[1], MIN_USABLE_SAMPLES):
+            usable = points
         start = ellipses.fit_circle(usable)
         scale = np.array(start.amplitudes)
         normal = _scaled(start, start.centre, scale)
@@ -179,7 +185,7 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
 
     They follow from how the radial noise changes round the circle.
     """
-    if u.shape[1] < 1000:
+    if u.shape[1] < MIN_NOISE_SAMPLES:
         return np.ones(2)
     v = ellipse.to_unit_circle(u)
     radius = np.hypot(v[0], v[1])
@@ -187,9 +193,10 @@ def _noise_ratio(ellipse: Ellipse, u: FloatArray) -> FloatArray:
     design = (sensitivity * sensitivity * ellipse.noise[:, None]).T
     square = (radius - np.mean(radius)) ** 2
     normal = design.T @ design
-    if np.linalg.cond(normal) > 100.0:
+    if np.linalg.cond(normal) > MAX_NOISE_CONDITION:
         return np.ones(2)
-    return np.clip(np.linalg.solve(normal, design.T @ square), 0.1, 10.0)
+    factors = np.linalg.solve(normal, design.T @ square)
+    return np.clip(factors, 1.0 / MAX_NOISE_FACTOR, MAX_NOISE_FACTOR)
 
 
 def _block_sums(

@@ -114,21 +114,21 @@ class ClockReader:
         """Return the time column of a channel, and whether the calibration file names one."""
         requested = self._requested_column(source, channels)
         candidates = [
-            place
-            for place in range(len(source.names))
-            if place not in channels
-            and (is_time(header(source, place)) or source.in_seconds(place))
+            column
+            for column in range(len(source.names))
+            if column not in channels
+            and (is_time(header(source, column)) or source.in_seconds(column))
         ]
         if requested is not None and requested not in candidates:
             candidates = sorted([*candidates, requested])
         if not candidates:
             return None, False
         groups: list[list[int]] = []  # time columns side by side are one clock
-        for place in candidates:
-            if groups and place == groups[-1][-1] + 1:
-                groups[-1].append(place)
+        for column in candidates:
+            if groups and column == groups[-1][-1] + 1:
+                groups[-1].append(column)
             else:
-                groups.append([place])
+                groups.append([column])
         group = next((g for g in reversed(groups) if g[0] < position), groups[0])
         if requested is not None and (requested in group or len(groups) == 1):
             return requested, True
@@ -144,10 +144,10 @@ class ClockReader:
             return (
                 source.names.index(self.time_column) if self.time_column in source.names else None
             )
-        place = self.time_column - 1
-        if place >= len(source.names) or place in channels:
+        position = self.time_column - 1
+        if position >= len(source.names) or position in channels:
             return None
-        return place if is_time(header(source, place)) else None
+        return position if is_time(header(source, position)) else None
 
     def _timeline(self, source: ColumnFile, column: int, *, needed: bool) -> Timeline | None:
         key = (id(source), column)

@@ -6,7 +6,7 @@ import contextlib
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -197,24 +197,8 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     _refuse_mixed_first_row(cells[first], numeric, decimal, where)
     data = [row for i, row in cells.items() if i >= first]
     columns = columns_of(data, [*head_cells.values()][-2:], fields)
-    titles = [
-        row
-        for i, row in head_cells.items()
-        if not is_statement(lines[i], delimiter) and _LETTER.search(lines[i])
-    ]
-    if not titles:
-        titles = [
-            split_line(line.lstrip("#% "), delimiter)
-            for line in lines[:first]
-            if _is_comment(line) and line.strip("#% \r") and not is_statement(line, delimiter)
-        ]
-        titles = [] if any(is_number(cell, ".") for row in titles[-1:] for cell in row) else titles
+    titles = _titles(lines[:first], head_cells, delimiter)
     names, units = names_and_units(titles, delimiter, columns)
-    offset = 0
-    for _ in range(first):
-        offset = head.index(b"\n", offset) + 1
-    if first == 0 and head.startswith(_BOM):
-        offset = len(_BOM)
     facts_columns = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
     head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
     head_lines += keys_over_values(head_cells, columns)
@@ -224,14 +208,57 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
         if i >= first and facts_columns
     ]
     x_column = next((i for i in numeric if TIME_NAMES.match(names[i])), facts_columns or None)
-    known = {"delimiter": delimiter, "decimal": decimal, "width": columns, "file": file}
-    read = partial(read_head, **known, numeric=numeric, x_column=x_column)
+    read = partial(
+        read_head,
+        delimiter=delimiter,
+        decimal=decimal,
+        width=columns,
+        file=file,
+        numeric=numeric,
+        x_column=x_column,
+    )
+    offset = _offset_of_line(head, first)
     return CsvLayout(
         *(delimiter, decimal, fields, names, units, first + 1, offset, encoding),
         has_comments=has_comments,
         facts=read(head_lines),
         read_head=read,
     )
+
+
+def _titles(head: Sequence[str], cells: Mapping[int, list[str]], delimiter: str) -> list[list[str]]:
+    """Return the rows above the data that name columns: uncommented ones, else comments.
+
+    Args:
+        head: lines above the data.
+        cells: line's index to its cells, of the lines that are no comments.
+        delimiter: of the cells.
+    """
+    titles = [
+        row
+        for i, row in cells.items()
+        if not is_statement(head[i], delimiter) and _LETTER.search(head[i])
+    ]
+    if titles:
+        return titles
+    comments = [
+        split_line(line.lstrip("#% "), delimiter)
+        for line in head
+        if _is_comment(line) and line.strip("#% \r") and not is_statement(line, delimiter)
+    ]
+    if comments and any(is_number(cell, ".") for cell in comments[-1]):
+        return []  # the last comment is a row of data
+    return comments
+
+
+def _offset_of_line(head: bytes, index: int) -> int:
+    """Return where a line of the file begins, in bytes; behind the byte-order mark."""
+    if index == 0:
+        return len(_BOM) if head.startswith(_BOM) else 0
+    offset = 0
+    for _ in range(index):
+        offset = head.index(b"\n", offset) + 1
+    return offset
 
 
 def _numeric_columns(rows: Sequence[list[str]], fields: int, decimal: str) -> list[int]:

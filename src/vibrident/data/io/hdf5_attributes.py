@@ -151,10 +151,10 @@ def _require_whole_heaps(path: str, changed_ns: int) -> None:
     changed.
     """
     with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as held:
-        place = held.find(_HEAP)
-        while place >= 0:
-            end = place + int.from_bytes(held[place + 8 : place + 16], "little")
-            at = place + 16
+        start = held.find(_HEAP)
+        while start >= 0:
+            end = start + int.from_bytes(held[start + 8 : start + 16], "little")
+            at = start + 16
             while at + 16 <= end:
                 index = int.from_bytes(held[at : at + 2], "little")
                 size = int.from_bytes(held[at + 8 : at + 16], "little")
@@ -162,7 +162,7 @@ def _require_whole_heaps(path: str, changed_ns: int) -> None:
                 if step == 0 or at + step > end or end > len(held):
                     raise ValueError(f"a damaged heap of texts at byte {at}")
                 at += step
-            place = held.find(_HEAP, place + 4)
+            start = held.find(_HEAP, start + 4)
 
 
 def _stated_value(group: Any, name: str) -> Any:

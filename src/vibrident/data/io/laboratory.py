@@ -58,4 +58,4 @@ def checked_laboratory(document: Mapping[str, Any], where: str) -> dict[str, Any
 
 def laboratory_text(document: Mapping[str, Any]) -> str:
     """Return the text of the file of a profile."""
-    return toml_document({section: part for section, part in document.items() if part})
+    return toml_document({section: entries for section, entries in document.items() if entries})

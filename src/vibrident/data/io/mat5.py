@@ -72,10 +72,10 @@ class Numbers:
         parts = []
         at = self.at
         for _ in range(2 if self.is_complex else 1):
-            part, at = self.element.numbers(at)
-            if part.size != math.prod(self.shape):
-                raise ValueError(f"{part.size} numbers in an array of shape {self.shape}")
-            parts.append(part.reshape(self.shape, order="F"))
+            numbers, at = self.element.numbers(at)
+            if numbers.size != math.prod(self.shape):
+                raise ValueError(f"{numbers.size} numbers in an array of shape {self.shape}")
+            parts.append(numbers.reshape(self.shape, order="F"))
         return parts[0] + 1j * parts[1] if self.is_complex else parts[0]
 
 

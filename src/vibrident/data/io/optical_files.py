@@ -64,6 +64,8 @@ MAX_APART_SAMPLES = 0.01
 #: A shock is kept at a rate that leaves at most this share of its response's power to the ends of
 #: the record.
 MAX_SHARE_OUTSIDE = 2e-3
+#: Of the thinning from one trial to the next, until that holds.
+THINNING_RATIO = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,24 +336,21 @@ def _record(
     near = (entry.frequency_hz or rough_frequency(raw.optical, choice)) if sine else None
     coarse = alignment.optical_factor(raw.optical.rate_hz, raw.response.rate_hz)
     top, broken = (near, False) if near else highest_frequency(raw.optical, choice, coarse)
-    fewest = (
-        alignment.MIN_SAMPLES_OF_SINE
-        if sine
-        else alignment.MIN_SAMPLES_BESIDE_GAPS
-        if broken
-        else alignment.MIN_SAMPLES_OF_OTHERS
-    )
+    if sine:
+        fewest = alignment.MIN_SAMPLES_OF_SINE
+    elif broken:
+        fewest = alignment.MIN_SAMPLES_BESIDE_GAPS
+    else:
+        fewest = alignment.MIN_SAMPLES_OF_OTHERS
     every = alignment.thinning_factor(raw.response.samples, raw.response.rate_hz, top, fewest)
     least = alignment.min_thinning_factor(raw.response.rate_hz, raw.optical.rate_hz)
     every = max(every, least)
 
     def demodulate_every(every: int) -> tuple[Demodulated, alignment.AlignedDisplacement]:
-        alike = raw.sampled_together and raw.optical.first_s == 0.0
-        factor = (
-            every
-            if alike
-            else alignment.optical_factor(raw.optical.rate_hz, raw.response.rate_hz / every)
-        )
+        rate_hz = raw.response.rate_hz / every
+        factor = every
+        if not raw.sampled_together or raw.optical.first_s != 0.0:
+            factor = alignment.optical_factor(raw.optical.rate_hz, rate_hz)
         demodulated = demodulate(
             raw.optical, setting, survey, choice, factor, raw.name, near, top, raw.carrier_hz
         )
@@ -362,20 +361,18 @@ def _record(
 
     demodulated, aligned = demodulate_every(every)
     if entry.excitation == "shock":
-        while (
-            outside := power_share_outside(raw.response, aligned)
-        ) > MAX_SHARE_OUTSIDE and every > least:
-            every = max(int(0.8 * every), least)
+        outside = power_share_outside(raw.response, aligned)
+        while outside > MAX_SHARE_OUTSIDE and every > least:
+            every = max(int(THINNING_RATIO * every), least)
             demodulated, aligned = demodulate_every(every)
+            outside = power_share_outside(raw.response, aligned)
         require_pulse(aligned, outside, raw.name)
     require_motion(aligned, entry.excitation, raw.name)
     to_response = raw.factor * calibration.response.scale
     what = "acceleration in m/s²" if moving else "displacement in m"
-    unsure = (
-        ""
-        if setting.direction is not None
-        else "; the direction is not stated: the sign of x is not known"
-    )
+    unsure = ""
+    if setting.direction is None:
+        unsure = "; the direction is not stated: the sign of x is not known"
     history = (
         raw.step,
         f"reference: {what} from the {setting.kind} signals, {raw.optical.rate_hz:.9g} Hz, "

@@ -23,6 +23,8 @@ MIN_SHOCK_TO_NOISE = 1.5
 #: A response is the shock's above this multiple of its median power: 3 standard deviations of
 #: noise.
 MIN_PULSE_TO_MEDIAN = 20.0
+#: Parts of a pulse's energy before its begin, its middle and its end.
+PULSE_ENERGY = (0.01, 0.5, 0.999)
 #: Samples beside these that a fit cannot use either: it interpolates the reference from this many
 #: on either side …
 UNSEEN_NEIGHBOURS = 32
@@ -116,7 +118,7 @@ def _pulse_to_noise(aligned: AlignedDisplacement) -> float:
     power = (aligned.response - np.median(aligned.response)) ** 2
     square = aligned.displacement_m**2
     energy = np.cumsum(np.where(power > MIN_PULSE_TO_MEDIAN * np.median(power), power, 0.0))
-    begin, middle, end = np.searchsorted(energy, np.array([0.01, 0.5, 0.999]) * energy[-1])
+    begin, middle, end = np.searchsorted(energy, np.array(PULSE_ENERGY) * energy[-1])
     still = aligned.valid.copy()
     still[max(begin - 8, 0) : end] = False
     noise = float(np.mean(square[still])) if np.count_nonzero(still) >= UNSEEN_END_SAMPLES else 0.0

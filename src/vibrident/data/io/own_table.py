@@ -38,11 +38,11 @@ def read_signal(
         InputError: nothing states the sampling rate, or the file contradicts rate or unit.
     """
     source = open_columns(path)
-    place = source.position_of(_key(column), "⟦correct.column⟧")
-    (values,) = source.load((place,))
+    position = source.position_of(_key(column), "⟦correct.column⟧")
+    (values,) = source.load((position,))
     time_column = None if time is None else _key(time)
     reader = ClockReader(None if time is not None else rate_hz, time_column, str(path), source)
-    clock = reader.clock_of(source, place, [place])
+    clock = reader.clock_of(source, position, [position])
     if clock is None:
         raise InputError(
             "Nothing tells the sampling rate of the table.",
@@ -51,8 +51,10 @@ def read_signal(
             where=str(path),
             remedy="give one of the two",
         )
-    conversion = response_conversion(source, place, ResponseSection(scale=scale, unit=unit), unit)
-    aligned = align(ClockedChannel(source, place, values, clock), None, None, None, str(path))
+    conversion = response_conversion(
+        source, position, ResponseSection(scale=scale, unit=unit), unit
+    )
+    aligned = align(ClockedChannel(source, position, values, clock), None, None, None, str(path))
     if aligned.response.size != values.size or aligned.valid is not None:
         raise InputError(
             "The rows of the table are not even in time.",

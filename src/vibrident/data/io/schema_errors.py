@@ -30,7 +30,7 @@ def validated(
 
 
 def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str) -> InputError:
-    place, keys, section = _walk(finding["loc"], root)
+    keys_above, keys, section = _walk(finding["loc"], root)
     expected = keys[-1].expected if keys else "sections in brackets"
     if finding["type"] == "extra_forbidden" and section is not None:
         name = str(finding["loc"][-1])
@@ -39,7 +39,7 @@ def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str)
         expected = f"one of {', '.join(section.model_fields)}"
         remedy = _likely(name, section, root)
     elif finding["type"] == "missing":
-        *place, name = place
+        *keys_above, name = keys_above
         problem = f"The key {name!r} is missing."
         value = "nothing"
         remedy = f"add {name} = …"
@@ -47,9 +47,9 @@ def _refusal(finding: ErrorDetails, root: type[BaseModel], file: str, what: str)
         problem = f"A value in the {what} file cannot be used."
         remedy = "correct the value"
         value = repr(finding["input"])[:60]
-        if place and isinstance(place[-1], str):
-            value = f"{place[-1]} = {value}"
-    where = f"{file}, {_words(place, keys)}"
+        if keys_above and isinstance(keys_above[-1], str):
+            value = f"{keys_above[-1]} = {value}"
+    where = f"{file}, {_words(keys_above, keys)}"
     expected = expected or finding["msg"]
     return InputError(problem, expected=expected, found=value, where=where, remedy=remedy)
 
@@ -87,9 +87,9 @@ def _likely(name: str, section: type[BaseModel], root: type[BaseModel]) -> str:
     return f"{name!r} belongs under {' or '.join(elsewhere)}; the nearest key here is {nearest!r}"
 
 
-def _words(place: Sequence[Any], keys: Sequence[Key]) -> str:
+def _words(location: Sequence[Any], keys: Sequence[Key]) -> str:
     """Return section and key in words."""
-    if not place:
+    if not location:
         return "top level"
-    parts = [f"entry {part + 1}" if isinstance(part, int) else str(part) for part in place[1:]]
+    parts = [f"entry {part + 1}" if isinstance(part, int) else str(part) for part in location[1:]]
     return " ".join([keys[0].heading, *parts])

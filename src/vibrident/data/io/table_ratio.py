@@ -116,12 +116,12 @@ def _quotient(text: str) -> tuple[str, Unit | None]:
     unit = parse_unit(text)
     text = text.strip().translate(PLAIN_BRACKETS).replace(" per ", "/")
     depth = 0
-    for place, sign in enumerate(text):
+    for index, sign in enumerate(text):
         depth += (sign in "([") - (sign in ")]")
         if sign != "/" or depth:
             continue
-        above = text[:place].strip()
-        below = text[place + 1 :].strip()
+        above = text[:index].strip()
+        below = text[index + 1 :].strip()
         numerator = parse_unit(above)
         denominator = parse_unit(below)
         if not above or denominator is None or not (quantity_of(below) or _output_of(below)):

@@ -105,10 +105,10 @@ def without_brackets(text: str) -> str:
 
 def _closes_last(text: str) -> bool:
     depth = 0
-    for place, sign in enumerate(text):
+    for index, sign in enumerate(text):
         depth += (sign in "([{<") - (sign in ")]}>")
         if depth == 0:
-            return place == len(text) - 1
+            return index == len(text) - 1
     return False
 
 
@@ -120,8 +120,8 @@ def split_brackets(name: str) -> tuple[str, str]:
     name = name.strip().translate(PLAIN_BRACKETS)
     if len(name) > MAX_NAME_LENGTH or not name.endswith((")", "]", "}", ">")):
         return name, ""
-    starts = (place for place in range(1, len(name)) if name[place] in "([{<")
-    start = next((place for place in starts if _closes_last(name[place:])), 0)
+    starts = (index for index in range(1, len(name)) if name[index] in "([{<")
+    start = next((index for index in starts if _closes_last(name[index:])), 0)
     base = name[:start].rstrip()
     is_part_of_unit = base.endswith(("/", "*", "·", "⋅", "^"))
     return (name, "") if is_part_of_unit or not base else (base, name[start + 1 : -1].strip())
@@ -154,13 +154,13 @@ def _parse_product(text: str) -> Unit | None:
     stack: list[tuple[Unit, bool]] = []  # the products outside of open brackets, each with its sign
     product = Unit(1.0, ())
     divides = False
-    place = 0
+    offset = 0
     factors = 0
-    while place < len(text):
-        token = _TOKEN.match(text, place)
+    while offset < len(text):
+        token = _TOKEN.match(text, offset)
         if token is None:
-            return None if text[place:].strip() else (product if factors and not stack else None)
-        place = token.end()
+            return None if text[offset:].strip() else (product if factors and not stack else None)
+        offset = token.end()
         sign = token["sign"]
         if sign in ("*", "/"):
             divides = sign == "/"

@@ -184,14 +184,14 @@ class Tabulated:
     def at(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the response at frequencies, of their shape."""
         columns = np.stack([np.log(self.magnitude), self.phase_rad], axis=-1)
-        place = np.log(frequency_hz)
+        log_frequency = np.log(frequency_hz)
         if self.frequency_hz.size == 1:
-            logarithm = np.broadcast_to(columns[0], (*np.shape(place), 2))
+            logarithm = np.broadcast_to(columns[0], (*np.shape(log_frequency), 2))
         else:
             x = np.log(self.frequency_hz)
             spline = _spline(x, columns)
-            inside = np.clip(place, x[0], x[-1])
-            beyond = np.clip(place - inside, -MAX_EXTRAPOLATION, MAX_EXTRAPOLATION)
+            inside = np.clip(log_frequency, x[0], x[-1])
+            beyond = np.clip(log_frequency - inside, -MAX_EXTRAPOLATION, MAX_EXTRAPOLATION)
             logarithm = spline(inside) + beyond[..., None] * spline(inside, 1)
         return np.asarray(np.exp(logarithm[..., 0] + 1j * logarithm[..., 1]))
 

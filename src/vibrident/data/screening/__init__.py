@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from vibrident.data.screening.quality import Finding, screen
+from vibrident.data.screening.quality import ScreeningFinding, screen
 
-__all__ = ["Finding", "screen"]
+__all__ = ["ScreeningFinding", "screen"]

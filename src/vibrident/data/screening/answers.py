@@ -33,6 +33,9 @@ from vibrident.data.screening.wild import (
 
 #: Lags of the autocorrelation that represents the band of a motion.
 BAND_LAGS = 2 * ORDER
+#: Scatter of a standard deviation that is estimated by the median of n sizes, relative, times √n:
+#: 1/√(2 · 0.37), where 0.37 is the efficiency of the median deviation (Hampel 1974).
+MEDIAN_SCATTER = 1.17
 #: A prediction misses less than this share of the response to a motion.
 MAX_MISSED_SHARE = 0.25
 
@@ -67,10 +70,8 @@ class PredictedResponse:
         starts = {0, max(int(np.argmax(correlation)) - ORDER // 2, 0)}
         minima = [cls(reference, response, start)._downhill(correlation.size) for start in starts]
         best = min(minima, key=lambda each: each.deviation)
-        # A standard deviation estimated by the median of n sizes scatters by 1.17 / √n of itself.
-        limit = best.deviation * (
-            1.0 + MAX_NOISE_SIGMA * 1.17 / np.sqrt(max(np.count_nonzero(best._usual), 1))
-        )
+        scatter = MEDIAN_SCATTER / np.sqrt(max(np.count_nonzero(best._usual), 1))
+        limit = best.deviation * (1.0 + MAX_NOISE_SIGMA * scatter)
         return tuple(
             each
             for each in (best, *best._neighbours(correlation.size), *minima)
@@ -185,10 +186,10 @@ class PredictedResponse:
         regular_sizes = np.abs(channel.series[~channel.wild])
         return float(np.max(np.abs(sizes))) > float(np.max(regular_sizes))
 
-    def breaks_off(self, place: int) -> bool:
+    def breaks_off(self, index: int) -> bool:
         """Tell whether the response at a sample does not follow from its past and the reference."""
         near = slice(
-            max(place - MAX_SAMPLES_APART, ORDER), place + self.delay + ORDER + MAX_SAMPLES_APART
+            max(index - MAX_SAMPLES_APART, ORDER), index + self.delay + ORDER + MAX_SAMPLES_APART
         )
         own_part = np.convolve(
             self.response.series[near.start - ORDER : near.stop], self.taps[1], "valid"

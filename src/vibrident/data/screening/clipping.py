@@ -21,6 +21,10 @@ MIN_FIRST_TO_SECOND = 4.0
 #: … and the second at most this many times the mean of the four below it (a parabola's: 1.6 times,
 #: a flatter top's more).
 MAX_SECOND_TO_LOWER = 1.4
+#: … and by chance no more than this many standard deviations of its count above that, unless …
+COUNT_DEVIATIONS = 3.0
+#: … it holds this many times the fewest samples of a rail.
+CERTAIN_COUNT_RATIO = 30.0
 #: Fewest samples in the first bin where they are exactly equal.
 MIN_EQUAL_SAMPLES = 8
 #: Fewest samples in the first bin where they carry noise.
@@ -57,6 +61,10 @@ MIN_ERROR_RATIO = 1.6
 #: The samples beside a visit to a rail lead past it by at least this share of the range: less is
 #: the flat step of a coarse generator.
 MIN_OVERSHOOT = 2.5e-3
+#: Longest visits that are examined for this.
+MAX_EXAMINED_VISITS = 15
+#: Steps of a converter are above this part of its full scale: 30 bits.
+MIN_STEP_OF_FULL_SCALE = 2.0**-30
 #: The smallest difference between values that occur is at most this many steps.
 MAX_STEPS_IN_DIFFERENCE = 24
 
@@ -99,9 +107,8 @@ def _at_full_scale(values: FloatArray, full_scale: float, step: float) -> BoolAr
 
     The highest code of a converter in two's complement lies one step below full scale.
     """
-    coarse = (
-        step > 2.0**-30 * full_scale and abs(full_scale / step - np.rint(full_scale / step)) < 1e-6
-    )
+    is_stepped = step > MIN_STEP_OF_FULL_SCALE * full_scale
+    coarse = is_stepped and abs(full_scale / step - np.rint(full_scale / step)) < 1e-6
     top = full_scale - step * 1.001 if coarse else full_scale * (1.0 - 1e-9)
     return (values >= top) | (values <= -full_scale * (1.0 - 1e-9))
 
@@ -226,7 +233,8 @@ def _is_piled_up(counts: FloatArray, fewest: int) -> BoolArray:
     first = counts[..., 0]
     second = counts[..., 1]
     below = np.mean(counts[..., 2:6], axis=-1)
-    doubt = np.where(first < 30.0 * fewest, 3.0 * np.sqrt(np.maximum(second, 1.0)), 0.0)
+    is_doubtful = first < CERTAIN_COUNT_RATIO * fewest
+    doubt = np.where(is_doubtful, COUNT_DEVIATIONS * np.sqrt(np.maximum(second, 1.0)), 0.0)
     return (
         (first >= fewest)
         & (first > MIN_FIRST_TO_SECOND * second + doubt)
@@ -315,7 +323,7 @@ def _leads_past(values: FloatArray, inside: BoolArray) -> bool:
     )
     past = []
     span = float(np.ptp(values))
-    for first, end in visits[:15]:
+    for first, end in visits[:MAX_EXAMINED_VISITS]:
         length = end - first
         stretch = max(3, (end - first) // 2)
         if first < stretch or end + stretch > values.size:

@@ -65,12 +65,12 @@ def _copies(records: Sequence[Record], group: Sequence[int]) -> list[tuple[int, 
         np.searchsorted(means[order], means + side * 1.01 * allowed) for side in (-1.0, 1.0)
     )
     copies: dict[int, int] = {}
-    for place, index in enumerate(group):
-        candidates = order[low[place] : high[place] + 1]
+    for number, index in enumerate(group):
+        candidates = order[low[number] : high[number] + 1]
         candidates = candidates[
-            (candidates < place)
+            (candidates < number)
             & np.all(
-                np.abs(probes[candidates] - probes[place]) <= allowed[candidates, None], axis=1
+                np.abs(probes[candidates] - probes[number]) <= allowed[candidates, None], axis=1
             )
         ]
         originals = (

@@ -52,8 +52,8 @@ def _strongest_line_falls(response: FloatArray) -> bool:
     power = np.abs(np.fft.rfft(motion * window)) ** 2
     peak = 2 + int(np.argmax(power[2:-1]))
     before, top, after = np.log(np.maximum(power[peak - 1 : peak + 2], np.finfo(float).tiny))
-    place = peak + 0.5 * (before - after) / min(before - 2.0 * top + after, -np.finfo(float).eps)
-    wave = np.exp(1j * np.pi * place * time)
+    peak_bin = peak + 0.5 * (before - after) / min(before - 2.0 * top + after, -np.finfo(float).eps)
+    wave = np.exp(1j * np.pi * peak_bin * time)
     columns = np.stack([wave.real, wave.imag, time * wave.real, time * wave.imag], axis=1)
     inverse = np.linalg.inv(columns.T @ (window[:, None] * columns))
     cosine, sine, rising_cosine, rising_sine = amounts = inverse @ (columns.T @ (window * motion))

@@ -20,6 +20,8 @@ MIN_EQUAL_SAMPLES = 3
 MAX_FALSE_FINDINGS = 1e-4
 #: Samples on either side that show how the channel changes.
 NEIGHBOURS = 30
+#: Quantile of these changes that stands for the usual one: motion may rest for most of them.
+USUAL_CHANGE_QUANTILE = 0.25
 #: A jump is this many times the usual largest change of a channel of coarse steps …
 JUMP_RATIO = 4.0
 #: … which this share of the changes exceed.
@@ -73,7 +75,8 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     """
     before = np.abs(np.diff(values[max(first - NEIGHBOURS, 0) : first + 1]))[:-1]
     after = np.abs(np.diff(values[last : last + NEIGHBOURS]))[1:]
-    usual = float(np.quantile(np.concatenate([before, after, [0.0]]), 0.25))
+    changes = np.concatenate([before, after, [0.0]])
+    usual = float(np.quantile(changes, USUAL_CHANGE_QUANTILE))
     here = values[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS]
     # Numbers of a fixed number of digits have coarser steps where they are large.
     step = max(step, converter_step(here))

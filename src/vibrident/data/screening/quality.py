@@ -27,8 +27,9 @@ from vibrident.data.screening.wild import (
     moves,
 )
 
-#: Share of the reference's power above 0.45 of the sampling rate from which on aliasing is
-#: reported.
+#: Part of half the sampling rate above which no anti-alias filter leaves any power …
+ALIAS_BAND = 0.9
+#: … and share of the reference's power there from which on aliasing is reported.
 MIN_ALIAS_POWER = 0.01
 #: Samples on either side that an interpolation of the reference uses.
 REACH = 40
@@ -44,7 +45,7 @@ LINEAR = (*STEADY, "sweep")
 
 
 @dataclass(frozen=True)
-class Finding:
+class ScreeningFinding:
     """Finding of a screening: a warning code and its message."""
 
     code: WarningCode
@@ -53,7 +54,7 @@ class Finding:
 
 def screen(
     records: Sequence[Record], units: Mapping[str, str] | None = None
-) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
     """Mark samples that must not be used, leave out dead records, and return the findings.
 
     Args:
@@ -69,7 +70,7 @@ def screen(
         dead = _dead(record)
         if dead:
             findings.append(
-                Finding("dead_channel", f"{record.name}: {dead}; the record is left out.")
+                ScreeningFinding("dead_channel", f"{record.name}: {dead}; the record is left out.")
             )
             continue
         record, spoilt = _without_spoilt(record, units or {})
@@ -79,7 +80,7 @@ def screen(
                 f"{record.name}: too little is left between the samples left out; "
                 "the record is left out."
             )
-            findings.append(Finding(spoilt[0].code if spoilt else "dead_channel", text))
+            findings.append(ScreeningFinding(spoilt[0].code if spoilt else "dead_channel", text))
             continue
         findings += _aliasing_findings(record)
         usable.append(record)
@@ -88,7 +89,7 @@ def screen(
 
 def without_steady_decays(
     records: Sequence[Record],
-) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
     """Return the records without stated free decays that do not die away, and the findings.
 
     Raises:
@@ -99,13 +100,13 @@ def without_steady_decays(
         "the response does not die away, it is as large at the end as throughout; "
         "the record is left out."
     )
-    findings = [Finding("dead_channel", f"{record.name}: {text}") for record in steady]
+    findings = [ScreeningFinding("dead_channel", f"{record.name}: {text}") for record in steady]
     return _require_records([record for record in records if record not in steady], findings)
 
 
 def _require_records(
-    records: Sequence[Record], findings: Sequence[Finding]
-) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+    records: Sequence[Record], findings: Sequence[ScreeningFinding]
+) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
     """Return the records and findings, or refuse if there are no records.
 
     Raises:
@@ -159,7 +160,9 @@ def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
     return channels
 
 
-def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, list[Finding]]:
+def _without_spoilt(
+    record: Record, units: Mapping[str, str]
+) -> tuple[Record, list[ScreeningFinding]]:
     """Return the record without clipped, lost, copied and wild samples, and the findings.
 
     Only the response is marked where the reference is sound.
@@ -239,7 +242,7 @@ def _frequency_words(number: int) -> str:
     return "" if number == 1 else f"{number} times, first "
 
 
-def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
+def _without_copied(record: Record) -> tuple[Record, list[ScreeningFinding]]:
     """Return the record without the copy of a block that was written twice, and the findings."""
     blocks = {label: repeated_block(values, record.mask) for label, values, _ in _channels(record)}
     blocks = {label: block for label, block in blocks.items() if block is not None}
@@ -270,7 +273,7 @@ def _without_copied(record: Record) -> tuple[Record, list[Finding]]:
 
 def _longest_part(
     record: Record, channels: Mapping[str, PredictedChannel]
-) -> tuple[Record, list[Finding]]:
+) -> tuple[Record, list[ScreeningFinding]]:
     """Return the longest part of a steady motion in which no time was lost, and the finding.
 
     ``channels``: the record's channels as predicted before; computed anew where samples were
@@ -288,7 +291,7 @@ def _longest_part(
     if places.size:
         answers = PredictedResponse.all_from_channels(**channels)
         places = places[
-            [all(answer.breaks_off(int(place)) for answer in answers) for place in places]
+            [all(answer.breaks_off(int(index)) for answer in answers) for index in places]
         ]
     if places.size == 0:
         return record, []
@@ -299,7 +302,7 @@ def _longest_part(
     outside[
         edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)
     ] = False
-    times = ", ".join(f"{place / record.sampling_rate_hz:.6g}" for place in places)
+    times = ", ".join(f"{index / record.sampling_rate_hz:.6g}" for index in places)
     observation = (
         f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
         "only the longest unbroken part is used"
@@ -350,7 +353,7 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
 
 def _without(
     record: Record, label: str, bad: BoolArray, code: WarningCode, observation: str, reason: str
-) -> tuple[Record, Finding]:
+) -> tuple[Record, ScreeningFinding]:
     """Return the record without the ``bad`` samples, and the finding that says so.
 
     The reference stays in use where only the response is spoilt.
@@ -363,10 +366,10 @@ def _without(
     remaining = (
         record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
     )
-    return remaining, Finding(code, text)
+    return remaining, ScreeningFinding(code, text)
 
 
-def _aliasing_findings(record: Record) -> list[Finding]:
+def _aliasing_findings(record: Record) -> list[ScreeningFinding]:
     # The decimation of optical signals filters away what would alias.
     if record.reference is None or record.optical is not None:
         return []
@@ -376,7 +379,7 @@ def _aliasing_findings(record: Record) -> list[Finding]:
         values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
     power = np.abs(fft.rfft((values - values.mean()) * np.hanning(record.samples))) ** 2
     total = float(power.sum())
-    above = float(power[int(0.9 * power.shape[0]) :].sum())
+    above = float(power[int(ALIAS_BAND * power.shape[0]) :].sum())
     if above <= MIN_ALIAS_POWER * total:
         return []
     text = (
@@ -384,4 +387,4 @@ def _aliasing_findings(record: Record) -> list[Finding]:
         "the sampling rate, where no anti-alias filter leaves any; content above half the rate "
         "would look the same."
     )
-    return [Finding("aliasing", text)]
+    return [ScreeningFinding("aliasing", text)]

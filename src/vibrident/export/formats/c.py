@@ -86,16 +86,18 @@ def description(code: Firmware) -> list[str]:
     f = sensor.band
     wanted = sensor.response(f)
     rational = np.asarray(poles_zeros(sensor).response(f))
-    apart = sensor.apart
-    plain = f" (without {' and '.join(apart)}, which it does not hold)" if apart else ""
+    without = ""
+    if sensor.apart:
+        without = f" (without {' and '.join(sensor.apart)}, which it does not hold)"
     low, high = sensor.band_hz
     ms = 1e3 / code.rate_hz
-    back = correction.late(f) / wanted
-    upper = f[f >= np.sqrt(low * high)]
-    above = np.linspace(high, 0.5 * code.rate_hz, 1000)
-    passed = np.abs(correction.response(above)) / np.max(np.abs(back))
-    top = int(np.argmax(passed))
-    loud = np.flatnonzero(passed > PASSED)
+    inverse = correction.late(f) / wanted
+    upper_hz = f[f >= np.sqrt(low * high)]
+    above_hz = np.linspace(high, 0.5 * code.rate_hz, 1000)
+    passed = np.abs(correction.response(above_hz)) / np.max(np.abs(inverse))
+    loudest = int(np.argmax(passed))
+    passing = np.flatnonzero(passed > PASSED)
+    blocked_from_hz = above_hz[passing[-1] if len(passing) else 0]
     lines = [
         *identity(sensor),
         "",
@@ -118,26 +120,26 @@ def description(code: Firmware) -> list[str]:
         f"{_error(model.in_single_precision().response(f), wanted * model.late(f))} (float)",
         (
             "  sections alone, without latency: error "
-            f"{_error(model.sections.response(f), rational)}{plain}"
+            f"{_error(model.sections.response(f), rational)}{without}"
         ),
         (
             "  sections in CMSIS-DSP order, float: error "
-            f"{_error(_single_cmsis(model.sections, f), rational)}{plain}"
+            f"{_error(_single_cmsis(model.sections, f), rational)}{without}"
         ),
         "cell: one step of the network by first-order hold, without latency",
-        f"  error {_error(code.cell.response(f), rational)}{plain}",
+        f"  error {_error(code.cell.response(f), rational)}{without}",
         "correction: from the response back to the input, with the latency stated here",
         f"  latency {correction.latency} samples ({correction.latency * ms:.6g} ms)",
         (
-            f"  error {_error(correction.response(f), back)} (double), "
-            f"{_error(correction.in_single_precision().response(f), back)} (float), over {low!r} "
-            f"Hz to {high!r} Hz"
+            f"  error {_error(correction.response(f), inverse)} (double), "
+            f"{_error(correction.in_single_precision().response(f), inverse)} (float), "
+            f"over {low!r} Hz to {high!r} Hz"
         ),
     ]
-    if len(upper):
-        late = correction.late(upper) / sensor.response(upper)
+    if len(upper_hz):
+        late = correction.late(upper_hz) / sensor.response(upper_hz)
         lines.append(
-            f"  error from {upper[0]:.4g} Hz on: {_error(correction.response(upper), late)}"
+            f"  error from {upper_hz[0]:.4g} Hz on: {_error(correction.response(upper_hz), late)}"
         )
     if np.any(poles_zeros(sensor).zeros == 0):
         lines.append(
@@ -146,9 +148,9 @@ def description(code: Firmware) -> list[str]:
         )
     lines += [
         (
-            f"  above the band it passes up to {passed[top]:.2g} of its largest gain in it (at "
-            f"{above[top]:.4g} Hz), and less than {PASSED:g} from "
-            f"{above[loud[-1] if len(loud) else 0]:.4g} Hz on"
+            f"  above the band it passes up to {passed[loudest]:.2g} of its largest gain in it (at "
+            f"{above_hz[loudest]:.4g} Hz), and less than {PASSED:g} from "
+            f"{blocked_from_hz:.4g} Hz on"
         ),
         (
             f"  largest pole {correction.sections.largest_pole:.9f}: stable; white noise of 1 "

@@ -6,11 +6,12 @@ import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from vibrident.base.escaping import csv_cell
 from vibrident.export.form import Format, Options
 from vibrident.export.sensor import ExportedSensor
-from vibrident.result import Result
+from vibrident.result import Curve, Result
 from vibrident.show.numbers import per_unit
 
 #: Field of a curve → heading; ``per``: its unit.
@@ -31,6 +32,8 @@ _MEASURED = {
     "deviation_uncertainty_percent": "model_deviation_standard_uncertainty_percent",
     "deviation_phase_uncertainty_deg": "model_deviation_phase_standard_uncertainty_deg",
 }
+#: Part of a source of the points' budget → heading.
+_PARTS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -49,6 +52,36 @@ def sheets(result: Result) -> dict[str, Sheet]:
 
     Levels in dB and budgets are there if the result has any.
     """
+    per = f"{result.response_unit} per {per_unit(result)}"
+    tables: dict[str, Sheet] = {
+        "parameters": _parameters(result),
+        "correlation": _correlation(result),
+        "response": _curve(result.response, _COLUMNS, per),
+        "measured": _curve(result.measured, _COLUMNS | _MEASURED, per),
+    }
+    if result.measured.frequency_hz.size:
+        tables["level"] = _level(result, per)
+    rows = result.settings.get("uncertainty_budget") or ()
+    budget = [row for row in rows if isinstance(row, Mapping)]
+    if budget:
+        tables["budget"] = _budget(budget)
+    points = result.settings.get("point_budget")
+    if isinstance(points, Mapping):
+        tables["point_budget"] = _point_budget(points, per)
+    return tables
+
+
+def _parameters(result: Result) -> Sheet:
+    head = (
+        "parameter",
+        "value",
+        "unit",
+        "standard_uncertainty",
+        "low_95",
+        "high_95",
+        "identifiable",
+        "derived",
+    )
     rows: list[Sequence[object]] = [
         (
             name,
@@ -61,66 +94,41 @@ def sheets(result: Result) -> dict[str, Sheet]:
         )
         for name, p in result.parameters.items()
     ]
-    correlation = result.correlation
-    head = (
-        "parameter",
-        "value",
-        "unit",
-        "standard_uncertainty",
-        "low_95",
-        "high_95",
-        "identifiable",
-        "derived",
-    )
-    related = [
-        (name, *row) for name, row in zip(correlation.names, correlation.matrix, strict=True)
-    ]
-    tables: dict[str, Sheet] = {
-        "parameters": (head, rows),
-        "correlation": (("parameter", *correlation.names), related),
-    }
-    per = f"{result.response_unit} per {per_unit(result)}"
-    curves = (
-        (result.response, "response", _COLUMNS),
-        (result.measured, "measured", _COLUMNS | _MEASURED),
-    )
-    for curve, name, columns in curves:
-        padded = (_padded(getattr(curve, field), len(curve.frequency_hz)) for field in columns)
-        tables[name] = (
-            [heading.format(per=per) for heading in columns.values()],
-            list(zip(*padded, strict=True)),
-        )
-    if result.measured.frequency_hz.size:
-        tables["level"] = _level(result, per)
-    budget = [
-        row for row in result.settings.get("uncertainty_budget") or () if isinstance(row, Mapping)
-    ]
-    if budget:
-        names = list(
-            dict.fromkeys(name for row in budget for name in row.get("contributions") or ())
-        )
-        fields = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
-        parts = [row["contributions"] for row in budget]
-        lines = [
-            (*map(row.get, fields), *map(part.get, names))
-            for row, part in zip(budget, parts, strict=True)
-        ]
-        tables["budget"] = (*fields, *names), lines
-    points = result.settings.get("point_budget")
-    if isinstance(points, Mapping):
-        columns_ = [points["frequency_hz"]] + [
-            source[key] for source in points["sources"] for key in _PARTS
-        ]
-        heads = [
-            f"{_PARTS[key]} of {source['source']}".format(per=per)
-            for source in points["sources"]
-            for key in _PARTS
-        ]
-        tables["point_budget"] = ["frequency_hz", *heads], list(zip(*columns_, strict=True))
-    return tables
+    return head, rows
 
 
-_PARTS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
+def _correlation(result: Result) -> Sheet:
+    names = result.correlation.names
+    rows = [(name, *row) for name, row in zip(names, result.correlation.matrix, strict=True)]
+    return ("parameter", *names), rows
+
+
+def _curve(curve: Curve, columns: Mapping[str, str], per: str) -> Sheet:
+    """Return the columns of a curve, filled up to the number of its frequencies."""
+    count = len(curve.frequency_hz)
+    values = [_padded(getattr(curve, field), count) for field in columns]
+    return [heading.format(per=per) for heading in columns.values()], list(
+        zip(*values, strict=True)
+    )
+
+
+def _budget(budget: Sequence[Mapping[str, Any]]) -> Sheet:
+    """Return a row for each source: what it is, and its contribution to each parameter."""
+    fields = ("source", "type", "kind", "standard_uncertainty", "unit", "degrees_of_freedom")
+    names = list(dict.fromkeys(name for row in budget for name in row.get("contributions") or ()))
+    rows = [(*map(row.get, fields), *map(row["contributions"].get, names)) for row in budget]
+    return (*fields, *names), rows
+
+
+def _point_budget(points: Mapping[str, Any], per: str) -> Sheet:
+    """Return a row for each measured point: its frequency, and the parts of each source."""
+    heads = ["frequency_hz"]
+    columns = [points["frequency_hz"]]
+    for source in points["sources"]:
+        for key, heading in _PARTS.items():
+            heads.append(f"{heading} of {source['source']}".format(per=per))
+            columns.append(source[key])
+    return heads, list(zip(*columns, strict=True))
 
 
 def _level(result: Result, per: str) -> Sheet:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import FloatArray, Record
-from vibrident.data.screening import Finding
+from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.decay.examine import MotionMisfit, change_of, misfits_of, weighed
 from vibrident.fit.decay.motion import DecayFit, DecayProblem, free_motion
 from vibrident.fit.decay.release import free_stretch
@@ -41,7 +41,9 @@ class DecayDeviation:
         )
 
 
-def free_parts(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+def free_parts(
+    records: Sequence[Record],
+) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
     """Return the records with each decay cut to its free motion, and findings of its changes."""
     cut = []
     findings = []
@@ -53,7 +55,7 @@ def free_parts(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Fin
         cut.append(_cut(record, decay.stretches[0].first))
         change = change_of(decay)
         if change is not None:
-            findings.append(Finding("nonlinear", change.words))
+            findings.append(ScreeningFinding("nonlinear", change.words))
     return tuple(cut), tuple(findings)
 
 

@@ -65,7 +65,7 @@ class MotionMisfit:
 
 
 @dataclass(frozen=True)
-class Change:
+class OscillatorChange:
     """Change of the oscillator between the beginning and the end of a decay.
 
     Attributes:
@@ -104,7 +104,7 @@ class Decays:
     """
 
     fit: DecayFit
-    changes: tuple[Change, ...]
+    changes: tuple[OscillatorChange, ...]
 
     @property
     def freedom(self) -> float:
@@ -315,7 +315,7 @@ def misfits_of(decay: DecayFit) -> tuple[MotionMisfit, ...]:
     return tuple(misfits)
 
 
-def change_of(decay: DecayFit, together: float = 1.0) -> Change | None:
+def change_of(decay: DecayFit, together: float = 1.0) -> OscillatorChange | None:
     """Return the change of the oscillator from the beginning of a decay to its end, if significant.
 
     Score tests of a step of natural frequency and damping ratio, against one of all nuisance
@@ -360,7 +360,7 @@ def change_of(decay: DecayFit, together: float = 1.0) -> Change | None:
     ]
     frequencies, dampings = zip(*(half.values for half in halves), strict=True)
     sizes = [float(np.sqrt(np.mean(half.free() ** 2))) for half in halves]
-    return Change(stretch.name, frequencies, dampings, (sizes[0], sizes[1]))
+    return OscillatorChange(stretch.name, frequencies, dampings, (sizes[0], sizes[1]))
 
 
 def _chance_of_bend(decay: DecayFit) -> float:

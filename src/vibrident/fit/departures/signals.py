@@ -12,7 +12,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.fit.descent.weighted_bins import freed
 from vibrident.fit.noise.incoherent import HEARD_RATIO
 from vibrident.fit.noise.leakage import beside_leakage
-from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
+from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectrum
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import HARMONICS
 from vibrident.fit.response.transform import power_of
@@ -98,7 +98,7 @@ class Signals(Part):
     transfer: ComplexArray
     spectrum: NoiseSpectrum
     one_sided: FloatArray
-    motion: Motion
+    motion: PredictedMotion
 
     @property
     def counted(self) -> BoolArray:

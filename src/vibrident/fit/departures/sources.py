@@ -33,7 +33,7 @@ from vibrident.fit.descent.weighting import is_steep
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.group.network import Nuisances
 from vibrident.fit.noise.leakage import beside_leakage
-from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectra
+from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectra
 from vibrident.fit.noise.tones import with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
@@ -165,7 +165,7 @@ def _signals_of_alike(
     last = int(np.flatnonzero(one_sided)[-1])
     input_colour = passed * colour
     motions = [
-        Motion(
+        PredictedMotion(
             part.predicted,
             float(part.used.sum()),
             last,
@@ -232,7 +232,7 @@ class _Reading(NamedTuple):
 
 
 def _read_noise(
-    parts: Sequence[Part], one_sided: FloatArray, motions: Sequence[Motion]
+    parts: Sequence[Part], one_sided: FloatArray, motions: Sequence[PredictedMotion]
 ) -> list[_Reading]:
     """Return the noise of parts of one length and rate, again where hum or steep noise leaks."""
     residuals, columns = (
@@ -257,7 +257,7 @@ def _read_noise(
 
 
 def _read_beside_hum(
-    part: Part, motion: Motion, weight: FloatArray, tones: tuple[float, ...]
+    part: Part, motion: PredictedMotion, weight: FloatArray, tones: tuple[float, ...]
 ) -> _Reading:
     """Return the noise of a part in the weight of a first reading.
 

@@ -13,7 +13,7 @@ from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import span_of
 from vibrident.fit.descent.settle import InNoise
 from vibrident.fit.group.network import Nuisances
-from vibrident.fit.noise.spectrum import Motion, NoiseSpectrum, noise_spectrum
+from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectrum
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import noise_floor_of
 from vibrident.fit.response.response import ComplexArray
@@ -115,7 +115,7 @@ def weighted_series(number: int, record: Record, predicted: FloatArray) -> Weigh
     residual, motion, *columns = fft.rfft(
         [measured - modelled, modelled, used * 1.0, used * np.linspace(-1.0, 1.0, n)]
     )
-    prediction = Motion(motion, float(used.sum()), int(np.flatnonzero(counts)[-1]))
+    prediction = PredictedMotion(motion, float(used.sum()), int(np.flatnonzero(counts)[-1]))
     floor = noise_floor_of(record) ** 2
     hum = tuple(hz * n / record.sampling_rate_hz for hz in record.hum_hz)
     nuisances = np.concatenate([columns, fft.rfft(waves(hum, n) * used)])

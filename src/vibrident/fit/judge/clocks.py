@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrident.base.errors import VibridentError
 from vibrident.data.records import FloatArray, Record, SystematicEffect
-from vibrident.data.screening import Finding
+from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
 from vibrident.fit.departures.sources import groups_of
@@ -166,7 +166,7 @@ def _with_statement(fitted: Fitted, offset: float, u: float) -> Fitted:
         "brought to the clock of the reference before the fit."
     )
     effect = SystematicEffect(SOURCE, "clocks", u, pattern=_delay_pattern(evidence.records))
-    findings = (*evidence.findings, Finding("clock_suspect", text))
+    findings = (*evidence.findings, ScreeningFinding("clock_suspect", text))
     evidence = replace(evidence, findings=findings, effects=(*evidence.effects, effect))
     return replace(fitted.with_evidence(evidence), departures=None)
 

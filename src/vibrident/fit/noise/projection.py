@@ -29,7 +29,7 @@ DEGREES = 3
 RIDGE = 1e-9
 
 
-class _Basis(NamedTuple):
+class _PolynomialBasis(NamedTuple):
     """Orthonormal polynomials over a block.
 
     Attributes:
@@ -42,7 +42,7 @@ class _Basis(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def _basis(width: int) -> _Basis:
+def _basis(width: int) -> _PolynomialBasis:
     """Return the polynomials over blocks of so many bins.
 
     Of fewer bins than degrees those of higher degrees are zero.
@@ -52,7 +52,7 @@ def _basis(width: int) -> _Basis:
     moments = np.zeros(powers.T.shape)
     moments[: len(orthonormal)] = orthonormal
     pairs = moments[:DEGREES, None] * moments[None, :DEGREES]
-    return _Basis(moments, pairs @ moments.T)
+    return _PolynomialBasis(moments, pairs @ moments.T)
 
 
 def block_edges(bins: int) -> NDArray[np.int_]:

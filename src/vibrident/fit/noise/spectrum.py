@@ -50,7 +50,7 @@ class NoiseSpectrum:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PredictedMotion:
     """Prediction of a model for a record, for the estimation of its noise.
 
     Attributes:
@@ -71,13 +71,13 @@ class Motion:
     lines: BoolArray | None = None
 
 
-def noise_spectrum(residual: ComplexArray, motion: Motion, floor: float) -> NoiseSpectrum:
+def noise_spectrum(residual: ComplexArray, motion: PredictedMotion, floor: float) -> NoiseSpectrum:
     """Return the noise of a residual, shape (K,); ``floor`` is the lower limit of its level."""
     return noise_spectra(residual[None], [motion], [floor])[0]
 
 
 def noise_spectra(
-    residual: ComplexArray, motions: Sequence[Motion], floors: Sequence[float]
+    residual: ComplexArray, motions: Sequence[PredictedMotion], floors: Sequence[float]
 ) -> list[NoiseSpectrum]:
     """Return the noise of residuals of one length and rate.
 

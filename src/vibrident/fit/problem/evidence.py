@@ -12,7 +12,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, Calibration, Quantity, Record, SystematicEffect
 from vibrident.data.records.basis import distinct
 from vibrident.data.records.record import nothing_in_band
-from vibrident.data.screening import Finding, screen
+from vibrident.data.screening import ScreeningFinding, screen
 from vibrident.data.screening.copies import without_copies
 from vibrident.data.screening.quality import without_steady_decays
 from vibrident.data.screening.rates import with_common_rates
@@ -56,7 +56,7 @@ class Evidence:
     records: tuple[Record, ...]
     tones: MeasuredResponse | None
     bands: MeasuredResponse | None
-    findings: tuple[Finding, ...]
+    findings: tuple[ScreeningFinding, ...]
     start: Mapping[str, float] | None = None
     effects: tuple[SystematicEffect, ...] = ()
     clock_offset: float = 0.0
@@ -81,7 +81,7 @@ class Evidence:
         ]
         recorded = with_common_rates(without_copies(calibration.records))
         records, findings = screen(recorded, calibration.units)
-        findings = (*(Finding(f.code, f.message) for f in optical), *findings)
+        findings = (*(ScreeningFinding(f.code, f.message) for f in optical), *findings)
         records, decay_findings = without_steady_decays(records)
         if chain is not None:
             records = tuple(deconvolved(record, chain) for record in records)
@@ -115,7 +115,7 @@ class Evidence:
         calibration: Calibration,
         model: SensorModel,
         records: tuple[Record, ...],
-        findings: tuple[Finding, ...],
+        findings: tuple[ScreeningFinding, ...],
     ) -> Evidence:
         """Return the evidence of screened records, whose tones and bands are measured.
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.screening import Finding
+from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.response.sine_fit import phasors, spectral_peak, tone_frequency
 from vibrident.fit.response.tone_quality import MIN_PERIODS
 from vibrident.fit.response.transform import median
@@ -24,7 +24,9 @@ PLACE_UNCERTAINTY_LINES = 0.02
 MAX_OTHER_POWER = 0.3
 
 
-def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
+def judge_clocks(
+    records: Sequence[Record],
+) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
     """Return the records and a finding where tones contradict the sampling rate.
 
     Start values that the tones contradict are removed from the records.
@@ -44,7 +46,7 @@ def judge_clocks(records: Sequence[Record]) -> tuple[tuple[Record, ...], tuple[F
     corrected = tuple(
         dataclasses.replace(r, frequency_hz=None) if r.excitation == "sine" else r for r in records
     )
-    return corrected, (Finding("clock_suspect", text),)
+    return corrected, (ScreeningFinding("clock_suspect", text),)
 
 
 def _common_ratio(records: Sequence[Record]) -> float | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.screening import Finding
+from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.response.motion import kind_of_motion, stray_motion
 from vibrident.fit.response.response import MeasuredResponse
 
@@ -20,14 +20,14 @@ MIN_TONE_DEVIATIONS = 5.0
 MAX_STRAY_POWER = 5.0
 
 
-def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list[Finding]:
+def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list[ScreeningFinding]:
     """Return a finding for each sine record of fewer than two periods."""
     findings = []
     for record, frequency in zip(records, frequencies_hz, strict=True):
         periods = frequency * record.mask.sum() / record.sampling_rate_hz
         if periods < MIN_PERIODS:
             text = f"{record.name}: only {periods:.2g} periods of {frequency:.4g} Hz."
-            findings.append(Finding("short_record", text))
+            findings.append(ScreeningFinding("short_record", text))
     return findings
 
 
@@ -68,10 +68,10 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         )
 
 
-def uncorrelated_channels(records: Sequence[Record]) -> list[Finding]:
+def uncorrelated_channels(records: Sequence[Record]) -> list[ScreeningFinding]:
     """Return a finding for each of the records, whose response and reference are uncorrelated."""
     return [
-        Finding(
+        ScreeningFinding(
             "dead_channel",
             f"{record.name}: response and reference have nothing in common; the record is left "
             "out. Is a channel dead, or are they of two measurements?",
@@ -80,13 +80,13 @@ def uncorrelated_channels(records: Sequence[Record]) -> list[Finding]:
     ]
 
 
-def silent_channels(tones: MeasuredResponse) -> list[Finding]:
+def silent_channels(tones: MeasuredResponse) -> list[ScreeningFinding]:
     """Return a finding for each channel in which no record shows its tone above the noise.
 
     It is the wrong column, or a dead channel.
     """
     return [
-        Finding(
+        ScreeningFinding(
             "dead_channel",
             f"The {label} channel shows the tone above its noise in none of the records.",
         )

@@ -15,7 +15,7 @@ import numpy as np
 from vibrident.base.errors import NotConverged
 from vibrident.fit.problem.band import Band
 from vibrident.fit.start.coarse import coarse_rows
-from vibrident.fit.start.grid_search import Candidate, GridSearch
+from vibrident.fit.start.grid_search import GridSearch, StartCandidate
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
 from vibrident.fit.start.refinement import refined
 from vibrident.physics.models import ParameterSpec
@@ -33,7 +33,7 @@ MAX_PLACES = 500
 REFINED_PLACES = 12
 
 
-def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[Candidate]:
+def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCandidate]:
     """Return the best and most different places of the grid, at most ``most``, the best first.
 
     Raises:

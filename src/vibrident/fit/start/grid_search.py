@@ -32,7 +32,7 @@ MIN_SHARE_POWER = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class StartCandidate:
     """Start values and their cost.
 
     Attributes:
@@ -89,7 +89,7 @@ class GridSearch:
     band_hz: tuple[float, float]
     rows: tuple[CoarseRows, ...]
 
-    def best(self, places: Sequence[Mapping[str, float]], most: int) -> list[Candidate]:
+    def best(self, places: Sequence[Mapping[str, float]], most: int) -> list[StartCandidate]:
         """Return the best and most different of the places, at most ``most``, the best first."""
         neutral = _neutral(self.band.model, self.band_hz)
         trials = [neutral | dict(place) for place in places]
@@ -102,7 +102,7 @@ class GridSearch:
             ]
             batches.append(self._scored(batch_networks, trials[batch]))
         scores = _Scores(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
-        chosen: list[Candidate] = []
+        chosen: list[StartCandidate] = []
         for number in np.argsort(scores.cost, kind="stable").tolist():
             if len(chosen) == most or not np.isfinite(scores.cost[number]):
                 break
@@ -110,7 +110,7 @@ class GridSearch:
                 trials[number], scores.amounts[number], float(scores.delay_s[number])
             )
             if all(self._differ(values, c.values, places[0]) for c in chosen):
-                chosen.append(Candidate(float(scores.cost[number]), values))
+                chosen.append(StartCandidate(float(scores.cost[number]), values))
         return chosen
 
     def _values(

@@ -16,7 +16,7 @@ from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.start.coarse import CoarseRows
-from vibrident.fit.start.grid_search import Candidate
+from vibrident.fit.start.grid_search import StartCandidate
 
 #: Decrease of the cost that is not worth a step.
 TOLERANCE = 0.5
@@ -27,8 +27,8 @@ def refined(
     band: Band,
     band_hz: tuple[float, float],
     rows: Sequence[CoarseRows],
-    front: Sequence[Candidate],
-) -> list[Candidate]:
+    front: Sequence[StartCandidate],
+) -> list[StartCandidate]:
     """Return where candidates descend to at the coarse bins, the best first.
 
     Args:
@@ -42,8 +42,8 @@ def refined(
 
 
 def _descended(
-    band: Band, band_hz: tuple[float, float], rows: Sequence[CoarseRows], candidate: Candidate
-) -> Candidate:
+    band: Band, band_hz: tuple[float, float], rows: Sequence[CoarseRows], candidate: StartCandidate
+) -> StartCandidate:
     """Return where a candidate descends to, with the response turned by its delay."""
     model = band.model
     delay_s = float(band.problem.frame.delay_s)
@@ -72,7 +72,9 @@ def _descended(
     except (NotConverged, np.linalg.LinAlgError):
         return candidate
     values = coordinates.values(trace.last)
-    return Candidate(trace.costs[-1], values | {name: values[name] + excess_s for name in times})
+    return StartCandidate(
+        trace.costs[-1], values | {name: values[name] + excess_s for name in times}
+    )
 
 
 def _local(

@@ -7,6 +7,6 @@ files, and is completely on the disk before it is reported.
 
 from vibrident.lab.fleet.coordinator import Outcome, RunRequest, run
 from vibrident.lab.fleet.orders import Orders
-from vibrident.lab.fleet.schedulers import Dask, Local, Scheduler
+from vibrident.lab.fleet.schedulers import Dask, LocalScheduler, Scheduler
 
-__all__ = ["Dask", "Local", "Orders", "Outcome", "RunRequest", "Scheduler", "run"]
+__all__ = ["Dask", "LocalScheduler", "Orders", "Outcome", "RunRequest", "Scheduler", "run"]

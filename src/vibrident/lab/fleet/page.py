@@ -14,7 +14,13 @@ from vibrident.base.files import atomic_write
 from vibrident.lab.fleet.figures import distribution, histogram, over_time
 from vibrident.lab.fleet.limits import Specification
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
-from vibrident.lab.fleet.statistics import Distribution, Group, Histogram, Statistics, statistics
+from vibrident.lab.fleet.statistics import (
+    Distribution,
+    FleetGroup,
+    Histogram,
+    Statistics,
+    statistics,
+)
 from vibrident.lab.fleet.table import Tally
 from vibrident.physics.naming import is_derived, parameter_name
 from vibrident.show import words
@@ -208,7 +214,7 @@ def _distributions(fleet: Statistics, specification: Specification) -> Iterator[
         yield Sentence(f"{fleet.more} smaller groups are in fleet.parquet and not drawn.", "note")
 
 
-def _numbers(group: Group, specification: Specification) -> Table:
+def _numbers(group: FleetGroup, specification: Specification) -> Table:
     """Return a table with a row a parameter, and the limits that do not apply as notes.
 
     A limit in another unit than the values does not apply.

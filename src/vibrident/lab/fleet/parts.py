@@ -9,7 +9,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -187,11 +187,9 @@ def index(
     failed within tighter limits than this run's, or if another attempt may have another outcome.
     ``results``: folder of the whole results; None: not wanted.
     """
-    there = (
-        None
-        if results is None
-        else {entry.name for entry in os.scandir(results) if entry.stat().st_size}
-    )
+    stored = None
+    if results is not None:
+        stored = {entry.name for entry in os.scandir(results) if entry.stat().st_size}
     names = []
     parameters = []
     blocks = [np.zeros(0, dtype=_PLACE)]
@@ -199,40 +197,63 @@ def index(
         if (read := _read(path)) is None:
             continue
         columns, values = read
-        block = np.zeros(len(values["key"]), dtype=_PLACE)
-        block["key"] = packed(values["key"])
-        block["part"] = len(names)
-        block["row"] = np.arange(block.size)
-        failed = np.array(values["status"]) == FAILED
-        passing = np.array(values["passing"])
-        seconds = np.array(values["time_limit_s"], dtype=float)
-        memory = np.array(
-            [math.inf if limit is None else limit for limit in values["memory_limit_bytes"]],
-            dtype=float,
-        )
-        ended = ~failed & ~passing
-        wanted = math.inf if memory_limit_bytes is None else memory_limit_bytes
-        is_final = ended | (failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory))
-        if there is not None:
+        block = _block(values, len(names), time_limit_s, memory_limit_bytes)
+        if stored is not None:
             pairs = zip(values["key"], values["status"], strict=True)
-            is_final &= [status != IDENTIFIED or f"{key}.json" in there for key, status in pairs]
-        block["ended"] = ended
-        block["seconds"] = seconds
-        block["memory"] = memory
-        block["is_final"] = is_final
+            block["is_final"] &= [
+                status != IDENTIFIED or f"{key}.json" in stored for key, status in pairs
+            ]
         blocks.append(block)
         names.append(path.name)
         parameters.append(parameters_of(columns))
-    every = np.concatenate(blocks)
+    places = np.concatenate(blocks)
     del blocks
-    every = every[np.lexsort([every[name] for name in ("memory", "seconds", "ended", "key")])]
-    last = np.ones(every.size, dtype=bool)
-    last[:-1] = every["key"][1:] != every["key"][:-1]
-    every = every if last.all() else every[last]
+    places = places[_latest_of_each_key(places)]
     key, part, row, is_final = (
-        np.ascontiguousarray(every[name]) for name in ("key", "part", "row", "is_final")
+        np.ascontiguousarray(places[name]) for name in ("key", "part", "row", "is_final")
     )
     return Index(key, part, row, is_final, names, parameters)
+
+
+def _block(
+    values: Mapping[str, Any], part: int, time_limit_s: float, memory_limit_bytes: int | None
+) -> NDArray[np.void]:
+    """Return the places of a part's rows, and whether each is final under the limits of this run.
+
+    Args:
+        values: of the part's columns.
+        part: number of the part.
+        time_limit_s: of this run.
+        memory_limit_bytes: of this run; None: no limit.
+    """
+    block = np.zeros(len(values["key"]), dtype=_PLACE)
+    failed = np.array(values["status"]) == FAILED
+    passing = np.array(values["passing"])
+    seconds = np.array(values["time_limit_s"], dtype=float)
+    memory = np.array(
+        [math.inf if limit is None else limit for limit in values["memory_limit_bytes"]],
+        dtype=float,
+    )
+    wanted = math.inf if memory_limit_bytes is None else memory_limit_bytes
+    ended = ~failed & ~passing
+    failed_for_good = failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory)
+    block["key"] = packed(values["key"])
+    block["part"] = part
+    block["row"] = np.arange(block.size)
+    block["ended"] = ended
+    block["seconds"] = seconds
+    block["memory"] = memory
+    block["is_final"] = ended | failed_for_good
+    return block
+
+
+def _latest_of_each_key(places: NDArray[np.void]) -> NDArray[np.intp]:
+    """Return the index of each key's row that ended, else of that with the widest limits."""
+    order = np.lexsort([places[name] for name in ("memory", "seconds", "ended", "key")])
+    keys = places["key"][order]
+    is_last = np.ones(places.size, dtype=bool)
+    is_last[:-1] = keys[1:] != keys[:-1]
+    return order[is_last]
 
 
 def _read(path: Path) -> tuple[list[str], dict[str, list[Any]]] | None:

@@ -30,8 +30,8 @@ class Paths:
     def __len__(self) -> int:
         return _BLOCK_PATHS * len(self._blocks) + len(self._last)
 
-    def __getitem__(self, place: int) -> str:
-        number, within = divmod(place, _BLOCK_PATHS)
+    def __getitem__(self, index: int) -> str:
+        number, within = divmod(index, _BLOCK_PATHS)
         if number >= len(self._blocks):
             return self._last[within]
         if number not in self._opened:
@@ -43,7 +43,7 @@ class Paths:
         return self._opened[number][within]
 
     def __iter__(self) -> Iterator[str]:
-        return (self[place] for place in range(len(self)))
+        return (self[index] for index in range(len(self)))
 
     def add(self, path: str) -> None:
         """Add a path at the end."""
@@ -118,12 +118,14 @@ def _files_of(path: str) -> Iterator[tuple[str, bool]]:
                 if name.lower().endswith(_ENDING) and not name.startswith("."):
                     yield os.path.join(folder, name), True
             for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
-                place = os.path.realpath(link)
+                target = os.path.realpath(link)
                 here = os.path.realpath(folder)
-                if not _within(here, place) and not any(_within(place, known) for known in places):
+                if not _within(here, target) and not any(
+                    _within(target, known) for known in places
+                ):
                     roots.append(link)
-                    places.append(place)
+                    places.append(target)
 
 
-def _within(place: str, folder: str) -> bool:
-    return os.path.join(place, "").startswith(os.path.join(folder, ""))
+def _within(path: str, folder: str) -> bool:
+    return os.path.join(path, "").startswith(os.path.join(folder, ""))

@@ -62,7 +62,7 @@ class Scheduler(abc.ABC):
         """End all work of this run that is still in progress."""
 
 
-class Local(Scheduler):
+class LocalScheduler(Scheduler):
     """A number of processes on this machine.
 
     A thread waits for each. So it is known which batch a process has, and the end of one does not

@@ -63,7 +63,7 @@ class Distribution:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class FleetGroup:
     """Sensors of one type, one model and one set of units."""
 
     type: str | None
@@ -73,7 +73,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Outlier:
+class FleetOutlier:
     """Outlier, or value that does not conform."""
 
     row: int  # number in the table
@@ -103,9 +103,9 @@ class Yield:
 class Statistics:
     """Statistics of a fleet."""
 
-    groups: tuple[Group, ...]  # the largest first
+    groups: tuple[FleetGroup, ...]  # the largest first
     more: int  # groups that are not shown
-    outliers: tuple[Outlier, ...]  # the farthest first
+    outliers: tuple[FleetOutlier, ...]  # the farthest first
     more_outliers: int  # that are not listed
     yields: tuple[Yield, ...]  # by type, in the order of their numbers
     limited: bool  # whether any limit applies
@@ -122,8 +122,8 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
     units = [sets[number] for number in kinds[2].tolist()]
     sizes = np.bincount(group[identified], minlength=len(units))
     distributions_of: list[list[Distribution]] = [[] for _ in units[:MAX_GROUPS]]
-    outliers: list[Outlier] = []
-    verdict = _Verdict(identified, group)
+    outliers: list[FleetOutlier] = []
+    verdict = _LimitVerdict(identified, group)
     for parameter in columns.parameters:
         values = columns.numbers(parameter)
         u = columns.numbers(f"{parameter}_u")
@@ -142,7 +142,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
                 outliers += _outliers(parameter, unit, rows, values, u, limits[number])
     outliers.sort(key=lambda outlier: (not outlier.outside, -outlier.distance, outlier.row))
     groups = [
-        Group(
+        FleetGroup(
             types.name(int(kinds[0, number])),
             models.name(int(kinds[1, number])) or "",
             int(sizes[number]),
@@ -169,8 +169,8 @@ def _grouped(
         Kinds, the most frequent first, shape (parts, kinds); kind of each row, −1 if it is not
         identified.
     """
-    sizes = tuple(int(part.max(initial=-1)) + 2 for part in parts)  # −1 is a number too
-    kind = np.ravel_multi_index(tuple(part[identified] + 1 for part in parts), sizes)
+    sizes = tuple(int(column.max(initial=-1)) + 2 for column in parts)  # −1 is a number too
+    kind = np.ravel_multi_index(tuple(column[identified] + 1 for column in parts), sizes)
     distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(order.size, dtype=np.int32)
@@ -180,7 +180,7 @@ def _grouped(
     return np.stack(np.unravel_index(distinct[order], sizes)) - 1, group
 
 
-class _Verdict:
+class _LimitVerdict:
     """Verdict of the limits on every row."""
 
     def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
@@ -291,7 +291,7 @@ def _outliers(
     every: FloatArray,
     u: FloatArray,
     limit: Limit | None,
-) -> list[Outlier]:
+) -> list[FleetOutlier]:
     """Return the outliers of one group's rows of the table.
 
     ``every`` and ``u`` are columns of the whole table.
@@ -304,7 +304,7 @@ def _outliers(
     apart = distance > outlier_limit(rows.size) if rows.size >= MIN_OUTLIER_VALUES else none
     outside = none if limit is None else ~limit.inside(values)
     return [
-        Outlier(
+        FleetOutlier(
             row=row,
             parameter=parameter,
             unit=unit,

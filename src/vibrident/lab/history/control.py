@@ -31,7 +31,7 @@ _NODES = 80
 
 
 @dataclass(frozen=True)
-class Chart:
+class ControlChart:
     """Control chart, in standard deviations."""
 
     name: str  # ``EWMA`` or ``CUSUM``
@@ -56,7 +56,7 @@ def recursive_residuals(value: FloatArray, covariance: FloatArray) -> FloatArray
     return solve_triangular(root, change @ value, lower=True)
 
 
-def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Chart]:
+def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[ControlChart, ControlChart]:
     """Return EWMA and CUSUM of residuals.
 
     Where ``restart`` is true, a new series begins, and both start again.
@@ -64,7 +64,7 @@ def charts(residuals: FloatArray, restart: NDArray[np.bool_]) -> tuple[Chart, Ch
     return _ewma(residuals, restart), _cusum(residuals, restart)
 
 
-def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
+def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
     factor = ewma_factor()
     level = 0.0
     count = 0
@@ -79,12 +79,12 @@ def _ewma(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
     alarm = tuple(
         i for i, (at, limit) in enumerate(zip(levels, limits, strict=True)) if abs(at) > limit
     )
-    return Chart(
+    return ControlChart(
         "EWMA", tuple(levels), tuple(levels), tuple(limits), alarm, ewma_run_length(factor)
     )
 
 
-def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
+def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> ControlChart:
     limit = cusum_limit()
     high = 0.0
     low = 0.0
@@ -99,7 +99,7 @@ def _cusum(residuals: FloatArray, restart: NDArray[np.bool_]) -> Chart:
     alarm = tuple(
         i for i, (a, b) in enumerate(zip(upper, lower, strict=True)) if max(a, -b) > limit
     )
-    return Chart(
+    return ControlChart(
         "CUSUM",
         tuple(upper),
         tuple(lower),

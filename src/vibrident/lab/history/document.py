@@ -204,7 +204,7 @@ def _calibrations(history: Life) -> list[dict[str, Any]]:
     )
     rows = []
     for entry in entries:
-        place = counted.get(entry.id)
+        number = counted.get(entry.id)
         row = {
             "id": entry.id,
             "date": entry.date,
@@ -216,10 +216,10 @@ def _calibrations(history: Life) -> list[dict[str, Any]]:
             "standing": entry.standing or "added",
             "shared": entry.shared,
             **entry.facts,
-            "counts": place is not None,
+            "counts": number is not None,
             "left_out": reasons.get(entry.id, ""),
-            "series": None if place is None else int(history.group[place]) + 1,
-            "en": history.agreement(place) if place else None,
+            "series": None if number is None else int(history.group[number]) + 1,
+            "en": history.agreement(number) if number else None,
         }
         rows.append(row)
     return rows
@@ -303,7 +303,7 @@ def _control(history: Life) -> dict[str, Any] | None:
         return None
     dates = [history.entries[i].date for i in places]
     charts = control.charts(np.array(residuals), np.array(restart))
-    unassumed: Sequence[control.Chart | None] = [None] * len(charts)
+    unassumed: Sequence[control.ControlChart | None] = [None] * len(charts)
     if history.assumed:
         anew, *_ = _residuals(history, history.identified_covariance)
         unassumed = control.charts(np.array(anew), np.array(restart))
@@ -330,9 +330,9 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
     for number in np.unique(history.group):
         places_of = np.flatnonzero(history.group == number)
         if places_of.size > 1:
-            part = np.ix_(places_of, places_of)
+            block = np.ix_(places_of, places_of)
             residuals += control.recursive_residuals(
-                history.value[places_of], covariance[part]
+                history.value[places_of], covariance[block]
             ).tolist()
             restart += [True] + [False] * (places_of.size - 2)
             places += places_of[1:].tolist()

@@ -48,7 +48,7 @@ class Mixture:
     def quantile(self, probability: float) -> float:
         """Return the value that is exceeded with 1 − ``probability``."""
         weighty = self.weight > 1e-12
-        reach = 40.0 * self.deviation[weighty]
+        reach = 40.0 * self.deviation[weighty]  # beyond it ndtr is 0 or 1 in float64
         low = float(np.min(self.mean[weighty] - reach))
         high = float(np.max(self.mean[weighty] + reach))
         for _ in range(_QUANTILE_BISECTIONS):
@@ -97,7 +97,7 @@ class _Solved:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
+class SensorDrift:
     """Drift of a sensor from its calibrations; times in years, all else in one unit."""
 
     time: FloatArray  # of each calibration, shape (n,), ascending

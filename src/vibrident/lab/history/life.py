@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray
-from vibrident.lab.history.drift import Drift
+from vibrident.lab.history.drift import SensorDrift
 from vibrident.use.comparison import (
     COVERAGE_FACTOR,
     assumed_sources,
@@ -70,7 +70,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Agreement:
+class NormalisedError:
     """E_n of a calibration and the one before it."""
 
     ordinary: float | None  # as if both were independent; None if there is no uncertainty
@@ -163,7 +163,7 @@ class Life:
     def _step_probability(self, known: Sequence[Break], index: int) -> float:
         """Return the probability of a step as large if the sensor has not changed."""
         group = self._groups(known)
-        drift = Drift(self.years, self.value, self.covariance, group)
+        drift = SensorDrift(self.years, self.value, self.covariance, group)
         if group[index] != group[index - 1]:
             return 1.0
         below = drift.step(index).below(0.0)
@@ -179,11 +179,11 @@ class Life:
         return self._groups(self.breaks)
 
     @cached_property
-    def drift(self) -> Drift | None:
+    def drift(self) -> SensorDrift | None:
         """Return the drift; None if no series has two calibrations at different dates."""
         if len(self.entries) < 2:
             return None
-        drift = Drift(self.years, self.value, self.covariance, self.group)
+        drift = SensorDrift(self.years, self.value, self.covariance, self.group)
         return drift if drift.determined else None
 
     @property
@@ -213,7 +213,7 @@ class Life:
         )
         return f"recalled on {changes[-1].date}" if withdrawn else ""
 
-    def agreement(self, index: int) -> Agreement:
+    def agreement(self, index: int) -> NormalisedError:
         """Return E_n of calibration ``index`` and the one before it."""
         return agreement(self.entries[index], self.entries[index - 1])
 
@@ -289,7 +289,7 @@ def covariance(a: Entry, b: Entry) -> float:
     return float(a.u or 0.0) ** 2 if a.id == b.id else shared_covariance(a.shared, b.shared)
 
 
-def agreement(entry: Entry, before: Entry) -> Agreement:
+def agreement(entry: Entry, before: Entry) -> NormalisedError:
     """Return E_n of two calibrations, with and without shared errors (U, k = 2)."""
     u = float(entry.u or 0.0)
     u_before = float(before.u or 0.0)
@@ -301,7 +301,7 @@ def agreement(entry: Entry, before: Entry) -> Agreement:
         float(before.value or 0.0),
         COVERAGE_FACTOR * u_before,
     )
-    return Agreement(
+    return NormalisedError(
         normalized_error(*arguments),
         normalized_error(*arguments, both),
         normalized_error(*arguments, identified),

@@ -17,7 +17,7 @@ from vibrident.show.report import name_of_sensor
 
 
 @dataclass(frozen=True)
-class Content:
+class DraftContent:
     """Content of a draft."""
 
     result: Result
@@ -68,13 +68,13 @@ def stem(result: Result) -> str:
     return named.removesuffix(".pdf")
 
 
-def draft_pdf(draft: Content) -> bytes:
+def draft_pdf(draft: DraftContent) -> bytes:
     """Return a draft as PDF, marked as one on each page."""
     with tempfile.TemporaryDirectory() as folder:
         return rendered(draft.result, "pdf", issue=_issue(draft, Path(folder)))
 
 
-def unsigned_documents(draft: Content, result: Result) -> tuple[bytes, bytes]:
+def unsigned_documents(draft: DraftContent, result: Result) -> tuple[bytes, bytes]:
     """Return PDF and DCC of a certificate, not signed yet.
 
     Args:
@@ -93,7 +93,7 @@ def unsigned_documents(draft: Content, result: Result) -> tuple[bytes, bytes]:
         return pdf, dcc.read_bytes()
 
 
-def signed_documents(draft: Content, result: Result, key: SigningKey) -> Documents:
+def signed_documents(draft: DraftContent, result: Result, key: SigningKey) -> Documents:
     """Return the documents of a certificate, each signed with the laboratory's key.
 
     Raises:
@@ -111,7 +111,7 @@ def signed_documents(draft: Content, result: Result, key: SigningKey) -> Documen
     )
 
 
-def _issue(draft: Content, folder: Path) -> Issue:
+def _issue(draft: DraftContent, folder: Path) -> Issue:
     """Return what belongs to the certificate, its template as a file of this folder."""
     if draft.template is None:
         return draft.issue

@@ -29,7 +29,7 @@ from vibrident.lab.history.schema import (
     sensor,
 )
 from vibrident.lab.history.store import Store
-from vibrident.lab.issue.documents import Content, unsigned_documents
+from vibrident.lab.issue.documents import DraftContent, unsigned_documents
 from vibrident.result import Result
 from vibrident.show.coverage import document_kind
 from vibrident.show.issue import Issue, missing
@@ -78,7 +78,9 @@ def hand_in(store: Store, result: Result, issue: Issue, *, by: str | None = None
     check_complete(result)
     stated = {key: each for key, each in result.certificate.items() if key not in DRAWN}
     template = None if issue.template is None else issue.template.read_bytes()
-    held = Content(replace(result, certificate=stated), replace(issue, template=None), template)
+    held = DraftContent(
+        replace(result, certificate=stated), replace(issue, template=None), template
+    )
     unsigned_documents(held, completed(held.result, "0", datetime.date.today(), "nobody"))
     (added,) = add_all(store, [held.result])
     before = None if issue.before is None else zlib.compress(issue.before.to_json().encode())
@@ -184,7 +186,7 @@ def read_draft(connection: sa.Connection, store: Store, draft_id: int) -> Draft:
     )
 
 
-def content(store: Store, draft_id: int) -> Content:
+def content(store: Store, draft_id: int) -> DraftContent:
     """Return what a draft holds.
 
     Raises:
@@ -202,7 +204,7 @@ def content(store: Store, draft_id: int) -> Content:
     before = None if row.before is None else query.unpacked(row.before)
     fonts = tuple(Path(folder) for folder in json.loads(row.fonts))
     issue = Issue(before, row.logo, fonts=fonts)
-    return Content(query.unpacked(row.document), issue, row.template)
+    return DraftContent(query.unpacked(row.document), issue, row.template)
 
 
 def stamp(by: str | None) -> dict[str, str]:

@@ -224,11 +224,11 @@ def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) ->
         basis = xp.broadcast_to(start, (*many, terms))
         feedthrough = xp.zeros((*many, terms))
     else:
-        part = expm(generator * xp.asarray(fraction)[..., None, None])
-        read = (system.c[..., None, :] @ part[..., :n, :])[..., 0, :]
+        exponential = expm(generator * xp.asarray(fraction)[..., None, None])
+        read = (system.c[..., None, :] @ exponential[..., :n, :])[..., 0, :]
         output = read[..., :n]
         feedthrough = size[..., None] * read[..., n:]
-        basis = start @ part[..., n:, n:]
+        basis = start @ exponential[..., n:, n:]
     for m, d in enumerate(system.d):
         feedthrough = feedthrough + xp.asarray(d)[..., None] * basis
         if m + 1 < len(system.d):

@@ -53,7 +53,9 @@ def _formula(response: Any) -> str:
     places = (
         []
         if code is None
-        else [place for place in code.co_positions() if place[0] and place[2] is not None]
+        else [
+            position for position in code.co_positions() if position[0] and position[2] is not None
+        ]
     )
     for node in nodes:
         if code is not None and code.co_name == "<lambda>" and _ends_at(node.body, places):

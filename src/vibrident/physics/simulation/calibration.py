@@ -25,8 +25,8 @@ from vibrident.physics.simulation.motion import Motion
 from vibrident.physics.simulation.noise import ChannelNoise
 from vibrident.physics.simulation.rk4 import rk4_response
 from vibrident.physics.simulation.scheme import (
-    Plan,
     Seed,
+    SimulationSettings,
     Take,
     one_third_octave,
     stream,
@@ -46,15 +46,17 @@ STOP_BAND_ATTENUATION_DB = 160.0
 
 @functools.cache
 def _filter() -> FloatArray:
-    """Return the filter: a Kaiser-windowed sinc at the fine rate, odd length, sum one."""
+    """Return the filter: a Kaiser-windowed sinc at the fine rate, odd length, sum one.
+
+    Kaiser (1974) gives length and shape of the window for a stop band and a transition.
+    """
     width = 2.0 * np.pi * (STOP_BAND_EDGE - PASS_BAND_EDGE) / OVERSAMPLING
     half = int(np.ceil((STOP_BAND_ATTENUATION_DB - 8.0) / (2.285 * width) / 2.0))
     n = np.arange(-half, half + 1)
     # Twice the band's middle, in cycles per fine sample.
     cut = (PASS_BAND_EDGE + STOP_BAND_EDGE) / OVERSAMPLING
-    taps = (
-        cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, 0.1102 * (STOP_BAND_ATTENUATION_DB - 8.7))
-    )
+    shape = 0.1102 * (STOP_BAND_ATTENUATION_DB - 8.7)
+    taps = cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, shape)
     return taps / taps.sum()
 
 
@@ -152,7 +154,9 @@ def simulate(
     rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
     peak = chosen.amplitude if amplitude is None else float(amplitude)
     natural = parse(chosen.model).typical_frequency(chosen.parameters)
-    plan = Plan(_frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed)
+    plan = SimulationSettings(
+        _frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed
+    )
     takes = plan.takes(excitation, repeats)
     if excitation_snr_db is not None:
         snr_db = excitation_snr_db

@@ -136,7 +136,8 @@ def _states(
     """Return W and Ẇ/ωn after every step, shape (2, steps + 1)."""
     rate = 1.0 / step_s
     drive = np.stack(
-        [linear(SampleGrid(begin_s + place * step_s, rate, steps)) for place in PLACES], axis=1
+        [linear(SampleGrid(begin_s + fraction * step_s, rate, steps)) for fraction in PLACES],
+        axis=1,
     )
     states = _integrated(jnp.asarray(first), jnp.asarray(drive), step_s * sensor[1], *sensor)
     return np.asarray(states).T

@@ -122,11 +122,11 @@ def optical_signals(
 def _quadrature(
     optics: Optics, phase: FloatArray, light: FloatArray, time: FloatArray
 ) -> FloatArray:
-    part = time / max(float(time[-1]), 1e-300) - 0.5
+    centred_time = time / max(float(time[-1]), 1e-300) - 0.5
     p, q = optics.offsets
     a, b = optics.amplitudes
     mean = 0.5 * (a + b)
-    moved = optics.drift * part
+    moved = optics.drift * centred_time
     first = p + mean * moved + a * (1.0 + 0.5 * moved) * light * np.cos(phase)
     second = (
         q

@@ -142,7 +142,7 @@ class Take:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SimulationSettings:
     """Common settings of a calibration's takes; named as in ``simulate``."""
 
     frequencies_hz: FloatArray

@@ -166,8 +166,8 @@ def _scales(axis: Axis) -> Chart:
         re_unit = re.sub(r"\n(\S+) ", r"\n\1 dB re 1 ", axis.label, count=1)
         kinds["dB"] = {**of_log, "yaxis.title.text": label(re_unit), **_at_axis(_levels(axis))}
     buttons = [{"label": kind, "method": "relayout", "args": [how]} for kind, how in kinds.items()]
-    place = {"x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
-    return {"buttons": buttons, "active": 0 if axis.log else 1, **place}
+    position = {"x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "pad": {"b": 4}}
+    return {"buttons": buttons, "active": 0 if axis.log else 1, **position}
 
 
 def _at_axis(ticks: Chart) -> Chart:
@@ -242,22 +242,22 @@ def _annotations(
     }
     annotations = []
     if panel.title:
-        place = {"x": across[0], "y": domain[1], "xanchor": "left", "yanchor": "bottom"}
-        annotations.append({**paper, **place, "text": label(panel.title)})
+        anchor = {"x": across[0], "y": domain[1], "xanchor": "left", "yanchor": "bottom"}
+        annotations.append({**paper, **anchor, "text": label(panel.title)})
     if panel.empty:
         annotations.append(
             {**paper, "x": sum(across) / 2, "y": sum(domain) / 2, "text": label(panel.empty)}
         )
     for value, words in panel.marks:
         if words:
-            place = {
+            anchor = {
                 "xref": x,
                 "yref": f"{y} domain",
                 "x": _at(value, panel.x),
                 "y": 0.5,
                 "xanchor": "right",
             }
-            annotations.append({**paper, **place, "text": label(words)})
+            annotations.append({**paper, **anchor, "text": label(words)})
     return annotations
 
 
@@ -271,7 +271,7 @@ def _shapes(panel: Panel, x: str, y: str) -> list[Any]:
     ]
     dashed = {"color": "#767676", "width": 1, "dash": "dash"}
     places = [value if panel.x.log else _at(value, panel.x) for value, _ in panel.marks]
-    return rules + [{**down, "x0": place, "x1": place, "line": dashed} for place in places]
+    return rules + [{**down, "x0": x_value, "x1": x_value, "line": dashed} for x_value in places]
 
 
 def _at(value: float, axis: Axis) -> float | str:
@@ -282,7 +282,7 @@ def _at(value: float, axis: Axis) -> float | str:
 
 
 def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
-    place = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
+    common = {"xaxis": x, "yaxis": y, "name": plotly(in_a_line(series.label))}
     if series.kind == "columns":
         assert series.half is not None
         look = {
@@ -295,13 +295,15 @@ def _traces(series: Series, panel: Panel, x: str, y: str) -> list[Any]:
             "y": listed(series.y),
             "width": listed(2 * series.half),
         }
-        return [{**place, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}]
+        return [
+            {**common, **bars, "marker": look, "hovertemplate": "%{x:.2f}: %{y}<extra></extra>"}
+        ]
     if series.kind == "line":
-        return _line(series, panel, place)
-    return _points(series, panel, place)
+        return _line(series, panel, common)
+    return _points(series, panel, common)
 
 
-def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
+def _line(series: Series, panel: Panel, common: Chart) -> list[Any]:
     look = series.look
     segments = []
     if series.half is not None:
@@ -313,7 +315,7 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
             "mode": "lines",
             "line": {"width": 0},
             "hoverinfo": "skip",
-            **place,
+            **common,
         }
         hidden["name"] = plotly(in_a_line(series.band))
         segments.append({**hidden, "y": listed(high), "showlegend": False})
@@ -330,7 +332,7 @@ def _line(series: Series, panel: Panel, place: Chart) -> list[Any]:
             "mode": mode,
             "line": line,
         }
-        segments.append({**place, **drawn, **marker, **_texts(series)})
+        segments.append({**common, **drawn, **marker, **_texts(series)})
     return segments
 
 
@@ -340,7 +342,7 @@ def _faint(colour: str) -> str:
     return f"rgba({red}, {green}, {blue}, {_OPACITY:.2f})"
 
 
-def _points(series: Series, panel: Panel, place: Chart) -> list[Any]:
+def _points(series: Series, panel: Panel, common: Chart) -> list[Any]:
     indices = spread(len(series.x), MAX_POINTS)
     bars = {}
     if series.half is not None:
@@ -368,7 +370,7 @@ def _points(series: Series, panel: Panel, place: Chart) -> list[Any]:
         "mode": "markers",
         "marker": marker,
     }
-    return [{**place, **points, **bars, **_texts(series, indices)}]
+    return [{**common, **points, **bars, **_texts(series, indices)}]
 
 
 def _marker(look: Look, size: float) -> Chart:

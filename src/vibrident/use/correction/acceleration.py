@@ -19,7 +19,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
-from vibrident.data.screening import Finding
+from vibrident.data.screening import ScreeningFinding
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.correction.background import (
     check_ends,
@@ -30,8 +30,8 @@ from vibrident.use.correction.background import (
 from vibrident.use.correction.band import (
     BINS_PER_OCTAVE,
     MIN_EDGE_PERIODS,
-    Band,
-    Content,
+    AccelerationSpectrum,
+    PassBand,
     choose_band,
     highest_frequency,
     measure_content,
@@ -46,8 +46,8 @@ from vibrident.use.correction.components import (
     unknown_samples,
 )
 from vibrident.use.correction.peak import (
-    Agreement,
     Peak,
+    ReferenceAgreement,
     ReferenceMotion,
     compare_with_reference,
     find_peak,
@@ -64,6 +64,8 @@ from vibrident.use.correction.quiet import (
 BAND_ROUNDS = 2  # of the choice of the band; the first improves the part of the record with motion
 TOP_OF_PEAK = 0.5  # a shock's top is above this part of its peak
 MAX_NARROWER_OCTAVES = 3.0  # by which bands for the top are narrower
+MIN_HIDDEN_SHARE = 0.1  # of a peak, in which hidden content is reported
+MAX_EXTRAPOLATION = 1.5  # band over the highest calibrated frequency; more is reported
 #: Warnings of the result that concern every sample.
 INHERITED_WARNINGS = ("lack_of_fit", "weakly_determined", "nonlinear")
 ORIGINS = ("noise", "model", "band", "offset", "ends", "background")
@@ -77,16 +79,16 @@ class Correction:
     acceleration: FloatArray  # shape (samples,), m/s²; NaN where clipped samples leave it unknown
     standard_uncertainty: FloatArray  # shape (samples,), m/s²
     components: Mapping[str, FloatArray]  # origin to standard uncertainty, each of shape (samples,)
-    band: Band  # what was restored
+    band: PassBand  # what was restored
     bound: float  # upper bound of the removed part (Eichstädt), m/s²
     baseline: Baseline  # rest, offset and noise of the response
     peak: Peak | None  # None if it lies among samples that are not known
     # the reference as acceleration in the same band, shape (samples,); None if absent
     reference: FloatArray | None
-    agreement: Agreement | None  # with the reference; None if absent
+    agreement: ReferenceAgreement | None  # with the reference; None if absent
     # number of integrations; zero for a sensor that responds to constant acceleration
     integrated_from_rest: int
-    findings: tuple[Finding, ...] = ()  # of its ends and its parts at rest
+    findings: tuple[ScreeningFinding, ...] = ()  # of its ends and its parts at rest
 
     __repr__ = brief
 
@@ -96,7 +98,7 @@ class Corrections:
     """Corrections of several records."""
 
     corrections: tuple[Correction, ...]  # one a record, in order, without those left out
-    findings: tuple[Finding, ...]  # doubts about the data
+    findings: tuple[ScreeningFinding, ...]  # doubts about the data
     unit: str  # of the acceleration
     model: str  # the sensor's
     motion: str = "acceleration"  # the restored quantity: acceleration, or the drive
@@ -178,7 +180,9 @@ def correct(
     corrections = [_correct_from_rest(record, correction) for record in usable]
     calibrated = tuple(result.response.frequency_hz.tolist())
     doubtful = [w for w in result.warnings if w.code in INHERITED_WARNINGS]
-    inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
+    inherited = [
+        ScreeningFinding(w.code, f"The result carries a warning: {w.message}") for w in doubtful
+    ]
     more = [finding for each in corrections for finding in _findings(each, findings, calibrated)]
     findings = (*inherited, *findings, *more)
     return Corrections(tuple(corrections), findings, unit, result.model, sensor.quantity)
@@ -259,7 +263,7 @@ def _correct_record(
             f"{record.name}: the motion is not compared with the reference, whose known response "
             f"does not cover {0.5 * band.low_hz:.4g} to {band.stop_hz:.4g} Hz."
         )
-        findings.append(Finding("band_sensitive", text))
+        findings.append(ScreeningFinding("band_sensitive", text))
     agreement = (
         None
         if reference is None
@@ -282,7 +286,7 @@ def _correct_record(
 
 
 def _narrowed_for_peak(
-    values: FloatArray, acceleration: FloatArray, wide: Compensation, content: Content
+    values: FloatArray, acceleration: FloatArray, wide: Compensation, content: AccelerationSpectrum
 ) -> Compensation:
     """Return a narrower band if the peak of a shock has a smaller uncertainty in it.
 
@@ -297,7 +301,7 @@ def _narrowed_for_peak(
     best = wide
     least = np.inf
     for step in range(round(MAX_NARROWER_OCTAVES * BINS_PER_OCTAVE) + 1):
-        band = Band(
+        band = PassBand(
             wide.band.low_hz,
             wide.band.high_hz * 2.0 ** (-step / BINS_PER_OCTAVE),
             "least uncertainty of the shock's peak",
@@ -315,8 +319,8 @@ def _narrowed_for_peak(
 
 
 def _findings(
-    correction: Correction, before: Sequence[Finding], calibrated_hz: tuple[float, ...]
-) -> list[Finding]:
+    correction: Correction, before: Sequence[ScreeningFinding], calibrated_hz: tuple[float, ...]
+) -> list[ScreeningFinding]:
     name = correction.record.name
     findings = list(correction.findings)
     unknown = int(np.sum(~np.isfinite(correction.acceleration)))
@@ -328,19 +332,21 @@ def _findings(
         )
         if correction.peak is None:
             text = f"{text[:-1]}, and the peak among them."
-        findings.append(Finding(causes[0].code if causes else "clipped", f"{name}: {text}"))
+        findings.append(
+            ScreeningFinding(causes[0].code if causes else "clipped", f"{name}: {text}")
+        )
     peak = correction.peak
-    if peak is not None and peak.components["band"] > 0.1 * abs(peak.value):
+    if peak is not None and peak.components["band"] > MIN_HIDDEN_SHARE * abs(peak.value):
         text = (
             f"{name}: the motion has content above {correction.band.high_hz:.4g} Hz that the noise "
             "or the sampling hides; it may change the peak by "
             f"{100 * peak.components['band'] / abs(peak.value):.2g} % (k = 1)."
         )
-        findings.append(Finding("band_sensitive", text))
-    if calibrated_hz and correction.band.high_hz > 1.5 * calibrated_hz[-1]:
+        findings.append(ScreeningFinding("band_sensitive", text))
+    if calibrated_hz and correction.band.high_hz > MAX_EXTRAPOLATION * calibrated_hz[-1]:
         text = (
             f"{name}: restored up to {correction.band.high_hz:.4g} Hz by extrapolation of the "
             f"model, which was calibrated up to {calibrated_hz[-1]:.4g} Hz."
         )
-        findings.append(Finding("band_sensitive", text))
+        findings.append(ScreeningFinding("band_sensitive", text))
     return findings

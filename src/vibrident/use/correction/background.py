@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.data.screening import Finding
-from vibrident.use.correction.band import Band
+from vibrident.data.screening import ScreeningFinding
+from vibrident.use.correction.band import PassBand
 from vibrident.use.correction.quiet import Baseline
 
 RECORD_PARTS = 16  # into which a record is divided
@@ -33,7 +33,7 @@ class Background:
     """Signal in addition to the motion."""
 
     deviation: FloatArray  # standard uncertainty of every sample by it, shape (samples,)
-    findings: tuple[Finding, ...]
+    findings: tuple[ScreeningFinding, ...]
 
 
 def measure_background(
@@ -41,7 +41,7 @@ def measure_background(
     values: FloatArray,
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
-    band: Band,
+    band: PassBand,
     baseline: Baseline,
     unit: str,
 ) -> Background:
@@ -64,11 +64,11 @@ def measure_background(
     worst = 0.0
     worst_part = slice(0, 0)
     parts = _still_parts(values, baseline.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
-    for part in parts:
-        power = float(np.mean(acceleration[part] ** 2))
-        expected = float(np.mean(u[part] ** 2))
+    for still_part in parts:
+        power = float(np.mean(acceleration[still_part] ** 2))
+        expected = float(np.mean(u[still_part] ** 2))
         independent = max(
-            1.0, 2.0 * acceleration[part].size * band.high_hz / record.sampling_rate_hz
+            1.0, 2.0 * acceleration[still_part].size * band.high_hz / record.sampling_rate_hz
         )
         excess = power - expected
         if (
@@ -76,7 +76,7 @@ def measure_background(
             and excess > worst
         ):
             worst = excess
-            worst_part = part
+            worst_part = still_part
     if worst == 0.0:
         return nothing
     level = float(np.sqrt(np.mean(noise[worst_part] ** 2)))
@@ -104,25 +104,25 @@ def _still_parts(values: FloatArray, rest_samples: int, inner: BoolArray) -> lis
     before = [slice(0, rest_samples)] if rest_samples >= MIN_PART_SAMPLES else []
     after: list[slice] = []
     for last in range(values.size, rest_samples + count, -count):
-        part = values[last - count : last]
-        line = np.polyval(np.polyfit(index, part, 1), index)
-        if np.std(part - line) > MAX_REST_DEVIATION * largest or len(after) == MAX_LAST_PARTS:
+        block = values[last - count : last]
+        line = np.polyval(np.polyfit(index, block, 1), index)
+        if np.std(block - line) > MAX_REST_DEVIATION * largest or len(after) == MAX_LAST_PARTS:
             break
         if inner[last - count : last].all():
             after.append(slice(last - count, last))
     return before + ([slice(after[-1].start, after[0].stop)] if after else [])
 
 
-def _shift(name: str, mean: float, unit: str) -> Finding:
+def _shift(name: str, mean: float, unit: str) -> ScreeningFinding:
     text = (
         f"{name}: the acceleration comes to {mean:.3g} {unit} on average after the motion: the "
         "response's zero has drifted or shifted since the beginning. The uncertainty of every "
         "sample holds that."
     )
-    return Finding("drift", text)
+    return ScreeningFinding("drift", text)
 
 
-def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[Finding]:
+def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[ScreeningFinding]:
     """Return the findings of a shock that does not begin and end at rest."""
     findings = []
     if record.excitation != "shock":
@@ -133,7 +133,7 @@ def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[F
             "unknown; near the beginning the uncertainty is a guess from the rest of the record. "
             "Record some rest before the motion."
         )
-        findings.append(Finding("short_record", text))
+        findings.append(ScreeningFinding("short_record", text))
     block = max(MIN_PART_SAMPLES, values.size // 50)
     index = np.arange(block)
     last = values[-block:] - np.polyval(np.polyfit(index, values[-block:], 1), index)
@@ -146,17 +146,17 @@ def check_ends(record: Record, values: FloatArray, baseline: Baseline) -> list[F
             f"{record.name}: the record ends in the middle of the motion; near its end the "
             "uncertainty is a guess from the rest of the record. Record longer."
         )
-        findings.append(Finding("short_record", text))
+        findings.append(ScreeningFinding("short_record", text))
     return findings
 
 
-def starts_in_motion(name: str) -> Finding:
+def starts_in_motion(name: str) -> ScreeningFinding:
     """Return the finding of a motion that begins with the record."""
     text = (
         f"{name}: the motion begins at the record's first sample. The sensor is taken to have been "
         "at rest before, as it is at the end. Record some rest before the motion."
     )
-    return Finding("short_record", text)
+    return ScreeningFinding("short_record", text)
 
 
 def with_rest_prepended(record: Record, samples: int) -> Record:

@@ -21,7 +21,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.use.correction.chain import MeasuringChain
-from vibrident.use.correction.quiet import Baseline, periodogram
+from vibrident.use.correction.quiet import HANN_LINE_VARIANCE, Baseline, periodogram
 
 BINS_PER_OCTAVE = 12  # spectral bins, and candidates of an edge
 #: A bin has motion if its power exceeds the noise by so many standard deviations of the bin's mean.
@@ -37,7 +37,7 @@ MIN_EDGE_PERIODS = 4.0  # of either edge of the band in a record
 
 
 @dataclass(frozen=True)
-class Band:
+class PassBand:
     """Band that the compensation passes."""
 
     low_hz: float  # L = 1 from here, L = 0 below low_hz/2; zero if L passes constant acceleration
@@ -74,7 +74,7 @@ def _step(x: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Content:
+class AccelerationSpectrum:
     """Acceleration and noise of a record in bins of frequency; powers as in ``quiet``."""
 
     frequency_hz: FloatArray  # of the bins, shape (bins,)
@@ -104,12 +104,12 @@ class Content:
         ) ** 2
         return np.sqrt(np.sum(gain * self.acceleration * self.lines, axis=-1) / self.event)
 
-    def bound(self, band: Band) -> float:
+    def bound(self, band: PassBand) -> float:
         """Return an upper bound of the removed acceleration, m/s²."""
         amplitude = np.sqrt(np.maximum(self.acceleration, 0.0) * self.samples)
         return float(np.sum((1.0 - band.passed(self.frequency_hz)) * amplitude * self.lines))
 
-    def ratio(self, band: Band) -> float:
+    def ratio(self, band: PassBand) -> float:
         """Return the rms of the removed part over that of the highest octave in the band."""
         weights = self.acceleration * self.lines
         removed = 1.0 - passed(self.frequency_hz, 0.0, band.high_hz)
@@ -122,7 +122,7 @@ class Content:
         )
 
 
-def top_octave(frequency_hz: FloatArray, band: Band) -> FloatArray:
+def top_octave(frequency_hz: FloatArray, band: PassBand) -> FloatArray:
     """Return the gain that selects the highest octave of the band."""
     return band.passed(frequency_hz) - passed(frequency_hz, band.low_hz, 0.5 * band.high_hz)
 
@@ -148,7 +148,7 @@ def measure_content(
     baseline: Baseline,
     event: float,
     highest: float,
-) -> Content:
+) -> AccelerationSpectrum:
     """Return the spectra of a record's acceleration and noise.
 
     Args:
@@ -181,7 +181,7 @@ def measure_content(
 
     centre = mean(frequency)
     level = mean(noise)
-    spread = (1.0 if transient else 1.94) / size + baseline.spread
+    spread = (1.0 if transient else HANN_LINE_VARIANCE) / size + baseline.spread
     has_motion = mean(power) > level * (1.0 + MIN_MOTION_DEVIATIONS * np.sqrt(spread))
     acceleration = np.maximum(mean((power - noise) * inverse), 0.0)
     limit = level * mean(inverse) * (1.0 + MIN_MOTION_DEVIATIONS * np.sqrt(spread))
@@ -189,7 +189,9 @@ def measure_content(
         centre, acceleration, has_motion, limit, LOBE_OCTAVES if transient else 0.0
     )
     lines = 2.0 * size / count
-    return Content(centre, lines, acceleration, mean(noise * inverse), count, event, has_motion)
+    return AccelerationSpectrum(
+        centre, lines, acceleration, mean(noise * inverse), count, event, has_motion
+    )
 
 
 def _tapered(count: int) -> FloatArray:
@@ -237,8 +239,13 @@ def highest_frequency(chain: MeasuringChain, rate: float) -> tuple[float, str]:
 
 
 def choose_band(
-    content: Content, rate: float, highest: float, *, low_edge: bool, known_from_hz: float = 0.0
-) -> Band:
+    content: AccelerationSpectrum,
+    rate: float,
+    highest: float,
+    *,
+    low_edge: bool,
+    known_from_hz: float = 0.0,
+) -> PassBand:
     """Return the band with the smallest sum of noise and removed part.
 
     Args:
@@ -272,7 +279,7 @@ def choose_band(
     words = "least sum of noise and removed part"
     if second == high.size - 1:
         words = "widest that sampling rate and sensor allow"
-    return Band(float(low[first]), float(high[second]), words)
+    return PassBand(float(low[first]), float(high[second]), words)
 
 
 def stated_band(
@@ -282,7 +289,7 @@ def stated_band(
     *,
     low_edge: bool,
     known_from_hz: float = 0.0,
-) -> Band:
+) -> PassBand:
     """Return the band that the user states.
 
     Raises:
@@ -322,7 +329,7 @@ def stated_band(
             where="band",
             remedy="give a higher edge, or state the known_response of [response] further down",
         )
-    return Band(low, high, "stated by the user")
+    return PassBand(low, high, "stated by the user")
 
 
 def _candidates(first: float, last: float) -> FloatArray:

@@ -25,7 +25,7 @@ from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import FloatArray
 from vibrident.fit.response.transform import line_counts
 from vibrident.physics.models.slopes import ComplexArray
-from vibrident.use.correction.band import Band
+from vibrident.use.correction.band import PassBand
 from vibrident.use.correction.chain import MeasuringChain
 from vibrident.use.correction.quiet import Baseline, periodogram
 
@@ -45,7 +45,7 @@ class Compensation:
     """Compensation of one record."""
 
     chain: MeasuringChain  # whose response is inverted
-    band: Band  # to restore
+    band: PassBand  # to restore
     rate: float  # samples per second
     samples: int  # of the record
     integrations: int  # from rest, before the filter: 0, 1 or 2
@@ -54,7 +54,7 @@ class Compensation:
 
     @classmethod
     def from_baseline(
-        cls, chain: MeasuringChain, band: Band, rate: float, samples: int, baseline: Baseline
+        cls, chain: MeasuringChain, band: PassBand, rate: float, samples: int, baseline: Baseline
     ) -> Compensation:
         """Return the compensation for a record with its baseline."""
         poles = max(chain.zeros_at_rest, 0) if band.low_hz == 0.0 else 0

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.use.correction.band import LOBE_OCTAVES, Content, top_octave
+from vibrident.use.correction.band import LOBE_OCTAVES, AccelerationSpectrum, top_octave
 from vibrident.use.correction.compensation import Compensation
 from vibrident.use.correction.quiet import gap_sum_deviation
 
@@ -34,7 +34,7 @@ def uncertainty_components(
     mask: BoolArray,
     spectrum: np.ndarray,
     compensation: Compensation,
-    content: Content,
+    content: AccelerationSpectrum,
 ) -> dict[str, FloatArray]:
     """Return the standard uncertainty of every sample by origin."""
     slopes = compensation.restored(spectrum, compensation.slopes)
@@ -73,7 +73,7 @@ def _misfit_deviation(spectrum: np.ndarray, compensation: Compensation) -> Float
 
 
 def removed_deviation(
-    spectrum: np.ndarray, compensation: Compensation, content: Content
+    spectrum: np.ndarray, compensation: Compensation, content: AccelerationSpectrum
 ) -> FloatArray:
     """Return the standard uncertainty by what the band's edges removed, shape (samples,)."""
     band = compensation.band

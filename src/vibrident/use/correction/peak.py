@@ -24,6 +24,7 @@ NEWTON_STEPS = 6  # for the instant of the peak
 #: Maxima within so many standard deviations of the noise of the largest compete with it.
 COMPETING_DEVIATIONS = 3.0
 COVERAGE = 0.95
+COVERAGE_FACTOR = 1.96  # of that coverage, for a normal distribution
 #: A peak near a record's end must be larger by so many standard deviations of the error there.
 END_ERROR_DEVIATIONS = 2.0
 
@@ -151,12 +152,17 @@ def _noise_bias(
     apart = max(1.0, 0.5 * compensation.rate / compensation.band.high_hz)
     rivals = 1 + int(np.sum(np.diff(places) > apart)) if places.size else 1
     if rivals > 1:
-        bias += noise * float(ndtri((rivals - 0.375) / (rivals + 0.25)))
+        bias += noise * _expected_largest(rivals)
     return bias
 
 
+def _expected_largest(count: int) -> float:
+    """Return the expected largest of so many standard normal values (Blom 1958)."""
+    return float(ndtri((count - 0.375) / (count + 0.25)))
+
+
 @dataclass(frozen=True)
-class Agreement:
+class ReferenceAgreement:
     """Compensated acceleration against the reference's, away from the record's ends."""
 
     rmse: float  # against the reference in the same band, m/s²
@@ -228,7 +234,7 @@ def compare_with_reference(
     acceleration: FloatArray,
     components: Mapping[str, FloatArray],
     reference: FloatArray,
-) -> Agreement | None:
+) -> ReferenceAgreement | None:
     """Compare the acceleration with the reference where both are known.
 
     Args:
@@ -257,5 +263,7 @@ def compare_with_reference(
         raw = raw - np.mean(raw - reference[known])
         unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))
     top = float(reference[known][np.argmax(np.abs(reference[known]))])
-    inside = float(np.mean(np.abs(off) <= 1.96 * u[known]))
-    return Agreement(rmse, rmse / deviation if deviation > 0 else None, unfiltered, top, inside)
+    inside = float(np.mean(np.abs(off) <= COVERAGE_FACTOR * u[known]))
+    return ReferenceAgreement(
+        rmse, rmse / deviation if deviation > 0 else None, unfiltered, top, inside
+    )

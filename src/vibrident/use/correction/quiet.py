@@ -17,7 +17,7 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import resolution, runs_of_true
-from vibrident.data.screening import Finding, screen
+from vibrident.data.screening import ScreeningFinding, screen
 
 #: Motions that may begin after a rest; ``decay`` stands for any motion without a reference. All
 #: others begin gradually, which could be taken for rest.
@@ -29,6 +29,8 @@ MIN_REST_SAMPLES = 32  # of that part
 MAX_REST_DEVIATION = 0.02
 #: Rest lasts until the response leaves the level by so many standard deviations.
 ONSET_DEVIATIONS = 6.0
+#: … and by more than the step of a converter, which a constant between two codes shows too.
+MIN_ONSET_STEPS = 1.5
 USED_REST_SHARE = 0.9  # part of the rest that is used
 REST_PARTS = 8  # into which a rest is divided
 #: The last part may differ from the others by so many of their standard deviations.
@@ -36,9 +38,15 @@ MAX_PART_DEVIATIONS = 4.0
 MIN_SPECTRUM_SAMPLES = 128  # at rest, from which a spectrum of the noise is taken
 #: Averages that eighths of the rest, half overlapping, are worth (Welch 1967, Hann).
 WELCH_AVERAGES = 12.0
+REST_FREEDOM_SHARE = 0.9  # degrees of freedom of such a spectrum, for each sample of the rest
+#: Variance of a mean of n lines behind a Hann window over that of n independent ones: neighbours
+#: correlate by 4/9 and 1/36, so 1 + 2 (4/9 + 1/36).
+HANN_LINE_VARIANCE = 1.94
 MAX_BRIDGED_SAMPLES = 4  # longest gap of the response over which an integral goes on
 NEARBY_SAMPLES = 32  # on either side of a gap, from which the error of its bridge is estimated
 PLATEAU_LINES = 64  # averaged where the noise is estimated under the motion
+PLATEAU_QUANTILE = 0.1  # of these averages, taken for the noise …
+PLATEAU_DEVIATIONS = 1.28  # … which lies so many standard deviations above that quantile
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +100,7 @@ def estimate_baseline(record: Record, noise: float | None = None) -> Baseline:
         spread = 0.0
     elif rest_samples >= MIN_SPECTRUM_SAMPLES:
         frequency, spectrum = _spectrum_at_rest(values[:rest_samples], record.sampling_rate_hz)
-        freedom = 0.9 * rest_samples
+        freedom = REST_FREEDOM_SHARE * rest_samples
         spread = 1.0 / WELCH_AVERAGES
         words = (
             f"spectrum of the first {rest_samples} samples, before the motion; assumed stationary"
@@ -130,7 +138,7 @@ def estimate_baseline(record: Record, noise: float | None = None) -> Baseline:
 
 def screened_by_response(
     records: Sequence[Record], unit: str
-) -> tuple[list[Record], list[Finding]]:
+) -> tuple[list[Record], list[ScreeningFinding]]:
     """Screen the records as for a fit, but by their response.
 
     Samples of the reference alone are not needed. ``unit``: of the response.
@@ -148,7 +156,7 @@ def screened_by_response(
             )
         except InputError as error:
             refused = error
-            findings.append(Finding("dead_channel", f"{error.found}"))
+            findings.append(ScreeningFinding("dead_channel", f"{error.found}"))
             continue
         valid = by_response.mask
         known = np.zeros(record.samples, dtype=bool)
@@ -166,7 +174,7 @@ def screened_by_response(
                         )
                     cause = lost_time[0].message.split(";")[0]
                     text = f"{cause}; the samples beside that are left out."
-                    lost_time = [Finding("clock_suspect", text)]
+                    lost_time = [ScreeningFinding("clock_suspect", text)]
                 remarks = (*(f for f in remarks if f in of_both), *lost_time)
         usable.append(replace(record, valid=valid, reference_valid=known))
         findings += remarks
@@ -230,8 +238,7 @@ def _count_rest(values: FloatArray) -> int:
         largest = float(np.max(away))
         if swing > MAX_REST_DEVIATION * largest:
             return 0
-        leaves = max(ONSET_DEVIATIONS * swing, 1.5 * resolution(values), 1e-9 * largest)
-        beyond = np.flatnonzero(away > leaves)
+        beyond = np.flatnonzero(away > _rest_limit(values, swing, largest))
         onset = int(beyond[0]) if beyond.size else values.size
         if onset < count // 2:
             return 0
@@ -272,11 +279,20 @@ def rest_to_borrow(record: Record) -> int:
         ONSET_DEVIATIONS * swing, 0.5 * MAX_REST_DEVIATION * largest
     ):
         return 0
-    moving = np.flatnonzero(
-        away > max(ONSET_DEVIATIONS * swing, 1.5 * resolution(values), 1e-9 * largest)
-    )
+    moving = np.flatnonzero(away > _rest_limit(values, swing, largest))
     still = values.size - 1 - int(moving[-1]) if moving.size else 0
     return min(int(USED_REST_SHARE * still), values.size // 3)
+
+
+def _rest_limit(values: FloatArray, deviation: float, largest: float) -> float:
+    """Return how far a channel at rest may be from its level.
+
+    Args:
+        values: of the channel.
+        deviation: standard deviation at rest.
+        largest: distance of a value from the level, for what rounding leaves.
+    """
+    return max(ONSET_DEVIATIONS * deviation, MIN_ONSET_STEPS * resolution(values), 1e-9 * largest)
 
 
 def _ends_at_rest(values: FloatArray, rest_samples: int) -> bool:
@@ -317,5 +333,6 @@ def _plateau(values: FloatArray) -> float:
     lines = min(PLATEAU_LINES, max(4, power.size // 8))
     blocks = power[: power.size // lines * lines].reshape(-1, lines)
     means = np.mean(blocks[1:] if len(blocks) > 1 else blocks, axis=1)
-    # the tenth part of averages over so many correlated lines lies that low
-    return float(np.quantile(means, 0.1)) * (1.0 + 1.28 * np.sqrt(1.94 / lines))
+    deviation = np.sqrt(HANN_LINE_VARIANCE / lines)  # of an average, relative
+    low = float(np.quantile(means, PLATEAU_QUANTILE))
+    return low * (1.0 + PLATEAU_DEVIATIONS * deviation)

@@ -12,13 +12,15 @@ import numpy as np
 from numpy import fft
 
 from vibrident.data.records import FloatArray, Quantity, Record
-from vibrident.use.regimes.pieces import Piece, piece_samples
+from vibrident.use.regimes.pieces import PieceEstimate, piece_samples
 
 #: Candidates of a first look; each further one has a finer step.
 CANDIDATES = 48
 
 
-def change_sample(record: Record, quantity: Quantity, before: Piece, behind: Piece) -> int:
+def change_sample(
+    record: Record, quantity: Quantity, before: PieceEstimate, behind: PieceEstimate
+) -> int:
     """Return the first sample of the second of two regimes that follow each other.
 
     Args:
@@ -34,7 +36,7 @@ def change_sample(record: Record, quantity: Quantity, before: Piece, behind: Pie
     free = _free_motion(behind, record.sampling_rate_hz, high - low)
     places = np.unique(np.linspace(1, high - low - 1, CANDIDATES).astype(int))
     while True:
-        squares = [_squares(place, residuals, free) for place in places.tolist()]
+        squares = [_squares(index, residuals, free) for index in places.tolist()]
         best = int(np.argmin(squares))
         first = places[max(best - 1, 0)]
         last = places[min(best + 1, len(places) - 1)]
@@ -43,18 +45,18 @@ def change_sample(record: Record, quantity: Quantity, before: Piece, behind: Pie
         places = np.unique(np.linspace(first, last, CANDIDATES).astype(int))
 
 
-def _squares(place: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:
+def _squares(index: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:
     """Return the sum of squares of the residual with a change at a sample."""
     before, behind = residuals
-    after = behind[place:]
+    after = behind[index:]
     columns = free[:, : len(after)]
     amounts = np.linalg.lstsq(columns @ columns.T, columns @ after, rcond=None)[0]
     residual = after - amounts @ columns
-    start = before[:place]
+    start = before[:index]
     return float(start @ start + residual @ residual)
 
 
-def _residual(record: Record, quantity: Quantity, regime: Piece) -> FloatArray:
+def _residual(record: Record, quantity: Quantity, regime: PieceEstimate) -> FloatArray:
     """Return the response less that of a regime to a motion that recurs, shape (samples,).
 
     It is zero where a sample is not used.
@@ -71,7 +73,7 @@ def _residual(record: Record, quantity: Quantity, regime: Piece) -> FloatArray:
     return np.asarray(np.where(used, residual - np.median(residual[used]), 0.0))
 
 
-def _free_motion(regime: Piece, rate_hz: float, samples: int) -> FloatArray:
+def _free_motion(regime: PieceEstimate, rate_hz: float, samples: int) -> FloatArray:
     """Return columns of free motion from sample 0 on, and a constant, shape (q, samples)."""
     columns = [np.ones(samples)]
     turns = np.arange(samples) / rate_hz

@@ -20,7 +20,7 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Finding, Result, ResultWarning
 from vibrident.use.regimes.change_time import change_sample
 from vibrident.use.regimes.pieces import (
-    Piece,
+    PieceEstimate,
     cut,
     find_regimes,
     is_alike_throughout,
@@ -78,7 +78,7 @@ def with_regimes(
     return result
 
 
-def _edges(calibration: Calibration, regimes: Sequence[Piece]) -> list[int]:
+def _edges(calibration: Calibration, regimes: Sequence[PieceEstimate]) -> list[int]:
     """Return the first sample of each regime, and the number of samples."""
     record = calibration.records[0]
     changes = [
@@ -105,7 +105,7 @@ class _Regimes:
     def fitted(
         cls,
         calibration: Calibration,
-        regimes: Sequence[Piece],
+        regimes: Sequence[PieceEstimate],
         edges: Sequence[int],
         fit: Callable[[Calibration], Fitted],
     ) -> _Regimes:
@@ -123,9 +123,9 @@ class _Regimes:
         return cls(spans, [fit(cut(calibration, span)) for span in spans], edges)
 
     @property
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[PieceEstimate]:
         """Return the parameters of each."""
-        return [Piece.of_fit(*pair) for pair in zip(self.spans, self.fits, strict=True)]
+        return [PieceEstimate.of_fit(*pair) for pair in zip(self.spans, self.fits, strict=True)]
 
     @property
     def explain_the_record(self) -> bool:
@@ -133,7 +133,7 @@ class _Regimes:
         return all(each.adequate for each in self.fits)
 
 
-def _period(regime: Piece, rate_hz: float) -> int:
+def _period(regime: PieceEstimate, rate_hz: float) -> int:
     """Return the longest period of free motion in samples; one of a sensor that has none."""
     poles = np.abs(regime.model.poles(regime.parameters))
     return int(np.ceil(2.0 * np.pi * rate_hz / np.min(poles))) if poles.size else 1

@@ -40,7 +40,7 @@ MAX_REGIMES = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class PieceEstimate:
     """Parameters of a part of a record.
 
     Attributes:
@@ -61,18 +61,18 @@ class Piece:
         return dict(zip(self.model.parameter_names, self.values.tolist(), strict=True))
 
     @classmethod
-    def of_fit(cls, span: slice, fitted: Fitted) -> Piece:
+    def of_fit(cls, span: slice, fitted: Fitted) -> PieceEstimate:
         """Return the parameters of a fit."""
         slopes = fitted.estimate.coordinates.slopes(fitted.estimate.z)
         covariance = fitted.estimate.covariance * np.outer(slopes, slopes)
         values = np.array(list(fitted.values.values()))
         return cls(fitted.evidence.model, span, values, covariance)
 
-    def agrees_with(self, piece: Piece) -> bool:
+    def agrees_with(self, piece: PieceEstimate) -> bool:
         """Return whether noise explains how far the parameters of two pieces are apart."""
         return self.chance_beside(piece) > FALSE_CHANGE
 
-    def chance_beside(self, piece: Piece) -> float:
+    def chance_beside(self, piece: PieceEstimate) -> float:
         """Return the chance that noise separates the parameters of two pieces as far."""
         size = np.maximum(np.abs(self.values), np.abs(piece.values))
         scale = np.where(size > 0.0, size, 1.0)
@@ -81,7 +81,7 @@ class Piece:
         squares = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
         return chi2_tail(float(difference.size), squares)
 
-    def joined_with(self, piece: Piece) -> Piece:
+    def joined_with(self, piece: PieceEstimate) -> PieceEstimate:
         """Return both as one, by their weighted mean."""
         information = np.linalg.pinv(self.covariance, hermitian=True)
         added = np.linalg.pinv(piece.covariance, hermitian=True)
@@ -121,7 +121,7 @@ def is_alike_throughout(record: Record) -> bool:
 
 def find_regimes(
     calibration: Calibration, model: SensorModel, near: Mapping[str, float]
-) -> list[Piece]:
+) -> list[PieceEstimate]:
     """Return the regimes of a calibration of one record, by whole pieces.
 
     Args:
@@ -147,7 +147,7 @@ def _explained_pieces(
     model: SensorModel,
     spans: Sequence[slice],
     near: Mapping[str, float],
-) -> Iterator[Piece]:
+) -> Iterator[PieceEstimate]:
     """Yield the pieces that the model explains, until more do not than changes may be in."""
     explained_count = 0
     for number, span in enumerate(spans):
@@ -163,12 +163,12 @@ def _explained_pieces(
             continue
         if fitted.adequate:
             explained_count += 1
-            yield Piece.of_fit(span, fitted)
+            yield PieceEstimate.of_fit(span, fitted)
 
 
-def joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
+def joined(pieces: Iterable[PieceEstimate]) -> Iterator[PieceEstimate]:
     """Yield runs of consecutive pieces that agree."""
-    run: Piece | None = None
+    run: PieceEstimate | None = None
     for piece in pieces:
         if run is not None and run.agrees_with(piece):
             run = run.joined_with(piece)

@@ -13,7 +13,7 @@ import numpy as np
 
 from vibrident.base.tails import chi2_tail
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.use.regimes.pieces import Piece
+from vibrident.use.regimes.pieces import PieceEstimate
 
 #: Chance that a parameter that is one number is taken for several.
 FALSE_DIFFERENCE = 0.01
@@ -34,7 +34,7 @@ class Shared:
     covariances: FloatArray
 
 
-def share(regimes: Sequence[Piece]) -> Shared:
+def share(regimes: Sequence[PieceEstimate]) -> Shared:
     """Return the parameters of regimes, those in common where the data allow it."""
     values = np.array([regime.values for regime in regimes])
     covariances = np.array([regime.covariance for regime in regimes])
@@ -46,8 +46,8 @@ def share(regimes: Sequence[Piece]) -> Shared:
     weights = np.zeros((scaled.size, scaled.size))
     count = values.shape[1]
     for number, information in enumerate(informations):
-        place = slice(number * count, (number + 1) * count)
-        weights[place, place] = information
+        block = slice(number * count, (number + 1) * count)
+        weights[block, block] = information
     normal = design.T @ weights @ design
     inverse = np.linalg.pinv(normal, hermitian=True)
     solution = design @ (inverse @ (design.T @ (weights @ scaled.ravel())))

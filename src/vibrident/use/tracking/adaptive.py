@@ -10,8 +10,8 @@ from vibrident.result import Result
 from vibrident.use.correction import Corrections, correct
 from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.outcome import tracked_result
-from vibrident.use.tracking.session import Session
-from vibrident.use.tracking.state import Settings
+from vibrident.use.tracking.session import TrackingSession
+from vibrident.use.tracking.state import TrackerSettings
 
 
 def correct_tracked(
@@ -36,8 +36,8 @@ def correct_tracked(
     calibration.require_response(result.response_unit, "A table holds no response in time.")
     data = without_known(calibration)
     chunks = list(chunks_of(data))
-    settings = Settings(reference_uncertainty=calibration.reference_standard_uncertainty)
-    session = Session.from_result(
+    settings = TrackerSettings(reference_uncertainty=calibration.reference_standard_uncertainty)
+    session = TrackingSession.from_result(
         result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings
     )
     effects = known_effects(data, result.to_sensor())

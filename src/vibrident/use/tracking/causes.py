@@ -86,9 +86,11 @@ def find_cause(
         )
         if better_model := result.settings.get("explained_by"):
             extended = parse(better_model)
-            added = [part for part in extended.add_ons if part not in model.add_ons]
+            added = [add_on for add_on in extended.add_ons if add_on not in model.add_ons]
             values = _values(identify(data, better_model))
-            places = ", ".join(f"{part.title} at {_first_value(part, values)}" for part in added)
+            places = ", ".join(
+                f"{add_on.title} at {_first_value(add_on, values)}" for add_on in added
+            )
             return Cause(
                 "lack_of_fit", places or f"the model {better_model} explains the response", values
             )
@@ -111,7 +113,7 @@ def _values(result: Result) -> dict[str, float]:
     return {name: each.value for name, each in result.parameters.items() if not each.derived}
 
 
-def _first_value(part: AddOn, values: dict[str, float]) -> str:
+def _first_value(add_on: AddOn, values: dict[str, float]) -> str:
     """Return the value of an add-on's first parameter, which tells where it is."""
-    spec = part.parameters[0]
+    spec = add_on.parameters[0]
     return amount(values[spec.name], spec.unit, 4)

@@ -9,7 +9,7 @@ from vibrident.physics.models import ParameterSpec
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import (
     NORMAL_KURTOSIS,
-    Change,
+    ChangeTest,
     changed_coordinates,
     likelihood_ratio,
     score_test,
@@ -100,7 +100,7 @@ class Changes:
             s.pending[0] = 0.0
         return False
 
-    def _test_segment(self, level: int) -> tuple[Change, float, float]:
+    def _test_segment(self, level: int) -> tuple[ChangeTest, float, float]:
         """Test a change at the start of a segment.
 
         A segment that is noisier than the noise before it is tested against its own noise.
@@ -230,10 +230,10 @@ class Changes:
         ):
             s.pending[6] -= 1.0
             return
-        for place, amount, u in changed:
-            spec = net.model.parameters[place]
-            scale = float(net.scale[place])
-            value = float(s.point[k + place] + before[k + place]) * scale
+        for index, amount, u in changed:
+            spec = net.model.parameters[index]
+            scale = float(net.scale[index])
+            value = float(s.point[k + index] + before[k + index]) * scale
             what = _name_of(spec, value, value + amount * scale, u * scale)
             self.alarms.append(
                 Alarm(start, detected, spec.name, value, value + amount * scale, u * scale, what)

@@ -77,7 +77,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ChangeTest:
     """Outcome of a score test of a change."""
 
     order: list[int]  # parameters in the order in which they explain most
@@ -101,7 +101,7 @@ class Change:
         return self.before[:, 0] - self.before[:, 1:] @ amount, amount
 
 
-def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> Change:
+def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> ChangeTest:
     """Test a change at the start of a segment.
 
     Args:
@@ -123,7 +123,7 @@ def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> Change
     table = np.empty((p, p + 1))
     table[:, :p] = segment[nuisances:m, nuisances:m] - projected[:, 1:]
     table[:, p] = segment[nuisances:m, m] - projected[:, 0]
-    return Change(
+    return ChangeTest(
         *order_by_score(table, segment.diagonal()[nuisances:m]), table, responses[nuisances:]
     )
 
@@ -204,7 +204,7 @@ def changed_coordinates(
     u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
     changed = solve_changes(table, chosen)
     return [
-        (place, float(changed[place]), float(each)) for place, each in zip(chosen, u, strict=True)
+        (index, float(changed[index]), float(each)) for index, each in zip(chosen, u, strict=True)
     ]
 
 
@@ -289,7 +289,7 @@ def suspect_segments(
                 axis=0
             )
             segments += [
-                (int(count + place + 1) << level, level) for place in np.flatnonzero(tested)
+                (int(count + index + 1) << level, level) for index in np.flatnonzero(tested)
             ]
         if count & 1:  # the first half of the first segment is in the block so far
             gram = part[level, nuisances:, nuisances:]

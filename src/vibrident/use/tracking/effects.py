@@ -18,7 +18,7 @@ from vibrident.fit.uncertainty.budget import DATA
 from vibrident.result import Result
 from vibrident.use.comparison import REFERENCE_SOURCE
 from vibrident.use.tracking.known import KnownEffects
-from vibrident.use.tracking.state import Estimate
+from vibrident.use.tracking.state import TrackedEstimate
 
 SCATTER = "noise, and the calibration that the session began with"
 
@@ -59,17 +59,17 @@ class CarriedEffects:
         contributions = np.array(parts).reshape(len(rows), len(names))
         return cls(rows, contributions, start, reference, KnownEffects.none(len(names)))
 
-    def _variances(self, read: Estimate) -> FloatArray:
+    def _variances(self, read: TrackedEstimate) -> FloatArray:
         """Return the variances of an estimate without its reference's, (parameters,)."""
         values = np.array(list(read.values.values()))
         return np.diag(read.covariance) - (self.reference * values) ** 2
 
-    def fresh(self, read: Estimate) -> FloatArray:
+    def fresh(self, read: TrackedEstimate) -> FloatArray:
         """Return the part of each effect that the samples bring anew, (parameters,)."""
         calibrated = np.clip(self._variances(read) / np.diag(self.start), 0.0, 1.0)
         return np.sqrt(1.0 - calibrated**2)
 
-    def added(self, read: Estimate) -> Estimate:
+    def added(self, read: TrackedEstimate) -> TrackedEstimate:
         """Return an estimate with the effects in its covariance, correlated as calibrated."""
         variance = np.sum(self.contributions**2, axis=0)
         share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
@@ -79,7 +79,7 @@ class CarriedEffects:
         named = dict(zip(read.values, u, strict=True))
         return replace(read, uncertainty=named, covariance=covariance)
 
-    def budget(self, read: Estimate, freedom: float) -> list[dict[str, Any]]:
+    def budget(self, read: TrackedEstimate, freedom: float) -> list[dict[str, Any]]:
         """Return the uncertainty budget of an estimate to which no effects are added yet.
 
         Its rows: the estimate's scatter, the session's reference, and each effect carried.

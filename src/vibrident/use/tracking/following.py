@@ -21,8 +21,8 @@ from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 from vibrident.use.tracking.known import known_effects, without_known
 from vibrident.use.tracking.outcome import tracked_result
-from vibrident.use.tracking.session import Session
-from vibrident.use.tracking.state import Alarm, Estimate, Settings
+from vibrident.use.tracking.session import TrackingSession
+from vibrident.use.tracking.state import Alarm, TrackedEstimate, TrackerSettings
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -78,8 +78,8 @@ class SensorTracker:
             every_s=every_s,
             false_alarms_per_day=false_alarms_per_day,
         )
-        settings = Settings(false_alarms_per_day, drift_per_year, reference_uncertainty)
-        self._session = Session.from_result(
+        settings = TrackerSettings(false_alarms_per_day, drift_per_year, reference_uncertainty)
+        self._session = TrackingSession.from_result(
             self._start, sampling_rate_hz, quantity, every_s, settings
         )
 
@@ -95,7 +95,7 @@ class SensorTracker:
         *,
         start_s: float | None = None,
         new_record: bool = False,
-    ) -> list[Estimate]:
+    ) -> list[TrackedEstimate]:
         """Take samples, and return the estimates that are complete with them.
 
         Args:
@@ -118,11 +118,11 @@ class SensorTracker:
             )
         return self._session.take(Chunk(*channels, start_s=start_s, separate=new_record))
 
-    def finish(self) -> Estimate:
+    def finish(self) -> TrackedEstimate:
         """Return the last estimate, as no samples follow that the present ones would wait for."""
         return self._session.finish()[-1]
 
-    def read(self) -> Estimate:
+    def read(self) -> TrackedEstimate:
         """Return what is known now: values, uncertainties and covariance."""
         return self._session.read()
 
@@ -151,7 +151,7 @@ class Tracking:
         document: what ``track.json`` says: plain values.
     """
 
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[TrackedEstimate, ...]
     alarms: tuple[Alarm, ...]
     result: Result
     document: Mapping[str, Any]
@@ -234,7 +234,7 @@ def track(
 
 def interval_of_records(sampling_rate_hz: float, length_s: float) -> float:
     """Return the time between estimates of records, s: at least one block, at most 1 s."""
-    block_s = Settings().block / sampling_rate_hz
+    block_s = TrackerSettings().block / sampling_rate_hz
     return max(block_s, min(EVERY_S, length_s / MAX_ROWS_OF_RECORDS))
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from vibrident.data.records import FloatArray
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import Thresholds
-from vibrident.use.tracking.network import Network
-from vibrident.use.tracking.state import Settings, State
+from vibrident.use.tracking.network import SensorNetwork
+from vibrident.use.tracking.state import State, TrackerSettings
 
 SECONDS_A_YEAR = 365.25 * 86400.0
 
@@ -16,9 +16,9 @@ SECONDS_A_YEAR = 365.25 * 86400.0
 class Knowledge:
     """State of a tracker, with its network, settings and thresholds."""
 
-    def __init__(self, network: Network, settings: Settings) -> None:
-        self.network: Network = network
-        self.settings: Settings = settings
+    def __init__(self, network: SensorNetwork, settings: TrackerSettings) -> None:
+        self.network: SensorNetwork = network
+        self.settings: TrackerSettings = settings
         lengths = settings.parts, settings.levels
         self.thresholds: Thresholds = Thresholds.from_alarm_rate(
             settings.false_alarms_per_day, network.interval_s, *lengths, network.parameters

@@ -33,7 +33,7 @@ MAX_STEP_FACTOR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class SensorNetwork:
     """Fixed properties of a sensor's network: its model, sampling, and the filters of its inputs.
 
     The parameters are kept as coordinates: values over their ``scale``.
@@ -51,7 +51,7 @@ class Network:
     @classmethod
     def from_start_values(
         cls, model: SensorModel, values: Mapping[str, float], quantity: Quantity, interval_s: float
-    ) -> Network:
+    ) -> SensorNetwork:
         """Return the network at its start values.
 
         Args:
@@ -140,10 +140,10 @@ class Network:
         """Return the weights of a step, and their derivatives by each coordinate."""
         at = self._weights(coordinates)
         slopes = []
-        for place in range(self.parameters):
+        for index in range(self.parameters):
             moved = coordinates.astype(complex)
-            moved[place] += 1j * STEP
-            slopes.append(Weights(*(np.imag(part) / STEP for part in self._weights(moved))))
+            moved[index] += 1j * STEP
+            slopes.append(Weights(*(np.imag(weight) / STEP for weight in self._weights(moved))))
         return at, slopes
 
     def _weights(self, coordinates: np.ndarray) -> Weights:
@@ -166,7 +166,7 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearisedCell:
     """Cell and sensitivities at one point, as a linear system s' = A s + B c, o = H s + F c.
 
     s: x, then ∂x of each parameter, then M by columns; o: y, its derivatives by the initial states,
@@ -179,7 +179,7 @@ class Linearised:
     f: FloatArray  # shape (O, q)
 
     @classmethod
-    def at_point(cls, network: Network, coordinates: FloatArray) -> Linearised:
+    def at_point(cls, network: SensorNetwork, coordinates: FloatArray) -> LinearisedCell:
         """Linearise the network at these coordinates, shape (P,)."""
         w, slopes = network.weights(coordinates)
         n = network.order
@@ -253,9 +253,9 @@ class Linearised:
         end = starts[bundles]
         if remainder:
             last = inputs[bundles * STEPS_AT_ONCE :].ravel()
-            part = (
+            remainder_output = (
                 free[: remainder * rows] @ end + forced[: remainder * rows, : remainder * q] @ last
             )
-            out = np.concatenate([out, part.reshape(remainder, rows)])
+            out = np.concatenate([out, remainder_output.reshape(remainder, rows)])
             end = powers[remainder] @ end + ends[remainder] @ last
         return out, end

@@ -21,12 +21,12 @@ from vibrident.fit.uncertainty.parameters import (
 from vibrident.physics.naming import in_words
 from vibrident.result import TRACKED, Fit, MeasuredCurve, Result, ResultWarning
 from vibrident.use.tracking.effects import SCATTER
-from vibrident.use.tracking.session import Session
+from vibrident.use.tracking.session import TrackingSession
 
 UNKNOWN_DEGREES_OF_FREEDOM = 1e9  # stands for a number that is not known
 
 
-def tracked_result(result: Result, session: Session) -> Result:
+def tracked_result(result: Result, session: TrackingSession) -> Result:
     """Return the session's first result with the values, uncertainties and curve of its end."""
     tracker = session.tracker
     frequency_hz = result.response.frequency_hz
@@ -95,7 +95,7 @@ def tracked_result(result: Result, session: Session) -> Result:
     )
 
 
-def _doubts(session: Session) -> tuple[ResultWarning, ...]:
+def _doubts(session: TrackingSession) -> tuple[ResultWarning, ...]:
     noise = session.document()["reference_noise"]
     changing = session.tracker.changing
     if session.cause.code:

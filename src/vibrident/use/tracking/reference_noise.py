@@ -20,7 +20,7 @@ from vibrident.data.records import FloatArray
 from vibrident.physics.models.slopes import response_and_slopes
 from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import FURTHER_CHANGE_CHANCE
-from vibrident.use.tracking.state import CERTAIN_IN_U, Estimate
+from vibrident.use.tracking.state import CERTAIN_IN_U, TrackedEstimate
 from vibrident.use.tracking.tracker import Tracker
 
 FREQUENCY_POINTS = 512  # frequencies of the means
@@ -48,7 +48,7 @@ class ReferenceNoise:
         """
         return self.certain and self.chance > FURTHER_CHANGE_CHANCE
 
-    def corrected(self, read: Estimate) -> Estimate:
+    def corrected(self, read: TrackedEstimate) -> TrackedEstimate:
         """Return an estimate without the noise's shift, whose uncertainty is included."""
         spread = np.outer(self.shift, self.shift) * (self.u / self.variance) ** 2
         covariance = read.covariance + spread

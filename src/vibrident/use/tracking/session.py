@@ -15,7 +15,7 @@ from vibrident.result import Result
 from vibrident.use.tracking.causes import CAUSE_SAMPLES, Cause, find_cause
 from vibrident.use.tracking.effects import CarriedEffects
 from vibrident.use.tracking.reference_noise import ReferenceNoise, estimate_reference_noise
-from vibrident.use.tracking.state import CERTAIN_IN_U, Alarm, Estimate, Settings
+from vibrident.use.tracking.state import CERTAIN_IN_U, Alarm, TrackedEstimate, TrackerSettings
 from vibrident.use.tracking.tracker import Tracker
 
 #: Largest offset of a chunk that still follows the one before, in sampling intervals.
@@ -32,7 +32,7 @@ class Trouble:
 
 
 @dataclass(eq=False)
-class Session:
+class TrackingSession:
     """Track a sensor at a source."""
 
     tracker: Tracker
@@ -52,8 +52,13 @@ class Session:
 
     @classmethod
     def from_result(
-        cls, result: Result, rate_hz: float, quantity: Quantity, every_s: float, settings: Settings
-    ) -> Session:
+        cls,
+        result: Result,
+        rate_hz: float,
+        quantity: Quantity,
+        every_s: float,
+        settings: TrackerSettings,
+    ) -> TrackingSession:
         """Begin a session with an identified sensor.
 
         Args:
@@ -89,7 +94,7 @@ class Session:
             return self.waiting_alarms[0].time_s, self.waiting_alarms[0].detected_s
         return self.tracker.changing
 
-    def take(self, chunk: Chunk) -> list[Estimate]:
+    def take(self, chunk: Chunk) -> list[TrackedEstimate]:
         """Take samples and return the rows that they complete."""
         reference, response = self._placed(chunk)
         rows = []
@@ -106,7 +111,7 @@ class Session:
                 self.samples_to_row = self.every
         return rows
 
-    def finish(self) -> list[Estimate]:
+    def finish(self) -> list[TrackedEstimate]:
         """End the session and return a last row."""
         self._end_run()
         return [self.read()]
@@ -231,11 +236,11 @@ class Session:
             "reference_noise": self._noise_document(read),
         }
 
-    def read(self) -> Estimate:
+    def read(self) -> TrackedEstimate:
         """Return the estimate now, with the stated effects of the calibration."""
         return self.effects.added(self.learned())
 
-    def learned(self) -> Estimate:
+    def learned(self) -> TrackedEstimate:
         """Return the estimate now, corrected for white noise of the reference where possible.
 
         The stated effects of the calibration are not in it.
@@ -250,7 +255,7 @@ class Session:
         noise = estimate_reference_noise(self.tracker) if self.tracker.noise else None
         return noise if noise and noise.certain else None
 
-    def _noise_document(self, read: Estimate) -> dict[str, Any] | None:
+    def _noise_document(self, read: TrackedEstimate) -> dict[str, Any] | None:
         """Return the reference's noise as it stands in ``track.json``, or None.
 
         Its members: rms and u, the shifts of parameters above their u, and whether they are

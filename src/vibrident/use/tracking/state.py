@@ -12,7 +12,7 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.use.tracking.detection import Ladder, segment_products
-from vibrident.use.tracking.network import Network
+from vibrident.use.tracking.network import SensorNetwork
 
 FORMAT_TAG = b"VTR2"
 HEADER_BYTES = 16  # before the numbers
@@ -26,7 +26,7 @@ WAITING_CHANNELS = ("reference", "response")  # fields whose samples wait for ot
 
 
 @dataclass(frozen=True)
-class Settings:
+class TrackerSettings:
     """Settings of a tracker."""
 
     false_alarms_per_day: float = 0.01  # expected from noise alone, in a day of motion
@@ -110,7 +110,7 @@ class State:
     response: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def empty(cls, network: Network, settings: Settings) -> State:
+    def empty(cls, network: SensorNetwork, settings: TrackerSettings) -> State:
         """Return the state of a sensor at rest of which nothing is known."""
         m = network.columns
         n = network.order
@@ -203,7 +203,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class TrackedEstimate:
     """Parameters of a sensor at a moment."""
 
     time_s: float  # of the moment

@@ -17,7 +17,7 @@ from vibrident.data.records import FloatArray
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.tones import HARMONICS
 from vibrident.physics.models.slopes import response_and_slopes
-from vibrident.use.tracking.network import Network
+from vibrident.use.tracking.network import SensorNetwork
 
 #: A stretch of this length tells mean, trend and tone apart.
 MIN_STRETCH_PERIODS = 2.0
@@ -61,7 +61,7 @@ class Tone:
             self.amplitudes.append((complex(u), complex(y)))
 
     def rows(
-        self, network: Network, point: FloatArray, model_error: float
+        self, network: SensorNetwork, point: FloatArray, model_error: float
     ) -> tuple[FloatArray, float]:
         """Return the tone as two rows of unit variance, and that variance's degrees of freedom.
 

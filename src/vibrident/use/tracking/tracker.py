@@ -21,8 +21,8 @@ from vibrident.use.tracking import information
 from vibrident.use.tracking.detection import NORMAL_KURTOSIS, extend_segments
 from vibrident.use.tracking.knowledge import Knowledge
 from vibrident.use.tracking.learner import PARTS_OF_FIRST_BLOCK, Learner
-from vibrident.use.tracking.network import INPUT_TAPS, Linearised, Network
-from vibrident.use.tracking.state import Alarm, Estimate, Settings, State
+from vibrident.use.tracking.network import INPUT_TAPS, LinearisedCell, SensorNetwork
+from vibrident.use.tracking.state import Alarm, State, TrackedEstimate, TrackerSettings
 from vibrident.use.tracking.tones import Tone
 
 #: Part of the information about a parameter that the other parameters must leave: condition indices
@@ -30,7 +30,7 @@ from vibrident.use.tracking.tones import Tone
 MIN_SEPARATE_INFORMATION = 1.0 / 30.0**2
 #: Steps whose inputs are computed at once.
 MAX_STEPS_AT_ONCE = 16384
-DEFAULT_SETTINGS = Settings()
+DEFAULT_SETTINGS = TrackerSettings()
 
 
 class Tracker:
@@ -55,11 +55,11 @@ class Tracker:
         covariance: FloatArray,
         sampling_rate_hz: float,
         quantity: Quantity = "acceleration",
-        settings: Settings = DEFAULT_SETTINGS,
+        settings: TrackerSettings = DEFAULT_SETTINGS,
     ) -> None:
-        network = Network.from_start_values(model, values, quantity, 1.0 / sampling_rate_hz)
-        self.network: Network = network
-        self.settings: Settings = settings
+        network = SensorNetwork.from_start_values(model, values, quantity, 1.0 / sampling_rate_hz)
+        self.network: SensorNetwork = network
+        self.settings: TrackerSettings = settings
         self.knowledge: Knowledge = Knowledge(network, settings)
         state = self.knowledge.state
         self.state: State = state
@@ -126,7 +126,7 @@ class Tracker:
             self._learner.end_block()
         self._learner.end_run()
 
-    def read(self) -> Estimate:
+    def read(self) -> TrackedEstimate:
         """Return the estimate after the last whole block."""
         s = self.state
         net = self.network
@@ -153,7 +153,7 @@ class Tracker:
             excited = tuple(np.array(names)[separate].tolist())
         u = np.sqrt(np.diag(covariance))
         s.row[:] = 0.0
-        return Estimate(
+        return TrackedEstimate(
             self.knowledge.time_s,
             self.values,
             dict(zip(names, u.tolist(), strict=True)),
@@ -198,9 +198,9 @@ class Tracker:
         net = self.network
         s.clock[1] += len(response)
         queues = []
-        for place, waiting, new in ((7, s.reference, reference), (8, s.response, response)):
-            skipped = min(int(s.clock[place]), len(new))
-            s.clock[place] -= skipped
+        for index, waiting, new in ((7, s.reference, reference), (8, s.response, response)):
+            skipped = min(int(s.clock[index]), len(new))
+            s.clock[index] -= skipped
             queues.append(np.concatenate([waiting, new[skipped:]]))
         s.reference, s.response = queues
         while (
@@ -254,8 +254,8 @@ class Tracker:
                 self.settings.block if s.clock[9] else self.settings.block // PARTS_OF_FIRST_BLOCK
             )
             steps = min(length - int(s.block[0]), len(response) - done)
-            part = slice(done, done + steps)
-            done += self._accumulate(inputs[part], response[part])
+            span = slice(done, done + steps)
+            done += self._accumulate(inputs[span], response[span])
             if s.block[0] >= length:
                 self._learner.end_block()
 
@@ -304,14 +304,14 @@ class Tracker:
         return len(response)
 
     @property
-    def _linearised(self) -> Linearised:
+    def _linearised(self) -> LinearisedCell:
         point = self.state.point[self.network.nuisances :]
         if self._cached is None or not np.array_equal(self._cached[0], point):
-            self._cached = point.copy(), Linearised.at_point(self.network, point)
+            self._cached = point.copy(), LinearisedCell.at_point(self.network, point)
         return self._cached[1]
 
     _tone: Tone | None = None
-    _cached: tuple[FloatArray, Linearised] | None = None
+    _cached: tuple[FloatArray, LinearisedCell] | None = None
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ def demo(
     )
 
 
-def _steps(place: Path, folder: Path) -> None:
+def _steps(demo_folder: Path, folder: Path) -> None:
     from vibrident.app.cli.drawing import painter
     from vibrident.data import io
     from vibrident.show import terminal
@@ -50,7 +50,7 @@ def _steps(place: Path, folder: Path) -> None:
             "mean.",
         )
         with ProgressBar("Simulating"):
-            write_demo(place)
+            write_demo(demo_folder)
         _chapter(
             "2  The identification",
             f"The same as: vibrident identify {file}",
@@ -59,7 +59,7 @@ def _steps(place: Path, folder: Path) -> None:
         with ProgressBar("Identifying") as progress:
             from vibrident.use.identification import identify
 
-            result = identify(io.read(place / "calibration.toml"), progress=progress)
+            result = identify(io.read(demo_folder / "calibration.toml"), progress=progress)
         # The final path, not the temporary one.
         provenance = {**result.provenance, "calibration_file": str(folder / "calibration.toml")}
         result = dataclasses.replace(result, provenance=provenance)
@@ -73,11 +73,11 @@ def _steps(place: Path, folder: Path) -> None:
         )
         with ProgressBar("Training the network") as progress:
             network = identify(
-                io.read(place / "calibration.toml"), estimator="ipnn", progress=progress
+                io.read(demo_folder / "calibration.toml"), estimator="ipnn", progress=progress
             )
         network = dataclasses.replace(network, provenance=provenance)
         _show_beside([result, network])
-        _finish(place, folder, result, network, artist)
+        _finish(demo_folder, folder, result, network, artist)
 
 
 def _show_beside(results: list[Result]) -> None:
@@ -96,20 +96,22 @@ def _show_beside(results: list[Result]) -> None:
     show(methods.network_beside(results, true_values(sensor), true))
 
 
-def _finish(place: Path, folder: Path, result: Result, network: Result, artist: Painter) -> None:
+def _finish(
+    demo_folder: Path, folder: Path, result: Result, network: Result, artist: Painter
+) -> None:
     from vibrident.show import plots
     from vibrident.show.comparison_curves import comparison_figure
     from vibrident.show.report import render
 
-    saved = result.save(place / "result.json")
-    network.save(place / "network.json")
+    saved = result.save(demo_folder / "result.json")
+    network.save(demo_folder / "network.json")
     with ProgressBar("Drawing"):
         artist.draw(result, saved)
         if (
             curves := comparison_figure([result, network], [result.estimator, network.estimator])
         ) is not None:
-            plots.save(curves, place / "network.png")
-    (place / "report.md").write_text(render(result, pictures=place), encoding="utf-8")
+            plots.save(curves, demo_folder / "network.png")
+    (demo_folder / "report.md").write_text(render(result, pictures=demo_folder), encoding="utf-8")
     records = result.measured.record
     files = {
         "calibration.toml": f"what the columns of the {len(records)} CSV files mean: {records[0]} "

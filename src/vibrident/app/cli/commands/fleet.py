@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from vibrident.lab.fleets import Fleet
     from vibrident.result import Result
 
+_MINUTE_S = 60.0
+_HOUR_S = 3600.0
 _LINE_S = 30.0  # seconds between progress lines if stderr is not a terminal
 
 
@@ -192,13 +194,12 @@ def _progress_text(progress: RunProgress) -> str:
         words += f", {progress.rate:.3g} a second"
     if (remaining_s := progress.left_s) is None:
         return words
-    near = (
-        f"{remaining_s:.0f} s"
-        if remaining_s < 90
-        else f"{remaining_s / 60:.0f} min"
-        if remaining_s < 5400
-        else f"{remaining_s / 3600:.1f} h"
-    )
+    if remaining_s < 1.5 * _MINUTE_S:
+        near = f"{remaining_s:.0f} s"
+    elif remaining_s < 1.5 * _HOUR_S:
+        near = f"{remaining_s / _MINUTE_S:.0f} min"
+    else:
+        near = f"{remaining_s / _HOUR_S:.1f} h"
     return f"{words}, {near} left"
 
 

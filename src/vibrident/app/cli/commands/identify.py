@@ -168,7 +168,7 @@ def identify(
 
 
 def _identified(
-    request: IdentifyRequest, files: list[Path], place: Path, plots: bool, excerpts: bool
+    request: IdentifyRequest, files: list[Path], output_folder: Path, plots: bool, excerpts: bool
 ) -> list[Any]:
     from vibrident.data.io import read_guarded
     from vibrident.data.io.long_records import long_records_of
@@ -186,7 +186,7 @@ def _identified(
         if asked and "stretches" not in results[0].settings:
             options_asked = " and ".join(f"--{option}" for option in asked)
             note(f"Note: the records were fitted as a whole; {options_asked} had no effect.")
-        for result, folder in zip(results, result_folders(files, place), strict=True):
+        for result, folder in zip(results, result_folders(files, output_folder), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
                 with ProgressBar("Drawing"):

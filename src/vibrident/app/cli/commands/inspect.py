@@ -16,7 +16,7 @@ from vibrident.base.escaping import terminal as printable
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
     from vibrident.data.records import Calibration
-    from vibrident.data.screening import Finding
+    from vibrident.data.screening import ScreeningFinding
 
 MAX_STEPS = 8  # of the reading that are shown
 
@@ -50,7 +50,9 @@ def inspect(
     _show(screened, inspection.findings, output.files)
 
 
-def _show(calibration: Calibration, findings: Sequence[Finding], files: list[Path]) -> None:
+def _show(
+    calibration: Calibration, findings: Sequence[ScreeningFinding], files: list[Path]
+) -> None:
     from rich.padding import Padding
     from rich.text import Text
 

@@ -52,8 +52,8 @@ needs results alone."""
     # By folder: the results of one report, its place in the folder, and its further sections.
     jobs: dict[Path, list[tuple[list[Result], str, Sequence[Section]]]] = {}
     for path, result, name, sections in zip(results, everything, names, more, strict=True):
-        place = "" if folder is None or alone else name
-        jobs.setdefault(folder or path.parent, []).append(([result], place, sections))
+        subfolder = "" if folder is None or alone else name
+        jobs.setdefault(folder or path.parent, []).append(([result], subfolder, sections))
     if not alone:
         jobs.setdefault(folder or Path("vibrident-comparison"), []).append((everything, "", ()))
     from vibrident.show.report import write
@@ -61,8 +61,8 @@ needs results alone."""
     written: list[Path] = []
     for target, parts in jobs.items():
         with written_whole(target) as output:
-            for part, place, sections in parts:
-                target_file = output.path / place
+            for part, subfolder, sections in parts:
+                target_file = output.path / subfolder
                 issue = issues[0][1]
                 write(part, form, target_file, names, sections, issue)  # type: ignore[arg-type]
         written += output.files

@@ -34,12 +34,14 @@ HTML).
     Measured records are included if VIBRIDENT_DATA names their folder. Same seed, same numbers.
     """
     from vibrident.base.process import processors
-    from vibrident.paper.settings import Settings
+    from vibrident.paper.settings import ReproductionSettings
     from vibrident.paper.settings import quick as trial
 
     named = os.environ.get("VIBRIDENT_DATA")
     data = Path(named) if named else None
-    full_settings = Settings(seed=seed, full_range=full_range, data=data, jobs=min(2, processors()))
+    full_settings = ReproductionSettings(
+        seed=seed, full_range=full_range, data=data, jobs=min(2, processors())
+    )
     settings = trial(seed, data, full_range=full_range) if quick else full_settings
     if into is not None:
         _read(into)  # fails now, not after twenty minutes

@@ -18,7 +18,7 @@ from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from vibrident.use.tracking.state import Estimate
+    from vibrident.use.tracking.state import TrackedEstimate
 
 
 def track(
@@ -112,7 +112,7 @@ class LiveTable(ProgressReporter):
         """Say a remark in a line of its own."""
         note(words)
 
-    def estimate(self, row: Estimate, units: Mapping[str, str]) -> None:
+    def estimate(self, row: TrackedEstimate, units: Mapping[str, str]) -> None:
         """Renew the table."""
         if self._live is None:
             return

@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.form.entries import PLAIN, Rows, entered, entry
+from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
 from vibrident.app.web.laboratories import LABORATORY_FILES
 from vibrident.app.web.language import phrase, say, spoken
 from vibrident.app.web.state import NamedResult
@@ -149,7 +149,7 @@ class CertificateForm:
             values = stated.get(name) or []
             known = {name: say(in_words(name)) for name in self.known["parameters"]}
             words = {"sensitivity_deviation": say("deviation of the sensitivity"), **known}
-            self.entries[name] = Rows(
+            self.entries[name] = RowEntries(
                 ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
                 [value if isinstance(value, Mapping) else {"name": value} for value in values],

@@ -23,7 +23,7 @@ from vibrident.app.web.form.description import (
     calibration_text,
     describe_guess,
 )
-from vibrident.app.web.form.entries import PLAIN, Rows, entry, filled
+from vibrident.app.web.form.entries import PLAIN, RowEntries, entry, filled
 from vibrident.app.web.form.known import KnownResponses
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.form.written import edit_as_text
@@ -228,7 +228,7 @@ class ColumnsStep:
             self.chart.show(drawn)
             return
         with self.plot:
-            self.chart = frame.Chart(drawn, CHART_HEIGHT_PX)
+            self.chart = frame.ChartView(drawn, CHART_HEIGHT_PX)
             first = self.user.session.files[0]
             caption = say("{file}, the beginning of the file as it is.", file=first)
             frame.hint(caption)
@@ -328,7 +328,7 @@ class ColumnsStep:
         values = self.form.get("different") or []
         with ui.element("div").classes("w-full") as place:
             frame.heading(say("Records that differ"), 4)
-            rows = Rows(ENTRY_NAMES["records"], keys, values, options={"file": files})
+            rows = RowEntries(ENTRY_NAMES["records"], keys, values, options={"file": files})
             rows.on_change = lambda: self._edited("different", rows.value)
         self.groups.append((place, ["records"]))
         self._visible()

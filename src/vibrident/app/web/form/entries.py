@@ -80,7 +80,7 @@ def filled(key: Key, entered: Any, unit: tuple[str, float] | None = None) -> Any
     return value
 
 
-class Rows:
+class RowEntries:
     """Entries of several keys each, with a button for one more."""
 
     def __init__(
@@ -138,13 +138,13 @@ class Rows:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.place, frame.add_group(f"{say(self.name)} {number}", 0) as place:
-            place.classes(remove="fields", add="entries-row")
+        with self.place, frame.add_group(f"{say(self.name)} {number}", 0) as group:
+            group.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
                 options = self.options.get(name)
                 if key.kind == "pairs":
-                    row[name] = Bands(value.get(name) or (), unit)
+                    row[name] = BandEntries(value.get(name) or (), unit)
                     row[name].on_change = lambda: self._edited(row)
                     continue
                 row[name] = entry(key, value.get(name), options=options, unit=unit)
@@ -193,13 +193,15 @@ class Rows:
 def entered(elements: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[str, Any]:
     """Return what is filled in, by key, as a file holds it; rows for a list of entries."""
     values = {
-        name: element.value if isinstance(element, Rows) else filled(keys[name], element.value)
+        name: element.value
+        if isinstance(element, RowEntries)
+        else filled(keys[name], element.value)
         for name, element in elements.items()
     }
     return {name: value for name, value in values.items() if value not in (None, [])}
 
 
-class Bands(Rows):
+class BandEntries(RowEntries):
     """A value by frequency within a row: bands, or single frequencies, with a value each.
 
     ``unit``: of the values, and how many of it are one of the file's unit.
@@ -233,7 +235,9 @@ class Bands(Rows):
 
 def _show_unit(element: Any, unit: str) -> None:
     """Show the unit behind what is filled in; of bands, behind the value of each."""
-    if isinstance(element, Bands):
+    if isinstance(element, BandEntries):
         element.unit = unit
-    for each in [row["value"] for row in element.rows] if isinstance(element, Bands) else [element]:
+    for each in (
+        [row["value"] for row in element.rows] if isinstance(element, BandEntries) else [element]
+    ):
         each.props["suffix"] = unit

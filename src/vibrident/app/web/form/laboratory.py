@@ -13,7 +13,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.fit import FitStep
 from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
-from vibrident.app.web.form.entries import PLAIN, Rows, entered, entry
+from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
 from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
 from vibrident.app.web.language import phrase, say, spoken
@@ -164,7 +164,7 @@ class LaboratoryStep:
         columns_form = self.user.applicable_form
         if self.user.session.names and columns_form is None:
             ui.label(say("The sources are those of the calibration file that came with the data."))
-        self.lists: dict[str, Rows] = {}
+        self.lists: dict[str, RowEntries] = {}
         for name in _LISTS:
             values = profile[name] if columns_form is None else columns_form.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
@@ -177,7 +177,7 @@ class LaboratoryStep:
                         "rare": ("from_c", "to_c"),
                     }
                 keys = source_keys() if name == "uncertainty" else ENTRIES[name]
-                rows = Rows(ENTRY_NAMES[name], keys, values, **ways)
+                rows = RowEntries(ENTRY_NAMES[name], keys, values, **ways)
                 rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
             self.lists[name] = rows
 
@@ -191,10 +191,10 @@ class LaboratoryStep:
     def _laboratory(self, stated: Mapping[str, Any]) -> None:
         """Ask for what the certificates of a laboratory have in common."""
         self.entries: dict[str, Any] = {}
-        place = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
-        place.props("id=laboratory-data")
+        expansion = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
+        expansion.props("id=laboratory-data")
         fields = {field.key: field for field in form(spoken().code) if field.key in LABORATORY_KEYS}
-        with place:
+        with expansion:
             with frame.add_group(say("Name and address")):
                 for name in (name for name in fields if _KEYS[name].kind != "entries"):
                     key = replace(_KEYS[name], title=fields[name].label)
@@ -203,7 +203,7 @@ class LaboratoryStep:
             assert section is not None
             frame.heading(say("Instruments"))
             instruments = stated.get("instruments") or []
-            rows = Rows("Instrument", [*keys_of(section).values()], instruments)
+            rows = RowEntries("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
             for kind in LABORATORY_FILES:
                 self._file_choice(kind)

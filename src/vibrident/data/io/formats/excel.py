@@ -89,7 +89,7 @@ class ExcelFile(ColumnFile):
         self._numbered = 0
         with reading(path, _EXPECTED):
             with zipfile.ZipFile(path) as packed:  # a small file may unpack to a large one
-                require_room(path, sum(part.file_size for part in packed.infolist()) // 8)
+                require_room(path, sum(member.file_size for member in packed.infolist()) // 8)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # parts of a workbook that openpyxl does not keep
                 book = openpyxl.load_workbook(path, read_only=True, data_only=True)

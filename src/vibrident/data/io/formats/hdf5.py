@@ -199,14 +199,14 @@ class Hdf5File(ArrayFile):
         if axis is None or self._channels[position].over_frequency:
             return None
         name = axis.replace("/", self.separator)
-        place = self.names.index(name) if name in self.names else None
-        if place is None or not (
-            self.in_seconds(place)
+        clock = self.names.index(name) if name in self.names else None
+        if clock is None or not (
+            self.in_seconds(clock)
             or is_time(axis.rsplit("/", 1)[-1])
-            or factor_between(self.stated_unit(place), "s") is not None
+            or factor_between(self.stated_unit(clock), "s") is not None
         ):
             return None
-        return place
+        return clock
 
     def _seconds(self, axis: int) -> FloatArray:
         (times,) = self.load([axis])

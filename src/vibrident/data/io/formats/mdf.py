@@ -158,7 +158,7 @@ def _reason_against(file: Any, group: int, index: int) -> str:
 
 def _unit(channel: Any) -> str:
     """Return the unit of a channel's values: of the channel, or of its conversion."""
-    units = (getattr(part, "unit", "") for part in (channel, channel.conversion))
+    units = (getattr(source, "unit", "") for source in (channel, channel.conversion))
     return next((str(unit).strip(" \0\t\r\n") for unit in units if unit), "")
 
 

@@ -67,8 +67,8 @@ class UffFile(ColumnFile):
             kinds = [int(kind) for kind in file.get_set_types()]
             if 164 in kinds:
                 self._units = _unit_system(file.read_sets(kinds.index(164)))
-            for place in (place for place, kind in enumerate(kinds) if kind == 58):
-                header = file.read_sets(place, header_only=True)
+            for set_number in (set_number for set_number, kind in enumerate(kinds) if kind == 58):
+                header = file.read_sets(set_number, header_only=True)
                 stated = int(header["num_pts"])
                 held = path.stat().st_size
                 if not 0 < stated <= held:  # pyuff makes as many abscissas as the header states
@@ -76,13 +76,15 @@ class UffFile(ColumnFile):
                 if reason := _reason_against(header):
                     refused[_name(header, repeated=False)] = reason
                 else:
-                    functions.append((place, header))
+                    functions.append((set_number, header))
             titles = Counter(_name(header, repeated=False) for _, header in functions)
             channels: list[Channel] = []
-            for place, header in functions:
+            for set_number, header in functions:
                 name = _name(header, repeated=titles[_name(header, repeated=False)] > 1)
-                channels += self._channels_of(file, place, header, name)
-            shapes = [_shape(file, place) for place, kind in enumerate(kinds) if kind == 55]
+                channels += self._channels_of(file, set_number, header, name)
+            shapes = [
+                _shape(file, set_number) for set_number, kind in enumerate(kinds) if kind == 55
+            ]
             channels += self._channels_of_shapes(shapes, refused)
             require_few(path, channels, "channels")
         super().__init__(path, channels, refused)
@@ -97,22 +99,22 @@ class UffFile(ColumnFile):
 
     def stamps(self, position: int) -> FloatArray | None:
         """Return the times of a channel's samples, in s; None where the file states none."""
-        place, samples, _ = self._channels[position].handle
-        if isinstance(place, str) or self._channels[position].over_frequency:
+        set_number, samples, _ = self._channels[position].handle
+        if isinstance(set_number, str) or self._channels[position].over_frequency:
             return None
         with reading(self._path, _EXPECTED):
-            function = self._pyuff.UFF(str(self._path)).read_sets(place)
+            function = self._pyuff.UFF(str(self._path)).read_sets(set_number)
             return None if function["abscissa_spacing"] == 1 else _times(function, samples)
 
     def _channels_of(
-        self, file: Any, place: int, header: dict[str, Any], name: str
+        self, file: Any, set_number: int, header: dict[str, Any], name: str
     ) -> Iterator[Channel]:
         """Yield the channels of a function: one over time; axis and parts over frequency."""
         samples = int(header["num_pts"])
         unit = _unit(header, "ordinate", self._units, int(header["rsp_dir"]))
         if header["func_type"] not in _RESPONSES:
-            clock = self._clock(file, place, header)
-            yield Channel(name, (place, samples, ""), clock, unit=unit)
+            clock = self._clock(file, set_number, header)
+            yield Channel(name, (set_number, samples, ""), clock, unit=unit)
             return
         below = _unit(header, "orddenom", self._units, int(header["ref_dir"]))
         if unit and below:
@@ -122,7 +124,7 @@ class UffFile(ColumnFile):
         parts = {"frequency": axis, **dict.fromkeys(values, unit)}
         for part, its_unit in parts.items():
             full = f"{name}.{part}" if part else name
-            yield Channel(full, (place, samples, part), unit=its_unit, over_frequency=True)
+            yield Channel(full, (set_number, samples, part), unit=its_unit, over_frequency=True)
 
     def _channels_of_shapes(
         self, sets: Sequence[dict[str, Any]], refused: dict[str, str]
@@ -152,35 +154,35 @@ class UffFile(ColumnFile):
                 self._steps[name] = numbers
                 yield Channel(name, (name, len(steps), part), unit=its_unit, over_frequency=True)
 
-    def _clock(self, file: Any, place: int, header: dict[str, Any]) -> Clock | None:
+    def _clock(self, file: Any, set_number: int, header: dict[str, Any]) -> Clock | None:
         """Return the clock by the abscissas, if each sample has one; else by the interval."""
         seconds = _seconds(header)
         if header["abscissa_spacing"] == 1:
             interval = float(header["abscissa_inc"])
             start = StartTime.on_own_clock(header["abscissa_min"] * seconds)
             return plainest_clock(interval * seconds, _half_unit(interval) * seconds, start)
-        times_s = _times(file.read_sets(place), int(header["num_pts"]))
+        times_s = _times(file.read_sets(set_number), int(header["num_pts"]))
         return clock_from_times(
-            times_s, lambda row: f"{self._path}, data set {place + 1}, abscissa {row + 1}"
+            times_s, lambda row: f"{self._path}, data set {set_number + 1}, abscissa {row + 1}"
         )
 
-    def _signal(self, file: Any, place: int | str, samples: int, part: str) -> FloatArray:
-        if isinstance(place, str):
-            return self._steps[place].copy()
-        function = file.read_sets(place)
+    def _signal(self, file: Any, set_number: int | str, samples: int, part: str) -> FloatArray:
+        if isinstance(set_number, str):
+            return self._steps[set_number].copy()
+        function = file.read_sets(set_number)
         values = function["x" if part == "frequency" else "data"]
         values = real_numbers(getattr(values, part) if part in ("real", "imag") else values)
         if values.size != samples:
             raise ValueError(
-                f"data set {place + 1} has {values.size} values where it states {samples}"
+                f"data set {set_number + 1} has {values.size} values where it states {samples}"
             )
         return values
 
 
-def _shape(file: Any, place: int) -> dict[str, Any]:
+def _shape(file: Any, set_number: int) -> dict[str, Any]:
     """Return a data set 55; empty where pyuff cannot read it."""
     try:
-        return file.read_sets(place)
+        return file.read_sets(set_number)
     except Exception:  # pyuff raises nothing more special
         return {}
 
@@ -200,12 +202,12 @@ def _reason_against(header: dict[str, Any]) -> str:
 
 def _name(header: dict[str, Any], *, repeated: bool) -> str:
     title = str(header["id1"]).strip()
-    place = _degree_of_freedom(header, "rsp")
+    freedoms = _degree_of_freedom(header, "rsp")
     if header["func_type"] in _RESPONSES and int(header["ref_node"]):
-        place += f"/{_degree_of_freedom(header, 'ref')}"
+        freedoms += f"/{_degree_of_freedom(header, 'ref')}"
     if title in ("", "NONE"):
-        return place
-    return f"{title} ({place})" if repeated else title
+        return freedoms
+    return f"{title} ({freedoms})" if repeated else title
 
 
 def _degree_of_freedom(header: dict[str, Any], end: str) -> str:
