@@ -19,10 +19,12 @@ class UnitMark:
 
     Args:
         cache: pytest's cache, which keeps the durations.
+        learns: False in a worker of another process, which sees every report of its workers.
     """
 
-    def __init__(self, cache: pytest.Cache) -> None:
+    def __init__(self, cache: pytest.Cache, *, learns: bool = True) -> None:
         self.cache = cache
+        self.learns = learns
         #: Phase → test → shortest duration in s. What is loaded or made once is paid by one test.
         self.durations: dict[str, dict[str, float]] = cache.get(CACHE_KEY, {})
 
@@ -41,10 +43,11 @@ class UnitMark:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Learn how long a phase of a test took."""
-        if report.when in PHASES and not report.skipped:
+        if self.learns and report.when in PHASES and not report.skipped:
             seconds = self.durations.setdefault(report.when, {})
             seconds[report.nodeid] = min(report.duration, seconds.get(report.nodeid, report.duration))
 
     def pytest_sessionfinish(self) -> None:
         """Keep what was learned."""
-        self.cache.set(CACHE_KEY, self.durations)
+        if self.learns:
+            self.cache.set(CACHE_KEY, self.durations)
