@@ -432,3 +432,19 @@ def test_dry_friction_moves_the_damping_as_it_is_said(friction: float) -> None:
     assert "dry friction" in warning.message
     damping, told = result.parameters["damping_ratio"], float(re.findall(r"\((\S+) u\)", warning.message)[0])
     assert told * damping.standard_uncertainty == pytest.approx(damping.value - 0.1, rel=0.3)
+
+
+def test_a_record_without_a_sample_stands_beside_a_whole_one() -> None:
+    """Its bins reach half the rate, those of the whole record the band of the motion."""
+    records = []
+    for seed in range(2):
+        reference, response = motion(np.random.default_rng(seed))
+        (record,) = calibration(reference, response).records
+        records.append(record)
+    excluded = np.isin(np.arange(SAMPLES), (3000, 3001))
+    records[1] = records[1].without_response(excluded, "two samples")
+    result = vibrident.identify(replace(calibration(*motion(np.random.default_rng(0))), records=tuple(records)))
+    assert result.warning_codes == ()
+    for name, truth in TRUTH.items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - truth) < 4.0 * parameter.standard_uncertainty

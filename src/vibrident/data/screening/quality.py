@@ -194,14 +194,17 @@ def _without_spoilt(record: Record, units: Mapping[str, str]) -> tuple[Record, l
     findings += copied
     longest = (
         MAX_RUN_SAMPLES
-        if record.reference is not None and record.excitation in LINEAR
+        if record.reference is not None and record.excitation in (*LINEAR, "shock")
         else MAX_SHORT_RUN_SAMPLES
     )
     channels = {
         label: PredictedChannel.from_values(values, record.mask, longest)
         for label, values, _ in _channels(record)
     }
-    for label, bad in reversed(_wild(channels, record.excitation in LINEAR).items()):
+    linear = record.excitation in LINEAR and not (
+        record.reference is not None and is_stairs(record.reference[~channels["reference"].wild])
+    )
+    for label, bad in reversed(_wild(channels, linear).items()):
         record, finding = _without(
             record,
             label,
@@ -311,8 +314,8 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
-    (``linear``), one or two odd samples in both channels at once are wild: a sensor answers for
-    longer.
+    (``linear``; a drive in stairs does not), one or two odd samples in both channels at once are
+    wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
@@ -321,7 +324,7 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue
-        moved = moves(other_channel, wild[label])
+        moved = moves(channels[label], other_channel, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
             at_once = [
                 event.may_be_short_wild

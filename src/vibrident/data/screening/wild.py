@@ -386,22 +386,26 @@ class PredictionSamples:
         )
 
 
-def moves(other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
+def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
     """Return which odd samples are motion, as the other channel shows an event there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
     second differences are compared as well. An event of the other channel that begins before one or
-    two odd samples and ends after them does not explain them.
+    two odd samples, ends after them and is weaker than they are does not explain them.
 
     Args:
+        channel: the channel with odd samples.
         other_channel: the channel to compare with.
-        bad: samples that are odd in a channel, shape (samples,).
+        bad: the odd samples, shape (samples,).
 
     Returns:
         shape (samples,).
     """
     places = np.flatnonzero(bad)
     moved = np.zeros(bad.shape, dtype=bool)
+    strength = np.zeros(bad.shape)
+    for event in channel.events:
+        strength[event.first : event.end] = event.strength
     short = bad.copy()
     for first, end in zip(*runs_of_true(bad), strict=True):
         short[first:end] = end - first <= MAX_SHORT_RUN_SAMPLES
@@ -418,10 +422,11 @@ def moves(other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
             odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
                 near
             )
-            midst = np.zeros(bad.shape, dtype=bool)
+            unexplained = np.zeros(bad.shape, dtype=bool)
             for event in other_channel.events:
-                midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
-            moved |= bad & _near(odd, reach) & ~(short & midst)
+                midst = slice(event.first + reach + 1, max(event.end - reach - 1, 0))
+                unexplained[midst] = strength[midst] > event.strength
+            moved |= bad & _near(odd, reach) & ~(short & unexplained)
     return moved
 
 

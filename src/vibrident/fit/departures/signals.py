@@ -150,11 +150,12 @@ class Signals(Part):
 
 def grouped(signals: Sequence[Signals]) -> list[tuple[int, ...]]:
     """Return the numbers of records of one length, rate and like band, in limited groups."""
-    numbers_by_kind = dict[tuple[int, float, bool, bool, int], list[int]]()
+    numbers_by_kind = dict[tuple[int, int, float, bool, bool, int], list[int]]()
     for number, record_signals in enumerate(signals):
         band = round(np.log(record_signals.last_bin) / np.log(MAX_BAND_RATIO))
         key = (
             record_signals.used.size,
+            record_signals.residual.size,
             record_signals.record.sampling_rate_hz,
             record_signals.turns is None,
             record_signals.pull is None,

@@ -29,6 +29,9 @@ from vibrident.physics.models.base import array_library
 BAND_MARGIN = 300.0
 #: … and further below it: a first-order high-pass acts as f0/f.
 MARGIN_BELOW = 1e6
+#: Largest damping ratio that is searched: beyond it the slow pole is lost in the rounding of the
+#: fast one, 4 δ² times as fast.
+MAX_DAMPING = float(1.0 / np.sqrt(np.finfo(float).eps))
 #: Largest exponent of a trial step, or of the growth of a network in a run: e to it is finite, and
 #: beyond every search.
 MAX_EXPONENT = 300.0
@@ -43,6 +46,8 @@ def searched(band_hz: Any) -> dict[str, tuple[Any, Any]]:
 
 def ends_of(spec: ParameterSpec, band_hz: Any) -> tuple[Any, Any] | None:
     """Return the lowest and highest value of a parameter that a fit searches; None where open."""
+    if spec.bounds is None and spec.kind == "positive" and spec.unit == "1":
+        return 0.0, MAX_DAMPING
     return searched(band_hz).get(spec.kind or "") if spec.bounds is None else spec.bounds
 
 
@@ -111,7 +116,9 @@ class Coordinates:
         for index, spec in enumerate(self.model.parameters):
             if (ends := ends_of(spec, band_hz)) is None:
                 continue
-            if spec.kind == "ratio":
+            if spec.kind == "positive":  # mirrored at zero
+                low[index], high[index] = np.arcsinh(ends[1]) * np.array([-1.0, 1.0])
+            elif spec.kind == "ratio":
                 low[index], high[index] = np.array(ends) / spec.size
             else:
                 low[index], high[index] = np.log(np.array(ends) / self.start[index])
