@@ -30,6 +30,7 @@ _WHERE = {
     "ResponseTable": "vibrident.data.records",
     "Provenance": "vibrident.data.records",
     "KnownResponse": "vibrident.data.known",
+    "Mounting": "vibrident.data.known",
     "SystematicEffect": "vibrident.data.effects",
     # models
     "Model": "vibrident.physics.models",
@@ -50,6 +51,7 @@ _WHERE = {
     "correct": "vibrident.use.correction",
     "plan": "vibrident.use.planning",
     "Recording": "vibrident.use.planning",
+    "predict_mounted": "vibrident.use.planning",
     "compare": "vibrident.use.methods",
     "track": "vibrident.use.tracking.following",
     "SensorTracker": "vibrident.use.tracking.following",

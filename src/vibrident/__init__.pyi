@@ -8,6 +8,7 @@ from vibrident.base.version import __version__ as __version__
 from vibrident.data.effects import SystematicEffect as SystematicEffect
 from vibrident.data.io import read as read
 from vibrident.data.known import KnownResponse as KnownResponse
+from vibrident.data.known import Mounting as Mounting
 from vibrident.data.records import Calibration as Calibration
 from vibrident.data.records import Provenance as Provenance
 from vibrident.data.records import Record as Record
@@ -38,6 +39,7 @@ from vibrident.use.inspection import inspect as inspect
 from vibrident.use.methods import compare as compare
 from vibrident.use.planning import Recording as Recording
 from vibrident.use.planning import plan as plan
+from vibrident.use.planning import predict_mounted as predict_mounted
 from vibrident.use.prediction import predict as predict
 from vibrident.use.tracking.following import SensorTracker as SensorTracker
 from vibrident.use.tracking.following import track as track

@@ -94,6 +94,11 @@ CASES = {
         (10.0, 1000.0),
     ),
     "two modes": ("accelerometer+mode2", {**PAPER, **MODE2}, (10.0, 2500.0)),
+    "on a mounting": (
+        "accelerometer+mounting:0.3+delay",
+        {**PAPER, "mounting_frequency": 2600.0, "mounting_damping": 0.05, "delay": 1e-4},
+        (10.0, 2000.0),
+    ),
     "everything": (
         "accelerometer+mode2+highpass+boxcar+delay",
         {**PAPER, **MODE2, "highpass_frequency": 1.3, "boxcar_length": 1e-4, "delay": 3e-5},

@@ -6,7 +6,9 @@ package. Each value is one line of JSON; the raw bytes of its arrays follow the 
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import io
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -23,7 +25,7 @@ class TooLong(Exception):
     """Value that takes more bytes than allowed."""
 
 
-def send(stream: IO[bytes], value: Any) -> None:
+def send(stream: IO[bytes] | io.RawIOBase, value: Any) -> None:
     """Write a value.
 
     Raises:
@@ -37,6 +39,23 @@ def send(stream: IO[bytes], value: Any) -> None:
         stream.write(buffer)
         stream.write(bytes(-len(buffer) % _ALIGNED))
     stream.flush()
+
+
+def sha256(value: Any) -> str:
+    """Return the SHA-256 of a value as it is sent, in hexadecimal.
+
+    Raises:
+        TypeError: the value holds an object of another type.
+    """
+    total = hashlib.sha256()
+
+    class Stream(io.RawIOBase):
+        def write(self, content: Any) -> int:
+            total.update(content)
+            return len(content)
+
+    send(Stream(), value)
+    return total.hexdigest()
 
 
 def receive(stream: IO[bytes], most_bytes: int) -> Any:

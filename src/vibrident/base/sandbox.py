@@ -28,6 +28,14 @@ def run(function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
     return _run(Process(), function, args, limits)
 
 
+def call(process: Process, function: Callable[..., _T], *args: Any, limits: Limits) -> _T:
+    """Run a function as :func:`run` does, in a process that stays for further calls."""
+    try:
+        return process.call(function, *args, limits=limits)
+    except ProcessDied as death:
+        raise _refusal(death, limits) from None
+
+
 class WarmProcess:
     """Process that was started ahead with its libraries loaded, to run functions as ``run`` does.
 
@@ -77,11 +85,8 @@ class WarmProcess:
 def _run(
     process: Process, function: Callable[..., _T], args: tuple[Any, ...], limits: Limits
 ) -> _T:
-    try:
-        with process:
-            return process.call(function, *args, limits=limits)
-    except ProcessDied as death:
-        raise _refusal(death, limits) from None
+    with process:
+        return call(process, function, *args, limits=limits)
 
 
 def _refusal(death: ProcessDied, limits: Limits) -> InputError:

@@ -8,7 +8,7 @@ from typing import Literal
 
 # what a calibration file can state
 StatedKind = Literal["gain", "timing", "phase", "mounting", "clock"]
-EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding", "edges", "clocks"]
+EffectKind = Literal[StatedKind, "ellipse", "cyclic", "rounding", "edges", "clocks", "mass ratio"]
 _UNITS: dict[EffectKind, str] = {
     "timing": "s",
     "phase": "rad",
@@ -33,7 +33,7 @@ class SystematicEffect:
     # ``mounting`` (relative at ``frequency_hz``, growing with its square) or ``clock`` (sampling
     # rate, relative). Found in an interferometer's signals: ``ellipse`` and ``cyclic``; found in
     # the records, each with a ``pattern``: ``rounding`` (relative), ``edges`` (of a held drive, s)
-    # and ``clocks`` (the ratio of two, relative)
+    # and ``clocks`` (the ratio of two, relative). Of a mounting that is fitted: ``mass ratio``
     kind: EffectKind
     standard_uncertainty: float  # in ``unit``
     frequency_hz: float | None = None  # of a mounting effect; None otherwise

@@ -114,9 +114,15 @@ MODEL_TOLERANCE = (
     1e-10  # relative error of the model over the band at which no further taps are added
 )
 CORRECTION_TOLERANCE = 1e-4  # the same of the correction
-#: Sampling zeros of first-order hold for one and two zeros at infinity (Åström, Hagander & Sternby
-#: 1984).
-_SAMPLING_ZEROS = {0: (), 1: (-1.0,), 2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5)}
+#: Sampling zeros of first-order hold by the number of zeros at infinity (Åström, Hagander & Sternby
+#: 1984): roots of the Euler–Frobenius polynomials.
+_SAMPLING_ZEROS = {
+    0: (),
+    1: (-1.0,),
+    2: (-2.0 + 3.0**0.5, -2.0 - 3.0**0.5),
+    3: (-1.0, -5.0 + 24.0**0.5, -5.0 - 24.0**0.5),
+    4: tuple(np.roots((1.0, 26.0, 66.0, 26.0, 1.0)).tolist()),
+}
 #: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
 BELOW = 0.01
 OUTSIDE = 1e-3  # weight of the correction's gain above the band, relative to its error in the band

@@ -69,12 +69,15 @@ def poles_zeros(sensor: Exported) -> PolesZeros:
         )
     system = model.rational(values, sensor.quantity)
     unit = Rational(1.0, (1.0,), (1.0,), system.angular_scale)
-    factors = [model.core.rational(values).denominator]
-    factors += [
-        addon.rational(values, unit).denominator
-        for addon in model.add_ons
-        if addon.rational is not None
-    ]
+    parts = [addon for addon in model.add_ons if addon.rational is not None]
+    core = model.core.rational(values)
+    factors = []
+    for addon in parts:
+        if addon.moves_poles and addon.rational is not None:
+            core = addon.rational(values, core)
+        elif addon.rational is not None:
+            factors.append(addon.rational(values, unit).denominator)
+    factors.insert(0, core.denominator)
     poles = np.concatenate([roots(np.array(factor, float)) for factor in factors])
     numerator = np.trim_zeros(np.array(system.numerator, float), "b")
     return PolesZeros(roots(numerator), poles, float(system.gain) * float(numerator[-1]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from vibrident.base.errors import InputError
+from vibrident.data.records import is_motion
 from vibrident.export.approximation import held
 from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros
@@ -48,11 +49,11 @@ def described(sensor: ExportedSensor) -> tuple[PolesZeros, list[str]]:
     Raises:
         InputError: the reference was a drive, or the sensor has no form in poles and zeros.
     """
-    if sensor.quantity == "drive":
+    if not is_motion(sensor.quantity):
         raise InputError(
-            "A response to a drive cannot be described as one to ground motion.",
+            f"A response to a {sensor.quantity} cannot be described as one to ground motion.",
             expected="a calibration against acceleration, velocity or displacement",
-            found=f"reference quantity 'drive' ({sensor.input_unit})",
+            found=f"reference quantity {sensor.quantity!r} ({sensor.input_unit})",
             where="result.json, reference",
             remedy="choose another format, such as csv or c, or calibrate against motion",
         )

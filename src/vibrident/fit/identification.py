@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from vibrident.fit.judge.refits import (
     without_dead_records,
 )
 from vibrident.fit.judge.remedy import with_remedy
-from vibrident.fit.optimise import Progress
+from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.fit.uncertainty.budget import BudgetRow
@@ -116,7 +117,27 @@ def _fit_model(
         reason = fitted.reason or reason
     else:
         fitted = Fitted.from_evidence(evidence, chosen, progress)
-    fitted = replace(fitted, reason=reason)
+    return _refitted(replace(fitted, reason=reason))
+
+
+def fit_near(
+    calibration: Calibration,
+    model: SensorModel,
+    estimator: Estimator,
+    start: Mapping[str, float],
+) -> Fitted:
+    """Estimate and judge from values by name that are nearly right; no remedy is looked for.
+
+    Raises:
+        InputError: the data cannot be used.
+        NotConverged: the start leads to no finite fit.
+    """
+    evidence = replace(Evidence.gather(calibration, model), start=dict(start))
+    return _refitted(Fitted.from_evidence(evidence, estimator, silent))
+
+
+def _refitted(fitted: Fitted) -> Fitted:
+    """Return the fit at one clock, without dead records, and beside departures."""
     for step in (at_one_clock, without_dead_records, with_phase_scatter, refit_with_departures):
         fitted = step(fitted)
     return fitted

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import InputError, ModelError
-from vibrident.data.records import FloatArray
+from vibrident.data.records import REFERENCE_UNITS, FloatArray, is_motion
 from vibrident.physics.models import SensorModel, parse
 from vibrident.physics.models.source import source_of
 from vibrident.physics.registry import MODELS
@@ -17,16 +17,19 @@ from vibrident.result.sensor import IdentifiedSensor
 def sensor_of(result: Any) -> IdentifiedSensor:
     """Return the sensor of a result with a gain; errors as of ``Result.to_sensor``."""
     model = model_of_result(result)
-    drive = result.reference.get("quantity") == "drive"
+    reference = result.reference.get("quantity") or "acceleration"
+    quantity = "acceleration" if is_motion(reference) else reference
     freedom = result.settings.get("effective_degrees_of_freedom")
     return IdentifiedSensor(
         model,
         _values(result, model),
         _covariance(result, model),
-        "drive" if drive else "acceleration",
+        quantity,
         _band(result),
         result.response_unit,
-        (result.reference.get("unit") or "drive unit") if drive else "m/s^2",
+        REFERENCE_UNITS[quantity]
+        if quantity == "acceleration"
+        else result.reference.get("unit") or REFERENCE_UNITS[quantity],
         float(freedom) if freedom is not None else np.inf,
         _misfit(result),
     )

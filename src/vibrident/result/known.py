@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 
+from vibrident.base.errors import InputError
 from vibrident.data.known import KnownResponse, RationalResponse, Shape, Tabulated
 from vibrident.data.known.unsure import effects_of_covariance, flat_effects
 from vibrident.data.records import FloatArray, Quantity
@@ -39,6 +40,14 @@ def known_response(
     sensor = result.to_sensor("a known response")
     sensor.require_uncertainty()
     wanted = quantity or sensor.quantity
+    if "force" in (wanted, sensor.quantity) and wanted != sensor.quantity:
+        raise InputError(
+            "The result is not of a sensor of this quantity.",
+            expected=f"a sensor that was identified by {wanted}",
+            found=f"a response per {sensor.quantity}",
+            where=source,
+            remedy="give the result of another sensor, or correct the quantity of the reference",
+        )
     band_hz = sensor.band_hz or (0.0, np.inf)
     low = max(band_hz[0], 1e-9)
     at = np.geomspace(low, min(band_hz[1], 1e9 * low), TABLE_POINTS)

@@ -221,8 +221,15 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
 
 def evaluation(result: Result, say: Say) -> str:
     """Return what the model and the estimator are called, without the program's names."""
-    model = " + ".join(say.word("model", part) for part in result.model.split("+"))
+    model = " + ".join(_part_of_model(part, say) for part in result.model.split("+"))
     return say("text", "evaluation", model=model, estimator=say.word("estimator", result.estimator))
+
+
+def _part_of_model(part: str, say: Say) -> str:
+    """Return what a core or an add-on is called, with the number behind its name."""
+    name, _, number = part.partition(":")
+    word = say.word("model", name)
+    return f"{word} ({number})" if number else word
 
 
 def _words(key: str) -> str:

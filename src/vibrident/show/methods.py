@@ -20,6 +20,7 @@ from vibrident.show.numbers import (
     signed,
     stated,
     uncertainty,
+    with_u,
 )
 from vibrident.show.points import sensitivity_at
 from vibrident.show.views import Column, Sentence, Table, columns
@@ -27,7 +28,7 @@ from vibrident.show.weight_tables import weight_rows
 from vibrident.use.model_choice import criteria, recommendation
 
 if TYPE_CHECKING:
-    from vibrident.use.planning import Plan
+    from vibrident.use.planning import MountedSensor, Plan
 
 _FIELDS = ("rmse", "mae", "mse", "r2", "rpd", "explained", "coherent", "chi2_reduced")
 
@@ -268,6 +269,31 @@ def _against(
     cells = [NONE if p is None else _with_u(*p, scale) for p in pairs]
     off = ["" if p is None or not p[1] else f"{signed((p[0] - true) / p[1], 1)} u" for p in pairs]
     return [(name, scale.printed, plain(scale.times(true), 8), *cells), ("", "", "", *off)]
+
+
+def mounted(result: Result, prediction: MountedSensor) -> Table:
+    """Sensitivity as identified and on another mounting, rounded by GUM 7.2.6."""
+    scale = sensitivity_scale(result)
+    rows = []
+    both = prediction.identified, prediction.predicted
+    for index, frequency_hz in enumerate(prediction.predicted.frequency_hz):
+        numbers = [
+            text
+            for curve in both
+            for text in with_u(
+                float(curve.magnitude[index]),
+                float(curve.magnitude_uncertainty[index]),
+                scale.factor,
+            )
+        ]
+        change = f"{100.0 * prediction.change[index]:+.2f}"
+        rows.append((f"{frequency_hz:.5g}", *numbers, change))
+    heads = columns("identified", "U", "then", "U", "change / %", kind="number")
+    return Table(
+        (Column("frequency / Hz", "number"), *heads),
+        tuple(rows),
+        title=f"Sensitivity in {scale.unit} on another mounting: {prediction.sensor.model.name}",
+    )
 
 
 def planned(plan: Plan) -> Table:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrident.data.records import REFERENCE_UNITS, Quantity
+from vibrident.data.records import REFERENCE_UNITS, Quantity, is_motion
 from vibrident.fit.uncertainty.parameters import fields_of_units
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result
@@ -33,7 +33,9 @@ def result(shown: Result) -> str:
 
 def sensor(shown: IdentifiedSensor) -> str:
     """Return the values of a sensor with their uncertainties, and its curve."""
-    fields = fields_of_units(shown.response_unit, shown.input_unit, drive=shown.quantity == "drive")
+    fields = fields_of_units(
+        shown.response_unit, shown.input_unit, drive=not is_motion(shown.quantity)
+    )
     rows = []
     for spec, u in zip(shown.model.parameters, np.sqrt(np.diag(shown.covariance)), strict=True):
         known = Parameter(
@@ -60,7 +62,7 @@ def sensor(shown: IdentifiedSensor) -> str:
     ]
     if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
         quantity = shown.model.stated_quantity(shown.quantity)
-        per = shown.input_unit if quantity == "drive" else REFERENCE_UNITS[quantity]
+        per = REFERENCE_UNITS[quantity] if is_motion(quantity) else shown.input_unit
         unit = sensitivity_unit(shown.response_unit, per)
         curve = _curve(shown, shown.band_hz, quantity)
         scale = magnitude_scale(unit, curve.magnitude)

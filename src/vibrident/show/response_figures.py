@@ -46,6 +46,9 @@ from vibrident.show.views import (
     Stack,
 )
 
+#: What a response is called that is per no motion.
+_NOT_MOTIONS = {"drive": "Response per drive", "force": "Response per force"}
+
 
 def sensitivity(result: Result) -> Figure | None:
     """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
@@ -91,13 +94,8 @@ def response_panels(
     """
     curves = [curve for curve in (model, measured) if curve is not None]
     x = axes.frequency(np.concatenate([curve.frequency_hz for curve in curves]))
-    word = (
-        "Response per drive"
-        if quantity == "drive"
-        else f"Sensitivity to {quantity}"
-        if quantity
-        else "Sensitivity"
-    )
+    word = f"Sensitivity to {quantity}" if quantity else "Sensitivity"
+    word = _NOT_MOTIONS.get(quantity, word)
     name = f"{word}\nin {scale.unit}"
     series = _quantity(model, measured, "magnitude", scale.factor, scale.unit, label)
     values = np.concatenate([np.zeros(0), *(line.y for line in series)])

@@ -13,7 +13,7 @@ from vibrident.physics.naming import in_words
 from vibrident.show import axes
 from vibrident.show.curves import envelope, from_start, spread
 from vibrident.show.data_figures import excerpt
-from vibrident.show.numbers import pair, subject
+from vibrident.show.numbers import pair, sensitivity_scale, subject
 from vibrident.show.views import (
     BLACK,
     BLUE,
@@ -34,8 +34,9 @@ from vibrident.show.views import (
 )
 
 if TYPE_CHECKING:
+    from vibrident.result import Result
     from vibrident.use.correction import Correction, Corrections
-    from vibrident.use.planning import Plan
+    from vibrident.use.planning import MountedSensor, Plan
 
 MOST = 4  # most records in a picture
 MAX_POINTS_PER_LINE = 2000  # most points of a line of a tracked sensor
@@ -176,6 +177,35 @@ def plan(planned: Plan) -> Figure:
         )
     return Figure(
         "plan", "Planned calibration", (Stack(panels),), subject(planned.model, {}), caption
+    )
+
+
+def mounting(result: Result, mounted: MountedSensor) -> Figure:
+    """Draw the sensitivity as identified and on another mounting, and their difference."""
+    scale = sensitivity_scale(result)
+    mounted = mounted.fine
+    x = axes.frequency(mounted.predicted.frequency_hz)
+    curves = ((mounted.identified, "as identified", Look(BLACK, "dashed")),)
+    curves += ((mounted.predicted, "on the other mounting", Look(BLUE)),)
+    upper = []
+    for curve, name, look in curves:
+        half = K * curve.magnitude_uncertainty * scale.factor
+        size = curve.magnitude * scale.factor
+        upper.append(Series(curve.frequency_hz, size, name, look, half=half))
+    change = 100.0 * mounted.change
+    lower = (Series(mounted.predicted.frequency_hz, change, "", Look(VERMILION)),)
+    sizes = np.concatenate([series.y for series in upper])
+    panels = (
+        Panel(x, axes.size(f"Sensitivity\nin {scale.unit}", sizes), tuple(upper), 2.0),
+        Panel(x, axes.linear("Change\nin %", change), lower, 1.5, rules=(0.0,)),
+    )
+    caption = "Bands: expanded uncertainty U, k = 2."
+    return Figure(
+        "mounting",
+        "Sensitivity on another mounting",
+        (Stack(panels),),
+        subject(result.model, result.sensor),
+        caption,
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.base.participants import watching
 from vibrident.data.io import GivenCalibration, as_calibration
+from vibrident.data.io.long_records import LongRecords, long_records_in, long_records_of
 from vibrident.data.records import Calibration
 from vibrident.fit.estimators import AUTO, Estimator
 from vibrident.fit.identification import fit, identify_run
@@ -18,6 +20,7 @@ from vibrident.physics.models import GivenModel, named
 from vibrident.result import Result
 from vibrident.use.regimes import with_regimes
 from vibrident.use.repeats import group_by_run, identify_runs
+from vibrident.use.stretches.identification import Choices, Sharing, identify_long
 from vibrident.use.temperature import group_by_temperature, identify_temperatures
 
 if TYPE_CHECKING:
@@ -27,13 +30,15 @@ if TYPE_CHECKING:
 @in_one_thread
 @watching()
 def identify(
-    calibration: GivenCalibration,
+    calibration: GivenCalibration | LongRecords,
     model: GivenModel | None = None,
     estimator: str | Estimator = AUTO,
     *,
     band_hz: tuple[float, float] | None = None,
     uncertainty: Uncertainty = "auto",
     posterior: Sampling | None = None,
+    scheduler: str | None = None,
+    work: str | os.PathLike[str] | None = None,
     progress: Progress = silent,
 ) -> Result:
     """Identify a sensor from its calibration.
@@ -56,11 +61,17 @@ def identify(
         posterior: settings for sampling the parameters' posterior distribution, which
             ``settings.posterior`` then sums up; of a linear model, with the extra ``bayes``. None:
             not sampled.
+        scheduler: ``local``, or address or file of a running Dask scheduler, whose workers share
+            the stretches of long records (extra ``cluster``); None: this process fits them.
+        work: folder that keeps what is fitted of long records; the same call continues there after
+            an interruption.
         progress: called after each iteration of the optimiser.
 
     Records of several runs (``run``, ``mounting``) are identified run by run, and the scatter of
     these is in the uncertainty; records at several temperatures (``temperature_c``) temperature by
-    temperature, with the coefficients.
+    temperature, with the coefficients. Random and multisine records of more than 1,048,576 samples
+    together are fitted a stretch at a time, which bounds memory; the numbers do not depend on who
+    fits the stretches.
 
     Returns:
         The result; its warnings are empty for a clean calibration of an adequate model.
@@ -81,8 +92,16 @@ def identify(
         >>> result.fit.adequate
         True
     """
-    calibration = as_calibration(calibration).within(band_hz)
     name = named(model)
+    records = None if posterior is not None else _long_records(calibration)
+    if records is not None:
+        choices = Choices(name, estimator, band_hz, uncertainty, progress)
+        result = identify_long(records, choices, Sharing(scheduler, work))
+        if result is not None:
+            return result
+    whole = calibration if records is None else records
+    calibration = whole.whole() if isinstance(whole, LongRecords) else as_calibration(whole)
+    calibration = calibration.within(band_hz)
     temperatures = group_by_temperature(calibration)
     runs = group_by_run(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):
@@ -111,6 +130,15 @@ def identify(
     if posterior is not None:
         return result
     return with_regimes(calibration, name, result, fit_part, uncertainty)
+
+
+def _long_records(calibration: GivenCalibration | LongRecords) -> LongRecords | None:
+    """Return records that are to be fitted a stretch at a time, or None."""
+    if isinstance(calibration, LongRecords):
+        return calibration
+    if isinstance(calibration, Calibration):
+        return long_records_in(calibration)
+    return long_records_of(calibration)
 
 
 def _several_parts(calibration: Calibration, runs: int, temperatures: int) -> InputError:

@@ -17,7 +17,7 @@ from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
-from vibrident.data.records import BoolArray, Calibration, FloatArray, Record
+from vibrident.data.records import MOTIONS, BoolArray, Calibration, FloatArray, Record, is_motion
 from vibrident.data.screening import Finding, screen
 from vibrident.fit.problem import Coordinates, network_of
 from vibrident.fit.response.deconvolution import chain_of, deconvolved
@@ -169,12 +169,11 @@ def _check_units(result: Result, calibration: Calibration) -> None:
         result.response_unit, "A table has no motion to predict a response to."
     )
     expected = result.quantity
-    if (calibration.quantity == "drive") != (expected == "drive"):
+    quantities = (calibration.quantity, expected)
+    if calibration.quantity != expected and not all(map(is_motion, quantities)):
         raise InputError(
             "The reference is of another kind than the result's.",
-            expected='quantity = "drive"'
-            if expected == "drive"
-            else "acceleration | velocity | displacement",
+            expected=" | ".join(MOTIONS) if is_motion(expected) else f'quantity = "{expected}"',
             found=f'quantity = "{calibration.quantity}"',
             where=f"{calibration.source or 'calibration in memory'}, [reference]",
             remedy="predict with a result from the same kind of reference",

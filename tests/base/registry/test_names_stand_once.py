@@ -21,6 +21,7 @@ OTHERS = {
     "app/cli/commands/simulate.py": {"delay"},  # of the optical channel
     "app/cli/options.py": {"cubic"},  # a simulated sensor
     "data/effects.py": {"clocks"},  # a kind of effect
+    "data/known/mounting.py": {"damping_ratio"},  # of a coupling
     "fit/estimators/residual_network.py": {"ipnn"},  # the same estimator with a network beside it
     "fit/decay/estimate.py": {"ml"},  # maximum likelihood of free decays, which have no other estimator
     "data/records/basis.py": {"accelerometer"},  # the model of a file that names none
@@ -28,9 +29,20 @@ OTHERS = {
     "result/result.py": {"natural_frequency", "damping_ratio"},  # what free decays alone tell
 }
 #: Names so short or so common that they are words of programs; readers' names are for messages only.
-COMMON = {"c", "change", "csv", "control", "delay", "dcc", "drift", "fmu", "gain", "scipy", "sensitivity"} | set(
-    READERS.names()
-)
+COMMON = {
+    "c",
+    "change",
+    "csv",
+    "control",
+    "delay",
+    "dcc",
+    "drift",
+    "fmu",
+    "gain",
+    "mounting",
+    "scipy",
+    "sensitivity",
+} | set(READERS.names())
 
 
 def literals(file: Path) -> set[str]:

@@ -27,6 +27,11 @@ CASES = [
         "velocity-pickup+highpass+mode2",
         GEOPHONE | {"highpass_frequency": 0.1, "mode2_frequency": 140.0, "mode2_damping": 0.01, "mode2_gain": 0.01},
     ),
+    ("accelerometer+mounting", PAPER | {"mounting_frequency": 900.0, "mounting_damping": 0.03}),
+    (
+        "velocity-pickup+mounting:0.3+highpass",
+        GEOPHONE | {"mounting_frequency": 30.0, "mounting_damping": 0.1, "highpass_frequency": 0.1},
+    ),
 ]
 #: Not a rational function: no realisation.
 BOXCAR = ("accelerometer+boxcar+delay", PAPER | {"boxcar_length": 2.0165e-3, "delay": 5e-4})
@@ -174,7 +179,7 @@ def test_state_space_is_the_rational_function(name, p, quantity):
     wn = 2 * np.pi * p["natural_frequency"]
     rational = model.rational(p, quantity)
     system = realise(rational)
-    assert system.order == 2 + name.count("highpass") + 2 * name.count("mode2")
+    assert system.order == 2 + name.count("highpass") + 2 * name.count("mode2") + 2 * name.count("mounting")
     a, b, c = (np.asarray(m) for m in (system.a, system.b, system.c))
     s = wn * np.concatenate([1j * np.geomspace(1e-2, 1e2, 31), np.array([0.3 + 0.2j, -3 - 1j, 5.0, -0.01 + 2j])])
     if p["damping_ratio"] == 0:

@@ -18,7 +18,7 @@ from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.registry import MODELS
 
 EXCITATIONS = ("sine", "multisine", "sweep", "random", "shock")
-QUANTITIES = ("acceleration", "velocity", "displacement", "drive")
+QUANTITIES = ("acceleration", "velocity", "displacement", "drive", "force")
 SENSORS = ("paper", "inverted", "cubic", "two-mode", "piezo", "geophone", "seismometer")
 
 FORMATS = ("html", "pdf", "md")

@@ -11,6 +11,7 @@ from vibrident.app.workflow.estimators import AUTO, check_settings, estimator
 from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
+    from vibrident.data.io.long_records import LongRecords
     from vibrident.data.records import Calibration
     from vibrident.fit.optimise import Progress
     from vibrident.result import Result
@@ -32,6 +33,9 @@ class IdentifyRequest:
     # that the fit takes; None: as the calibrations state
     band_hz: tuple[float, float] | None = None
     weights: bool = False  # whether the weights of a network are requested
+    # long records: the Dask scheduler whose workers share them; folder of what is fitted of them
+    scheduler: str | None = None
+    work: Path | None = None
 
     def check(self, calibrations: int = 1) -> None:
         """Refuse options that exclude each other; nothing is read."""
@@ -48,10 +52,20 @@ class IdentifyRequest:
                 where="⟦here⟧",
                 remedy="leave ⟦identify.posterior⟧ out, or identify each file by itself",
             )
+        if calibrations > 1 and (self.scheduler is not None or self.work is not None):
+            raise InputError(
+                "Long records are shared of one calibration at a time.",
+                expected="one calibration file with ⟦identify.scheduler⟧ or ⟦identify.work⟧",
+                found=f"{calibrations} files",
+                where="⟦here⟧",
+                remedy="leave it out, or identify each file by itself",
+            )
 
 
 def run(
-    request: IdentifyRequest, calibrations: Sequence[Calibration], progress: Progress
+    request: IdentifyRequest,
+    calibrations: Sequence[Calibration | LongRecords],
+    progress: Progress,
 ) -> list[Result]:
     """Return a result for each calibration; several make one joint fit.
 
@@ -62,7 +76,6 @@ def run(
     """
     chosen = estimator(request.estimator, request.settings)
     models = request.models
-    calibrations = [calibration.within(request.band_hz) for calibration in calibrations]
     if len(calibrations) == 1:
         from vibrident.use.identification import identify
 
@@ -82,17 +95,22 @@ def run(
                 calibrations[0],
                 model,
                 chosen,
+                band_hz=request.band_hz,
                 uncertainty=uncertainty,
                 posterior=sampling,
+                scheduler=request.scheduler,
+                work=request.work,
                 progress=progress,
             )
         ]
+    from vibrident.data.records import Calibration
     from vibrident.fit.joint import identify_together
 
+    whole = [each if isinstance(each, Calibration) else each.whole() for each in calibrations]
     model_choice = models[0] if models is not None and len(models) == 1 else models
     return list(
         identify_together(
-            calibrations,
+            [calibration.within(request.band_hz) for calibration in whole],
             model_choice,
             chosen,
             share=request.share,

@@ -13,7 +13,7 @@ from vibrident.show.views import Sentence
 if TYPE_CHECKING:
     from vibrident.data.records import Calibration
     from vibrident.result import Result
-    from vibrident.use.planning import Plan
+    from vibrident.use.planning import MountedSensor, Plan
 
 
 def predict(known: Result, data: Calibration, folder: Path) -> TaskOutput:
@@ -150,3 +150,27 @@ def write_plan(plan: Plan, folder: Path) -> None:
     from vibrident.use.planning import plan_document
 
     write_json(folder / "plan.json", plan_document(plan))
+
+
+def describe_mounted(result: Result, mounted: MountedSensor) -> TaskOutput:
+    """Return the output of another mounting: both sensitivities and their difference."""
+    from vibrident.show import methods
+    from vibrident.show.use_figures import mounting as figure
+
+    frequency_hz, damping = mounted.mounting
+    sentence = f"Mounting: {frequency_hz:.5g} Hz, damping ratio {damping:.3g}. U with k = 2."
+    return TaskOutput(
+        (methods.mounted(result, mounted), Sentence(sentence)), (figure(result, mounted),)
+    )
+
+
+def write_mounted(mounted: MountedSensor, folder: Path) -> None:
+    """Write mounting.csv: both sensitivities by frequency."""
+    from vibrident.use.planning import mounted_document
+
+    columns = mounted_document(mounted)
+    rows = [",".join(columns)]
+    rows += [
+        ",".join(f"{value:.10g}" for value in row) for row in zip(*columns.values(), strict=True)
+    ]
+    (folder / "mounting.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")

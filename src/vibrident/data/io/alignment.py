@@ -32,10 +32,12 @@ class ClockedChannel:
     position: int
     values: FloatArray
     clock: ChannelClock | None = None
+    first: int = 0  # sample of the column that ``values`` begin with
 
     def require_finite(self, rows: slice) -> None:
         """Refuse a value of these rows that is missing, NaN or infinite, with its place."""
-        self.source.require_finite(self.position, self.values[rows], rows.start, REPAIR)
+        first = self.first + rows.start
+        self.source.require_finite(self.position, self.values[rows], first, REPAIR)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from vibrident.data.effects import Circumstances
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import basic, expert, key
 from vibrident.data.io.known_section import KnownResponseEntry, check_known
+from vibrident.data.io.mounting_section import MountingSection
 from vibrident.data.io.schema_errors import validated
 from vibrident.data.io.sections import (
     CapabilityEntry,
@@ -88,7 +89,13 @@ class ReferenceSection(FileSection):
     quantity: Quantity = basic(
         "Reference: quantity",
         default="acceleration",
-        words=("acceleration, m/s²", "velocity, m/s", "displacement, m", "drive, its own unit"),
+        words=(
+            "acceleration, m/s²",
+            "velocity, m/s",
+            "displacement, m",
+            "drive, its own unit",
+            "force, N",
+        ),
     )
     scale: _Scale = basic("Reference: scale", default=1.0, about=_SCALE)
     unit: _AnyText = basic("Reference: unit", default="")
@@ -214,6 +221,7 @@ class CalibrationFile(FileSection):
     sensor: SensorSection = key("Sensor and model", default=SensorSection())
     reference: ReferenceSection = key("Reference: motion of the sensor", default=ReferenceSection())
     interferometer: InterferometerSection | None = key("Raw signals of an interferometer")
+    mounting: MountingSection | None = key("Mounting of the sensor")
     response: ResponseSection = key("Response: output of the sensor", default=ResponseSection())
     sampling: SamplingSection = key("Sampling and excitation", default=SamplingSection())
     records: list[RecordsEntry] = key("Records", default=[])

@@ -101,6 +101,10 @@ class ClockReader:
         notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, stated)]
         return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)))
 
+    def has_time_column(self, source: ColumnFile, position: int, channels: Sequence[int]) -> bool:
+        """Return whether a column of the file gives the times of a channel; as ``clock_of``."""
+        return self._time_column_of(source, position, channels)[0] is not None
+
     def _name(self, source: ColumnFile, column: int | None) -> str:
         return source.file if column is None else f"{source.file}, column {source.names[column]!r}"
 

@@ -200,6 +200,10 @@ class ColumnFile(ABC):
         """
         return np.stack([values[start:stop] for values in self._loaded_columns(positions)])
 
+    def reads_parts(self, position: int) -> bool:
+        """Tell whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
+        return False
+
     def _loaded_columns(self, positions: Sequence[int]) -> list[FloatArray]:
         missing = [position for position in positions if position not in self._loaded]
         self._loaded.update(zip(missing, self.load(missing) if missing else (), strict=True))

@@ -28,6 +28,7 @@ _REFERENCES = (
     (re.compile(r"ref|bezug", re.IGNORECASE), None),
     (re.compile(r"acc|beschl|a_in|m/s[\^]?2|m/s²", re.IGNORECASE), "acceleration"),
     (re.compile(r"vel|geschw|vibrometer", re.IGNORECASE), "velocity"),
+    (re.compile(r"force|hammer|kraft", re.IGNORECASE), "force"),
     (re.compile(r"drive|gen|excit|anregung|input", re.IGNORECASE), "drive"),
     (re.compile(r"disp|interferom|laser|weg", re.IGNORECASE), "displacement"),
 )

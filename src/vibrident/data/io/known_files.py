@@ -23,7 +23,7 @@ from vibrident.data.io.table_file import read_table
 from vibrident.data.io.units import QUANTITY_UNITS, factor_between, parse_unit, quantity_of
 from vibrident.data.known import KnownResponse, RationalResponse
 from vibrident.data.known.unsure import flat_effects
-from vibrident.data.records import QUANTITIES, REFERENCE_UNITS
+from vibrident.data.records import MOTIONS, REFERENCE_UNITS, is_motion
 
 ChannelName = Literal["reference", "response"]
 _TABLE_KEYS = (
@@ -206,7 +206,7 @@ def _scaled(known: KnownResponse, factor: float) -> KnownResponse:
 def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
     """Return a reference's response per SI unit of ``quantity``, from that per ``unit``."""
     theirs = quantity_of(unit)
-    if theirs is None:
+    if theirs is None or is_motion(theirs) != is_motion(quantity):
         raise InputError(
             "The known responses do not lead from the channel to the motion.",
             expected=f"units that end at one of motion, such as V/({REFERENCE_UNITS[quantity]})",
@@ -214,8 +214,9 @@ def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> K
             where=where,
             remedy="state unit of the entries, or of [reference]",
         )
-    motions = [q for q in QUANTITIES if q != "drive"]  # from acceleration down, each one more 1/s
-    steps = motions.index(theirs) - motions.index(quantity)  # K per x = K per v · s
+    steps = 0
+    if theirs in MOTIONS and quantity in MOTIONS:
+        steps = MOTIONS.index(theirs) - MOTIONS.index(quantity)  # K per x = K per v · s
     parsed = parse_unit(unit)
     assert parsed is not None
     origin = np.zeros(abs(steps), dtype=complex)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,10 +59,17 @@ def sha256(path: Path) -> str:
         InputError: the file cannot be read.
     """
     try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+        state = path.stat()
+        return _digest(path.resolve(), state.st_size, state.st_mtime_ns)
     except OSError as error:
         raise unreadable(str(path), error, "a data file") from error
+
+
+@functools.lru_cache(maxsize=64)  # a long file is read in many parts
+def _digest(path: Path, size: int, changed_ns: int) -> str:
+    """Return the hex digest of a file of this size and time of change."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def unknown_format(suffix: str, where: str) -> InputError:

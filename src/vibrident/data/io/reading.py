@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from vibrident.base import sandbox
@@ -13,6 +14,7 @@ from vibrident.data.io.calibration_file import CalibrationFile, read_calibration
 from vibrident.data.io.columns import memory_for
 from vibrident.data.io.header_units import file_unit, reference_unit, response_unit
 from vibrident.data.io.known_files import as_channels, known_channel, known_files
+from vibrident.data.io.mounting_section import mounting_of
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
     RecordPart,
@@ -27,7 +29,7 @@ from vibrident.data.records import Calibration, Record
 
 # Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit;
 # time, and more a byte.
-_LIBRARIES_BYTES = 600_000_000
+LIBRARIES_BYTES = 600_000_000
 _COPIES = 2
 _SECONDS = 30.0
 _SECONDS_PER_BYTE = 1e-6
@@ -67,7 +69,7 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     size = sum(
         (file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name)
     )
-    memory_bytes = int(_LIBRARIES_BYTES + _COPIES * memory_for(size))
+    memory_bytes = int(LIBRARIES_BYTES + _COPIES * memory_for(size))
     seconds = _SECONDS + _SECONDS_PER_BYTE * size
     try:
         return sandbox.run(
@@ -103,8 +105,16 @@ def read(path: str | os.PathLike[str]) -> Calibration:
     return calibration_of(read_calibration_file(file), file.parent, str(file))
 
 
-def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calibration:
-    """Return the calibration of a checked file, whose relative paths start at ``folder``."""
+def calibration_of(
+    document: CalibrationFile,
+    folder: Path,
+    where: str,
+    rows: Mapping[int, slice] | None = None,
+) -> Calibration:
+    """Return the calibration of a checked file, whose relative paths start at ``folder``.
+
+    ``rows``: index of a record and its samples, of the records that are read; None: all.
+    """
     quantity = document.reference.quantity
     described = document
     document = as_channels(document)
@@ -126,7 +136,11 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
     else:
         parts = named_parts(document, folder, where)
         unit = reference_unit(document.reference, _first_unit(document, parts[0][0], folder))
-        readings = [read_record(part, name, document, folder, unit) for part, name in parts]
+        chosen = dict.fromkeys(range(len(parts))) if rows is None else rows
+        readings = [
+            read_record(*parts[number], document, folder, unit, span)
+            for number, span in chosen.items()
+        ]
         records = tuple(reading.record for reading in readings)
         more = timing_effects(readings)
     temperatures = [
@@ -151,6 +165,7 @@ def calibration_of(document: CalibrationFile, folder: Path, where: str) -> Calib
         capabilities=tuple(entry.capability for entry in document.cmc),
         reference_known_response=reference.response,
         response_known_response=response.response,
+        mounting=None if document.mounting is None else mounting_of(document.mounting, where),
     )
 
 

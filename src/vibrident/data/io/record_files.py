@@ -173,7 +173,12 @@ class ReadRecord:
 
 
 def read_record(
-    part: RecordPart, name: str, calibration: CalibrationFile, folder: Path, reference_unit: str
+    part: RecordPart,
+    name: str,
+    calibration: CalibrationFile,
+    folder: Path,
+    reference_unit: str,
+    rows: slice | None = None,
 ) -> ReadRecord:
     """Read one record of a calibration file; InputError where its file cannot be used.
 
@@ -183,9 +188,11 @@ def read_record(
         calibration: whose [response] unit is decided.
         folder: of the calibration file.
         reference_unit: of the reference after conversion.
+        rows: samples of the file that are read in place of the entry's part of it; the file is one
+            whose parts are read (see :class:`vibrident.data.io.long_records.FileRecords`).
     """
     entry = part.entry
-    response, reference = _load(part, calibration, folder)
+    response, reference = _load(part, calibration, folder, rows)
     conversion = response_conversion(
         response.source, response.position, calibration.response, calibration.response.unit
     )
@@ -203,8 +210,12 @@ def read_record(
         steps += [step, *part.other_file(folder)]
     assert response.clock is not None
     _check_frequency(part, response.clock.clock.rate_hz, response.source.file)
-    aligned = align(response, reference, entry.start_s, entry.stop_s, part.where)
+    start_s, stop_s = (entry.start_s, entry.stop_s) if rows is None else (None, None)
+    aligned = align(response, reference, start_s, stop_s, part.where)
     begins_s = aligned.start_s
+    if rows is not None:
+        begins_s += rows.start / aligned.rate_hz
+        steps.append(f"samples {rows.start + 1} to {rows.stop} of the file")
     if entry.start_time_s is not None:
         begins_s += entry.start_time_s - response.clock.begins_s
     record = Record(
@@ -248,9 +259,35 @@ def _step(
 
 
 def _load(
-    part: RecordPart, calibration: CalibrationFile, folder: Path
+    part: RecordPart, calibration: CalibrationFile, folder: Path, rows: slice | None
 ) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Load the response and, but for a decay, the reference, each with its clock."""
+    main, channels = open_channels(part, calibration, folder)
+    for source in dict.fromkeys(channel.source for channel in channels):  # each file once
+        places = [n for n, channel in enumerate(channels) if channel.source is source]
+        positions = [channels[n].position for n in places]
+        columns = source.load(positions) if rows is None else _block(source, positions, rows)
+        for n, values in zip(places, columns, strict=True):
+            is_twice = any(values is channel.values for channel in channels)
+            first = 0 if rows is None else rows.start
+            values = values.copy() if is_twice else values
+            channels[n] = replace(channels[n], values=values, first=first)
+    return _with_clocks(part, calibration, main, channels)
+
+
+def _block(source: ColumnFile, positions: Sequence[int], rows: slice) -> list[FloatArray]:
+    """Return some samples of columns, each as an array of its own."""
+    block = source.block(positions, rows.start, rows.stop)
+    return [np.array(values, dtype=np.float64) for values in block]
+
+
+def open_channels(
+    part: RecordPart, calibration: CalibrationFile, folder: Path
+) -> tuple[ColumnFile, list[ClockedChannel]]:
+    """Return the record's file, and response and reference without values; nothing is loaded.
+
+    A decay has no reference.
+    """
     main = open_columns(folder / part.file)
     wanted = [(main, calibration.response.column, "[response] column")]
     if part.entry.excitation != "decay":
@@ -263,13 +300,7 @@ def _load(
         position = source.position_of(column, key)
         source.require_over_time(position, key)
         channels.append(ClockedChannel(source, position, np.empty(0)))
-    for source in dict.fromkeys(channel.source for channel in channels):  # each file once
-        places = [n for n, channel in enumerate(channels) if channel.source is source]
-        columns = source.load([channels[n].position for n in places])
-        for n, values in zip(places, columns, strict=True):
-            is_twice = any(values is channel.values for channel in channels)
-            channels[n] = replace(channels[n], values=values.copy() if is_twice else values)
-    return _with_clocks(part, calibration, main, channels)
+    return main, channels
 
 
 def _with_clocks(

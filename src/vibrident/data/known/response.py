@@ -286,12 +286,17 @@ class KnownResponse:
 
 def refuse_known(stated: Mapping[str, object], what: str, where: str) -> None:
     """Refuse known responses, by channel, as ``what`` does not take them out of the data."""
-    channels = [f"[{name}]" for name, known in stated.items() if known]
-    if channels:
+    channels = [f"[{name}]" for name, known in stated.items() if known and name != "mounting"]
+    statements = [f"known_response in {' and '.join(channels)}"] if channels else []
+    if "mounting" in stated:
+        statements.append("[mounting]")
+    if statements:
         raise InputError(
             f"{what} takes no known response out of the channels.",
             expected="records in the units of the sensor and of the motion",
-            found=f"known_response in {' and '.join(channels)}",
+            found=" and ".join(statements),
             where=where,
-            remedy="remove known_response, and give records without the channel's response",
+            remedy="remove known_response, and give records without the channel's response"
+            if channels
+            else "remove [mounting]",
         )

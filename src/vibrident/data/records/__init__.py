@@ -4,6 +4,7 @@ from vibrident.data.effects import Capability, Circumstances, SystematicEffect
 from vibrident.data.records.basis import (
     EXCITATIONS,
     MAX_CHANNEL_VALUE,
+    MOTIONS,
     QUANTITIES,
     REFERENCE_UNITS,
     STANDARD_GRAVITY,
@@ -13,6 +14,7 @@ from vibrident.data.records.basis import (
     FloatArray,
     Provenance,
     Quantity,
+    is_motion,
 )
 from vibrident.data.records.calibration import Calibration
 from vibrident.data.records.record import Record, ResponseTable
@@ -20,6 +22,7 @@ from vibrident.data.records.record import Record, ResponseTable
 __all__ = [
     "EXCITATIONS",
     "MAX_CHANNEL_VALUE",
+    "MOTIONS",
     "QUANTITIES",
     "REFERENCE_UNITS",
     "STANDARD_GRAVITY",
@@ -35,4 +38,5 @@ __all__ = [
     "Record",
     "ResponseTable",
     "SystematicEffect",
+    "is_motion",
 ]

@@ -13,14 +13,23 @@ from numpy.typing import NDArray
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 
-Quantity = Literal["acceleration", "velocity", "displacement", "drive"]
+Quantity = Literal["acceleration", "velocity", "displacement", "drive", "force"]
+Motion = Literal["acceleration", "velocity", "displacement"]
 Excitation = Literal["sine", "multisine", "sweep", "random", "shock", "decay"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
+#: From acceleration on, each one the integral of the one before.
+MOTIONS: tuple[Motion, ...] = get_args(Motion)
 EXCITATIONS: tuple[str, ...] = get_args(Excitation)
 
 #: SI unit of the reference channel by quantity; a drive keeps its own unit.
 REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(
-    {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "drive": "drive unit"}
+    {
+        "acceleration": "m/s^2",
+        "velocity": "m/s",
+        "displacement": "m",
+        "drive": "drive unit",
+        "force": "N",
+    }
 )
 
 #: Upper limit of a channel's largest value, in its unit; the lower limit is the reciprocal.
@@ -30,6 +39,11 @@ USUAL_MODEL = "accelerometer"  # sensor model of a calibration that names none
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+def is_motion(quantity: str) -> bool:
+    """Return whether a reference gives a motion, which integration turns into any other one."""
+    return quantity in MOTIONS
 
 
 def frozen(values: object) -> FloatArray:

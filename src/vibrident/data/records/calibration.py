@@ -18,7 +18,7 @@ from vibrident.base.binding import bound
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.data.effects import Capability, SystematicEffect
-from vibrident.data.known import KnownResponse, refuse_known
+from vibrident.data.known import KnownResponse, Mounting, refuse_known
 from vibrident.data.records.basis import (
     QUANTITIES,
     REFERENCE_UNITS,
@@ -53,6 +53,8 @@ class Calibration:
             ``reference_unit`` are of the motion.
         response_known_response: known response of the response's channel; ``response_unit`` is of
             the sensor's output.
+        mounting: what is known of the sensor's mounting; one whose frequency is known is taken out
+            of the data with the known response of the reference.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -81,6 +83,7 @@ class Calibration:
     capabilities: tuple[Capability, ...] = ()
     reference_known_response: KnownResponse | None = None
     response_known_response: KnownResponse | None = None
+    mounting: Mounting | None = None
 
     __repr__ = brief
 
@@ -216,16 +219,26 @@ class Calibration:
 
     @property
     def known_responses(self) -> dict[str, KnownResponse]:
-        """Return the known responses of channels by their labels; empty if none is stated."""
-        stated = {
-            "reference": self.reference_known_response,
-            "response": self.response_known_response,
-        }
+        """Return the known responses of channels by their labels; empty if none is stated.
+
+        That of the reference leads to the motion of the sensor's housing where the mounting is
+        known.
+        """
+        reference = self.reference_known_response
+        if self.mounting is not None and self.mounting.is_known:
+            coupling = replace(self.mounting.response, channel_unit=self.reference_unit)
+            reference = coupling if reference is None else reference.times(coupling)
+        stated = {"reference": reference, "response": self.response_known_response}
         return {name: known for name, known in stated.items() if known is not None}
 
     def refuse_known_responses(self, what: str) -> None:
         """Refuse a calibration with known responses, which ``what`` cannot take out of the data."""
-        refuse_known(self.known_responses, what, self.source or "calibration in memory")
+        stated: dict[str, object] = dict(self.known_responses)
+        if self.mounting is not None and self.mounting.is_known:
+            stated["mounting"] = self.mounting
+            if self.reference_known_response is None:
+                del stated["reference"]
+        refuse_known(stated, what, self.source or "calibration in memory")
 
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result.

@@ -69,6 +69,7 @@ def gathered(calibration: Calibration, model: SensorModel) -> Evidence:
         effects=effects,
         reference_standard_uncertainty=0.0,
         reference_known_response=None,
+        mounting=None,
     )
     return Evidence.gather(adapted, oscillator_of(model))
 

@@ -22,7 +22,7 @@ from scipy.linalg import block_diag, null_space
 from scipy.special import chdtrc, fdtrc
 
 from vibrident.base.errors import InputError, unknown
-from vibrident.data.records import Calibration, FloatArray
+from vibrident.data.records import Calibration, FloatArray, is_motion
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.verdict import REJECTION
@@ -71,7 +71,7 @@ def _key(spec: ParameterSpec, calibration: Calibration, model: SensorModel) -> t
     """Return the attributes that two parameters of this name must share to be one."""
     if spec.describes != "output":
         return (spec.name,)
-    drive = calibration.reference_unit if calibration.quantity == "drive" else None
+    drive = None if is_motion(calibration.quantity) else calibration.reference_unit
     return (spec.name, model.core.name, calibration.response_unit, drive)
 
 

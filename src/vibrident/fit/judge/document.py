@@ -7,7 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vibrident.data.records import REFERENCE_UNITS, Calibration, FloatArray, ResponseTable
+from vibrident.data.records import (
+    REFERENCE_UNITS,
+    Calibration,
+    FloatArray,
+    ResponseTable,
+    is_motion,
+)
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
@@ -72,7 +78,8 @@ def document(
     doubts += [*warnings_of_fit(fitted, by_data), *report.warnings, *_warn_of_learned(estimate)]
     reports = (*fitted.reports, report)
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
-    profile = _profile(fitted, by_data, coverage_factor(freedom))
+    # Of a joint fit the data of one calibration do not tell how far χ² rises.
+    profile = _profile(fitted, by_data, coverage_factor(freedom)) if len(data) == 1 else None
     if profile is not None:
         table, widened = with_profile(
             table, profile, coordinates, total - by_data, coverage_factor(freedom)
@@ -152,8 +159,7 @@ def _reference(calibration: Calibration) -> dict[str, str]:
 def _sensitivity_per(model: SensorModel, calibration: Calibration) -> dict[str, str]:
     """Return the quantity that curve and points are per, with its unit; a drive has its own."""
     quantity = model.stated_quantity(calibration.quantity)
-    is_drive = quantity == "drive"
-    unit = calibration.reference_unit if is_drive else REFERENCE_UNITS[quantity]
+    unit = REFERENCE_UNITS[quantity] if is_motion(quantity) else calibration.reference_unit
     return {"quantity": quantity, "unit": unit}
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 
 from vibrident.base.errors import VibridentError
 from vibrident.base.nominal import SAME, nominal_value
 from vibrident.base.tails import f_tail
-from vibrident.data.records import FloatArray, Quantity, ResponseTable
+from vibrident.data.records import MOTIONS, FloatArray, ResponseTable, is_motion
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
@@ -213,9 +212,9 @@ def _readings(
         )
         data = (frequency, response, reference, deviation * np.abs(reference / response))
         yield text, replace(problem, data=data)
-    if problem.quantity != "drive":
-        for quantity in get_args(Quantity):
-            if quantity not in (problem.quantity, "drive"):
+    if is_motion(problem.quantity):
+        for quantity in MOTIONS:
+            if quantity != problem.quantity:
                 text = (
                     f"The data fit far better with a reference in {quantity}: "
                     "is its quantity right?"

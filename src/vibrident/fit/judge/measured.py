@@ -75,6 +75,11 @@ def _model_at(fitted: Fitted, frequency_hz: FloatArray) -> np.ndarray:
 
 def fit_of_signals(fitted: Fitted) -> Fit:
     """Return the metrics of measured minus predicted response over all records."""
+    return metrics(sums_of_signals(fitted), fitted)
+
+
+def sums_of_signals(fitted: Fitted) -> FloatArray:
+    """Return n, Σ |e|, Σ e² of measured minus predicted response, and Σ y² about its mean, (4,)."""
     sums = np.zeros(4)
     for record, series in zip(fitted.evidence.records, fitted.judgement.predicted, strict=True):
         used = record.mask & np.isfinite(series)
@@ -82,7 +87,7 @@ def fit_of_signals(fitted: Fitted) -> Fit:
         sums += _sums(
             response - series[used], response - response.mean() if used.any() else response
         )
-    return _metrics(sums, fitted)
+    return sums
 
 
 def fit_of_table(fitted: Fitted) -> Fit:
@@ -93,7 +98,7 @@ def fit_of_table(fitted: Fitted) -> Fit:
     measured = adequacy.measured
     model = _model_at(fitted, adequacy.frequency_hz)
     residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return _metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), fitted)
+    return metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), fitted)
 
 
 def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
@@ -106,8 +111,8 @@ def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
     )
 
 
-def _metrics(sums: FloatArray, fitted: Fitted) -> Fit:
-    """Return the metrics of a fit from the sums of :func:`_sums`."""
+def metrics(sums: FloatArray, fitted: Fitted) -> Fit:
+    """Return the metrics of a fit from sums as those of :func:`sums_of_signals`."""
     adequacy = fitted.judgement.adequacy
     shares = fitted.judgement.shares
     mae, mse, variance = (sums[1:] / (sums[0] or float("nan"))).tolist()

@@ -101,7 +101,8 @@ def _plug_ins(fitted: Fitted, readers: Iterable[str]) -> dict[str, str]:
 
 def _taking_part(fitted: Fitted, readers: Iterable[str]) -> Iterator[tuple[Registry[Any], str]]:
     """Yield the parts of the model, the estimator, the readers, and every departure tested."""
-    yield from ((MODELS, name) for name in fitted.evidence.model.name.split("+"))
+    parts = fitted.evidence.model.name.split("+")
+    yield from ((MODELS, part.partition(":")[0]) for part in parts)
     yield ESTIMATORS, fitted.estimate.estimator
     yield from ((READERS, name) for name in readers)
     if fitted.estimate.findings.decays is None:  # free decays have tests of their own

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.amounts import plain
-from vibrident.data.records import FloatArray
+from vibrident.data.records import FloatArray, is_motion
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.response.response import ComplexArray
 
@@ -53,9 +53,8 @@ def _explanation(fitted: Fitted) -> str:
     """Return the sentence that names the reference as a cause; empty where it is none."""
     evidence = fitted.evidence
     adequacy = fitted.judgement.adequacy
-    stated = (
-        "reference" in evidence.calibration.known_responses
-        or evidence.calibration.quantity == "drive"
+    stated = "reference" in evidence.calibration.known_responses or not is_motion(
+        evidence.calibration.quantity
     )
     optical = any(record.optical is not None for record in evidence.records)
     few = 2 * len(adequacy.frequency_hz) - len(fitted.estimate.z) < MIN_FREEDOM

@@ -165,14 +165,21 @@ def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     Of either those with as many parameters come together, the fewest first.
     """
     present = evidence.model.name.split("+")
-    add_ons = [addon for addon in ADD_ONS.values() if addon.force is None]
+    # A mounting does to the data of one mounting what a second mode does, which is tried.
+    add_ons = [
+        addon for addon in ADD_ONS.values() if addon.force is None and not addon.before_sensor
+    ]
     if evidence.bands is not None:  # broadband motion needs a network
         add_ons = [addon for addon in add_ons if addon.factor is None]
     additional = [addon.name for addon in add_ons if addon.name not in present]
     delays = [addon.name for addon in add_ons if addon.is_delay and addon.name in additional]
     # A gain alone is a limit of the other cores.
     cores = [
-        name for name, core in CORES.items() if name != present[0] and len(core.parameters) > 1
+        name
+        for name, core in CORES.items()
+        if name != present[0]
+        and len(core.parameters) > 1
+        and core.behind in ("any", evidence.model.core.behind)
     ]
     # Cores come last: an add-on may do the same, and keeps the names of the parameters.
     one_more = [[*present, name] for name in additional]

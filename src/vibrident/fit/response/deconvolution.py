@@ -99,7 +99,8 @@ class Chain:
 
 def chain_of(calibration: Calibration) -> Chain | None:
     """Return the known responses that are still in a calibration's data; None without any."""
-    stated = (calibration.reference_known_response, calibration.response_known_response)
+    known_responses = calibration.known_responses
+    stated = (known_responses.get("reference"), known_responses.get("response"))
     reference, response = (known if known and known.shapes else None for known in stated)
     return None if reference is None and response is None else Chain(reference, response)
 
@@ -144,7 +145,7 @@ def without_chain(calibration: Calibration, chain: Chain) -> Calibration:
     )
     known = calibration.known_responses.items()
     done = {f"{name}_known_response": response.taken_out() for name, response in known}
-    return replace(calibration, table=sensors, **done)
+    return replace(calibration, table=sensors, mounting=None, **done)
 
 
 def _band_of(record: Record, chain: Chain) -> tuple[float, float]:

@@ -12,6 +12,7 @@ factor:
 | clock | −f ∂ log H/∂f | relative (sampling rate) |
 | ellipse, cyclic | tabulated by the interferometer's signals | relative |
 | gain, phase with a table or a band | tabulated by the calibration file | relative, rad: largest |
+| mass ratio | ∂ log H/∂μ of a mounting that is fitted | of μ |
 | rounding | tabulated by the records and their converters' steps | relative |
 
 The fit answers to it as to any other deviation: dz = (AᵀA)⁻¹ Aᵀ b. It is common to all points, so
@@ -42,8 +43,10 @@ from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.verdict import probability
 from vibrident.fit.uncertainty.linearised import Linearised, log_slopes
 from vibrident.fit.uncertainty.parameters import deviations, reference_direction
+from vibrident.physics.models import with_number_moved
 from vibrident.result import MeasuredCurve
 
+MASS_RATIO_STEP = 1e-5  # of the central difference
 DATA = "data"  # kind of a row of type A
 #: Weighted deviations, from z and a change of log H at each point.
 Weighted = Callable[[FloatArray, np.ndarray], FloatArray]
@@ -126,11 +129,24 @@ def pattern(
     if effect.kind == "mounting":
         return (frequency / float(effect.frequency_hz or 1.0)) ** 2 + 0j
     assert linear is not None
+    if effect.kind == "mass ratio":
+        return _change_by_mass_ratio(linear, frequency)
     sensor = linear.coordinates, linear.z, linear.quantity
     step = 1e-5  # relative, of the central difference
     ahead, _ = log_slopes(*sensor, frequency * (1.0 + step))
     behind, _ = log_slopes(*sensor, frequency * (1.0 - step))
     return -np.log(ahead / behind) / (2.0 * step)
+
+
+def _change_by_mass_ratio(linear: Linearised | Place, frequency: FloatArray) -> NDArray[Any]:
+    """Return ∂ log H/∂μ of a model with a mounting, complex, shape (m,)."""
+    coordinates = linear.coordinates
+    values = coordinates.values(linear.z)
+    responses = [
+        with_number_moved(coordinates.model, step).frequency_response(values, frequency)
+        for step in (-MASS_RATIO_STEP, MASS_RATIO_STEP)
+    ]
+    return np.asarray(np.log(responses[1] / responses[0]) / (2.0 * MASS_RATIO_STEP))
 
 
 def effective_degrees_of_freedom(rows: Sequence[BudgetRow]) -> FloatArray:
@@ -150,6 +166,10 @@ def effects_of(calibration: Calibration) -> list[SystematicEffect]:
     )
     known_responses = calibration.known_responses.values()
     known = [effect for response in known_responses for effect in response.effects]
+    mounting = calibration.mounting
+    if mounting is not None and not mounting.is_known and mounting.mass_ratio_uncertainty > 0.0:
+        u = mounting.mass_ratio_uncertainty
+        known.append(SystematicEffect("mass ratio of the mounting", "mass ratio", u))
     return [*reference, *known, *calibration.effects]
 
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vibrident.base.tails import student_quantile
-from vibrident.data.records import Calibration, FloatArray
+from vibrident.data.records import Calibration, FloatArray, is_motion
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.coordinates import ends_of
 from vibrident.physics.models import Derived, SensorModel
@@ -342,7 +342,7 @@ def _unit(template: str, fields: Mapping[str, str]) -> str:
 
 def unit_fields(calibration: Calibration) -> dict[str, str]:
     """Return what the models' unit templates are filled with."""
-    is_drive = calibration.quantity == "drive"
+    is_drive = not is_motion(calibration.quantity)
     return fields_of_units(
         calibration.response_unit,
         calibration.reference_unit if is_drive else "m/s^2",
@@ -355,8 +355,8 @@ def fields_of_units(response: str, reference: str, *, drive: bool) -> dict[str, 
 
     Args:
         response: unit of the response.
-        reference: unit of the drive, or of acceleration.
-        drive: whether the reference is a drive, whose integral has no separate unit.
+        reference: unit of the drive or force, or of acceleration.
+        drive: whether the reference is no motion, so that its integral has no separate unit.
     """
     return {
         "response": response,

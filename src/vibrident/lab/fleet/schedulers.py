@@ -10,11 +10,10 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from vibrident.base.cluster import PATIENCE_S, connect
 from vibrident.base.errors import InputError
-from vibrident.base.extras import library
 from vibrident.lab.fleet.batch import end_processes
 
 
@@ -106,33 +105,16 @@ class Dask(Scheduler):
     """
 
     #: Seconds to wait for the scheduler, and seconds for which a count of workers is reused.
-    _PATIENCE_S = 20.0
+    _PATIENCE_S = PATIENCE_S
     _COUNT_S = 1.0
 
     def __init__(self, where: str) -> None:
         super().__init__()
-        missing = "A scheduler needs Dask, which is not installed."
-        distributed = library("distributed", "cluster", missing, f"⟦fleet.scheduler = {where!r}⟧")
         self._where = where
         self._futures = {}
         self._count = 0
         self._counted = -self._COUNT_S
-        in_file = where.endswith(".json")
-        if in_file and not Path(where).is_file():
-            raise self._unreachable("no file of that name")
-        if (
-            not in_file
-            and "/" not in where.partition("://")[2]
-            and not where.rpartition(":")[2].isdigit()
-        ):
-            raise self._unreachable("no port")  # Dask would wait for it at the end
-        place = {"scheduler_file": where} if in_file else {"address": where}
-        try:
-            self._client = distributed.Client(
-                **place, timeout=self._PATIENCE_S, set_as_default=False
-            )
-        except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
-            raise self._unreachable(f"{type(error).__name__}: {error}") from error
+        self._client = connect(where, "fleet.scheduler", self._PATIENCE_S)
 
     def workers(self) -> int:
         """Return the number of threads of all present workers."""
@@ -192,14 +174,3 @@ class Dask(Scheduler):
             self._client.run(end_processes, run)
         with contextlib.suppress(Exception):
             self._client.close(timeout=5)
-
-    def _unreachable(self, detail: str) -> InputError:
-        return InputError(
-            "No scheduler answers there.",
-            expected=(
-                "the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)"
-            ),
-            found=detail,
-            where=f"⟦fleet.scheduler = {self._where!r}⟧",
-            remedy="start it with `dask scheduler`, and copy the address that it prints",
-        )

@@ -33,6 +33,7 @@ __all__ = [
     "parse",
     "parse_model",
     "with_add_ons",
+    "with_number_moved",
 ]
 
 GivenModel = str | Model | SensorModel  # a model by its name, or as an object
@@ -106,9 +107,7 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
     add_ons: list[AddOn] = []
     name = f"{core.name}+{names}"
     for part in (part.strip() for part in names.split("+")):
-        addon = MODELS.find(part)
-        if not isinstance(addon, AddOn):
-            raise _unknown("add-on", part, ADD_ONS, name)
+        addon = _add_on(part, core, name)
         if addon in add_ons:
             raise ModelError(
                 f"The add-on {part!r} is named twice.",
@@ -123,9 +122,91 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
         "+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons)
     )
     _check_names(model)
+    _check_parallel(model)
     if not model.is_linear:
         _check_nonlinear(model)
     return model
+
+
+def _add_on(part: str, core: Model, name: str) -> AddOn:
+    """Return the add-on of a part of a model's name: ``delay``, or ``mounting:0.2``.
+
+    Raises:
+        ModelError: it is unknown, or takes no number, or not this one.
+    """
+    word, colon, number = part.partition(":")
+    addon = MODELS.find(word)
+    if not isinstance(addon, AddOn):
+        raise _unknown("add-on", word, ADD_ONS, name)
+    if not colon:
+        return addon
+    try:
+        value = float(number)
+    except ValueError:
+        value = None
+    if value is None or addon.with_number is None:
+        takers = [each.name for each in ADD_ONS.values() if each.with_number is not None]
+        raise ModelError(
+            f"The add-on {word!r} cannot be read.",
+            expected=f"a number behind the colon, of {' or '.join(takers)} alone",
+            found=repr(name),
+            where="model",
+            remedy=f"write {word!r} without the colon, or a number behind it",
+        )
+    return addon if value == 0.0 else addon.with_number(value, core)
+
+
+def _require_reference(model: SensorModel, calibration: Calibration) -> None:
+    """Check that a model stands behind what the reference measures, in the unit that it needs.
+
+    Raises:
+        ModelError: a sensor of motion stands behind a force, a structure behind none, or its
+            response is in another unit.
+    """
+    if calibration.table is None and all(
+        record.reference is None for record in calibration.records
+    ):
+        return  # free decays
+    core = model.core
+    by_force = calibration.quantity == "force"
+    on_mounting = by_force and any(addon.before_sensor for addon in model.add_ons)
+    if on_mounting or (core.behind != "any" and (core.behind == "force") != by_force):
+        fitting = [each.name for each in CORES.values() if each.behind != "motion"]
+        raise ModelError(
+            "This model does not stand behind a force."
+            if by_force
+            else "This model stands behind a force.",
+            expected=f"{' | '.join(fitting)}, without a mounting"
+            if by_force
+            else '[reference] quantity = "force", in N',
+            found=f"{model.name!r} with quantity = {calibration.quantity!r}",
+            where=calibration.source or "model",
+            remedy="choose a model of these, or correct the quantity of the reference",
+        )
+    needed = core.response_unit
+    if needed and not _is_same_unit(calibration.response_unit, needed):
+        raise ModelError(
+            f"The response is not in the unit of {core.name}.",
+            expected=f'[response] unit = "{needed}"',
+            found=f'unit = "{calibration.response_unit}"',
+            where=calibration.source or "model",
+            remedy=f'state unit = "{needed}" with scale = {needed} per unit of the file, '
+            "or a known_response of the sensor",
+        )
+
+
+def _is_same_unit(unit: str, needed: str) -> bool:
+    """Return whether two texts name one unit: "m/s²" and "m/s^2"."""
+    from vibrident.data.io.units import factor_between  # loads the readers
+
+    return unit == needed or factor_between(unit, needed) == 1.0
+
+
+def with_number_moved(model: SensorModel, step: float) -> SensorModel:
+    """Return a model whose add-on with a number in its name, if there is one, has another one."""
+    parts = [addon.name.partition(":") for addon in model.add_ons]
+    names = [f"{word}:{float(number) + step!r}" if colon else word for word, colon, number in parts]
+    return with_add_ons(model.core, "+".join(names)) if names else model
 
 
 def named(model: GivenModel | None) -> str | None:
@@ -156,13 +237,45 @@ def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
         ModelError: as :func:`parse`; it names the calibration file where the name stands there.
     """
     if name is not None:
-        return parse(name)
+        return _as_mounted(parse(name), calibration)
     try:
-        return parse(calibration.model)
+        return _as_mounted(parse(calibration.model), calibration)
     except ModelError as error:
         raise (
             error.at(f"{calibration.source}, [sensor] model") if calibration.source else error
         ) from None
+
+
+def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
+    """Return a model with the mass ratio that the calibration states of a mounting to be fitted.
+
+    Raises:
+        ModelError: the mounting is known and fitted, or neither.
+    """
+    _require_reference(model, calibration)
+    mounting = calibration.mounting
+    fitted = next((addon for addon in model.add_ons if addon.before_sensor), None)
+    if mounting is None or (mounting.is_known and fitted is None):
+        return model
+    if mounting.is_known or fitted is None:
+        raise ModelError(
+            "The mounting is both known and fitted."
+            if mounting.is_known
+            else "The mounting is neither known nor fitted.",
+            expected="its frequency in the calibration, or the add-on 'mounting' in the model",
+            found=f"{model.name!r}, and a frequency of the mounting"
+            if mounting.is_known
+            else f"{model.name!r}, and the mass ratio alone",
+            where="model",
+            remedy="leave one of the two out"
+            if mounting.is_known
+            else f"use {model.name + '+mounting'!r}, or state frequency_hz under [mounting]",
+        )
+    if fitted.with_number is None:  # the model has its own number
+        return model
+    numbered = f"{fitted.name}:{float(mounting.mass_ratio)!r}"
+    names = [numbered if addon is fitted else addon.name for addon in model.add_ons]
+    return with_add_ons(model.core, "+".join(names))
 
 
 def installed(name: str) -> SensorModel | None:
@@ -187,6 +300,20 @@ def _check_names(model: SensorModel) -> None:
             found=f"{', '.join(twice)} twice in {model.name!r}",
             where="model",
             remedy="leave one of the parts out",
+        )
+
+
+def _check_parallel(model: SensorModel) -> None:
+    """Check that nothing stands parallel to a core whose own mass acts back on its mounting."""
+    alone = [addon.name for addon in model.add_ons if addon.moves_poles]
+    parallel = [addon.name for addon in model.add_ons if not addon.in_series]
+    if alone and parallel:
+        raise ModelError(
+            f"The add-on {parallel[0]!r} cannot be combined with {alone[0]!r}.",
+            expected="a sensor of one mode on a mounting with a mass ratio",
+            found=repr(model.name),
+            where="model",
+            remedy=f"leave out {parallel[0]!r}, or the mass ratio",
         )
 
 

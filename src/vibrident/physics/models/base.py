@@ -21,8 +21,14 @@ import numpy as np
 from vibrident.base.errors import ModelError
 
 #: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up
-#: to a constant.
-DERIVATIVES: Mapping[str, int] = {"acceleration": 0, "drive": 0, "velocity": 1, "displacement": 2}
+#: to a constant; a force is what the models behind a force are per.
+DERIVATIVES: Mapping[str, int] = {
+    "acceleration": 0,
+    "drive": 0,
+    "force": 0,
+    "velocity": 1,
+    "displacement": 2,
+}
 Parameters = Mapping[str, Any]  # name → number, array or tracer, SI units except frequencies in Hz
 
 
@@ -176,6 +182,11 @@ class AddOn:
         corner: name of the corner frequency (Hz) of a real pole that it adds.
         share: name of the parameter that what it adds in parallel is proportional to.
         window: name of the length, s, of a window over which it averages.
+        before_sensor: whether it changes the motion that reaches the sensor: its ``rational`` is
+            then given core and parallel parts alone.
+        moves_poles: whether the poles of the core become others, so that no part parallel to the
+            core may stand beside it.
+        with_number: (number behind ":" in a model's name, core, a ``Model``) → the add-on for it.
         labels: how its part is told from a like one, where it adds such.
         remark: what a report says beside the results of such a model.
     """
@@ -194,6 +205,9 @@ class AddOn:
     corner: str = ""
     share: str = ""
     window: str = ""
+    before_sensor: bool = False
+    moves_poles: bool = False
+    with_number: Callable[[float, Any], AddOn] | None = None
     labels: Labels | None = None
     remark: str = ""
 
@@ -201,13 +215,13 @@ class AddOn:
     def place(self) -> int:
         """Return the position in a model's name and in the chain.
 
-        Forces come first, then parallel modes, filters behind, average, delay.
+        Forces come first, then parallel modes, the mounting, filters behind, average, delay.
         """
         if self.force is not None:
             return 0
         if self.rational is not None:
-            return 2 if self.in_series else 1
-        return 3 if self.factor is not None else 4
+            return 2 + (not self.before_sensor) if self.in_series else 1
+        return 4 if self.factor is not None else 5
 
     @property
     def is_delay(self) -> bool:

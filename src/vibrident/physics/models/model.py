@@ -58,6 +58,9 @@ class Model:
             s² + 2 δ ωn s + ωn²; None where the sensor is no damped oscillator.
         output: ``displacement`` where the gain is the response to static acceleration and the
             numerator ωn²; ``velocity`` where the numerator is s; ``other``.
+        derivative: power of s by which the response follows what the formula gives.
+        behind: what its reference measures: ``motion`` (or a drive), ``force``, or ``any``.
+        response_unit: of the response, where the units of the parameters need that one.
 
     Raises:
         ModelError: the response is no function of s and the parameters, or no parameter is its
@@ -83,6 +86,9 @@ class Model:
     derived: tuple[Derived, ...] = ()
     oscillator: tuple[str, str] | None = None
     output: Literal["displacement", "velocity", "other"] = "other"
+    derivative: int = 0
+    behind: Literal["motion", "force", "any"] = "any"
+    response_unit: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not _NAME.fullmatch(self.name):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrident.data.records import Quantity
+from vibrident.data.records import Quantity, is_motion
 from vibrident.physics.models.base import (
     DERIVATIVES,
     AddOn,
@@ -92,13 +92,13 @@ class SensorModel:
         return self.fastest(parameters) / (2.0 * np.pi)
 
     def stated_quantity(self, reference: Quantity) -> Quantity:
-        """Return what a sensitivity is stated per: the sensor's own motion, or the drive.
+        """Return what a sensitivity is stated per: the sensor's own motion, the drive or force.
 
         A pickup of velocity is stated per m/s, every other sensor per m/s², whatever the
         reference measured.
         """
-        if reference == "drive":
-            return "drive"
+        if not is_motion(reference):
+            return reference
         return "velocity" if self.core.output == "velocity" else "acceleration"
 
     @property
@@ -122,7 +122,7 @@ class SensorModel:
         for addon in self.add_ons:
             if addon.rational is not None:
                 system = addon.rational(parameters, system)
-        zeros = (0.0,) * DERIVATIVES[quantity]
+        zeros = (0.0,) * (DERIVATIVES[quantity] + self.core.derivative)
         return Rational(
             system.gain, zeros + system.numerator, system.denominator, system.angular_scale
         )
@@ -225,7 +225,7 @@ class SensorModel:
                 if addon.parallel is not None
             ),
         ]
-        zeros = (0.0,) * DERIVATIVES[quantity]
+        zeros = (0.0,) * (DERIVATIVES[quantity] + self.core.derivative)
         return tuple(
             Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale) for r in parts
         )

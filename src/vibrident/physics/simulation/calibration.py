@@ -274,7 +274,9 @@ def _sensor(sensor: str | Sensor | tuple[str, Mapping[str, float]]) -> Sensor:
     if isinstance(sensor, str):
         return sensor_named(sensor)
     model, parameters = sensor
-    return Sensor("custom", "sensor of the given parameters", model, parameters)
+    unit = parse(model).core.response_unit or "V"
+    title = "sensor of the given parameters"
+    return Sensor("custom", title, model, parameters, response_unit=unit)
 
 
 def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Sensor) -> FloatArray:

@@ -160,8 +160,8 @@ def correct(
             remedy="correct it, or leave it to be estimated",
         )
     usable, findings = screened_by_response(selected, result.response_unit)
-    drive = result.reference.get("quantity") == "drive"
-    unit = result.reference.get("unit") or "drive unit" if drive else "m/s^2"
+    motion = sensor.quantity
+    unit = sensor.input_unit
     correction = partial(
         _correct_record, sensor=sensor, quantity=quantity, band_hz=band_hz, noise=noise, unit=unit
     )
@@ -170,7 +170,6 @@ def correct(
     doubtful = [w for w in result.warnings if w.code in INHERITED_WARNINGS]
     inherited = [Finding(w.code, f"The result carries a warning: {w.message}") for w in doubtful]
     more = [finding for each in corrections for finding in _findings(each, findings, calibrated)]
-    motion = "drive" if drive else "acceleration"
     findings = (*inherited, *findings, *more)
     return Corrections(tuple(corrections), findings, unit, result.model, motion)
 

@@ -214,7 +214,7 @@ def compare_with_reference(
     deviation = float(np.std(reference[known]))
     rmse = float(np.sqrt(np.mean(off**2)))
     unfiltered = None
-    if quantity in ("acceleration", "drive") and record.reference is not None:
+    if DERIVATIVES[quantity] == 0 and record.reference is not None:
         raw = np.asarray(record.reference)[known]
         raw = raw - np.mean(raw - reference[known])
         unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))

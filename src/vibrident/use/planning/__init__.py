@@ -1,8 +1,17 @@
-"""Planning a calibration: the expected uncertainty, and the best choice of frequencies."""
+"""Planning: expected uncertainty, best choice of frequencies, and another mounting."""
 
 from __future__ import annotations
 
 from vibrident.use.planning.calibration import Plan, plan, plan_document
+from vibrident.use.planning.mounting import MountedSensor, mounted_document, predict_mounted
 from vibrident.use.planning.points import Recording
 
-__all__ = ["Plan", "Recording", "plan", "plan_document"]
+__all__ = [
+    "MountedSensor",
+    "Plan",
+    "Recording",
+    "mounted_document",
+    "plan",
+    "plan_document",
+    "predict_mounted",
+]

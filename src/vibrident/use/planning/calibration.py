@@ -11,7 +11,13 @@ import numpy as np
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError, unknown
 from vibrident.base.memory import in_one_thread
-from vibrident.data.records import STANDARD_GRAVITY, FloatArray, Quantity
+from vibrident.data.records import (
+    REFERENCE_UNITS,
+    STANDARD_GRAVITY,
+    FloatArray,
+    Quantity,
+    is_motion,
+)
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.uncertainty import (
     correlation,
@@ -198,10 +204,10 @@ def _plan(
     covariance, freedom = _covariance(points, uses)
     weak, warnings = weakly_determined(coordinates, z, covariance)
     covariance = with_reference(covariance, z, model, reference_uncertainty)
-    drive = points.subject.quantity == "drive"
-    reference = (
-        (source.reference.get("unit") or "drive unit") if drive and source is not None else "m/s^2"
-    )
+    drive = not is_motion(points.subject.quantity)
+    reference = REFERENCE_UNITS[points.subject.quantity] if drive else "m/s^2"
+    if drive and source is not None:
+        reference = source.reference.get("unit") or reference
     fields = fields_of_units(unit, reference, drive=drive)
     table = parameter_table(coordinates, z, covariance, freedom, fields, weak)
     low = float(frequency.min())

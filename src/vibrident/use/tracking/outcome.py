@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.version import __version__
+from vibrident.data.records import is_motion
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.uncertainty.budget import DATA, covered_kinds
 from vibrident.fit.uncertainty.curve import curve
@@ -43,7 +44,7 @@ def tracked_result(result: Result, session: Session) -> Result:
         or result.settings.get("effective_degrees_of_freedom")
         or UNKNOWN_DEGREES_OF_FREEDOM
     )
-    drive = tracker.network.quantity == "drive"
+    drive = not is_motion(tracker.network.quantity)
     units = fields_of_units(
         result.response_unit, str(result.reference.get("unit")) if drive else "m/s^2", drive=drive
     )

@@ -19,6 +19,7 @@ from vibrident.app.workflow.identification import IdentifyRequest, result_folder
 
 _DETAILS = "Settings of an estimator"
 _detail = partial(option, panel=_DETAILS)
+_LONG = "Long records"
 _MODEL = (
     "Sensor model, in place of the file's, of {models}; add-ons with +. For several files one for "
     "all, or one each, joined by commas."
@@ -110,6 +111,19 @@ def identify(
         "A setting of another package's estimator; may be repeated.",
         panel=_DETAILS,
     ),
+    scheduler: str | None = option(
+        "--scheduler",
+        "ADDRESS|FILE.json",
+        "A running Dask scheduler whose workers share the stretches of a long record; or local, "
+        "for workers on all cores. Needs the extra cluster.",
+        panel=_LONG,
+    ),
+    work: Path | None = option(
+        "--work",
+        "DIR",
+        "Keep fits of stretches here; after an interruption the same command continues.",
+        panel=_LONG,
+    ),
     posterior: bool = flag(
         "--posterior",
         help="Also sample and print the parameters' posterior; for weakly determined ones. Needs "
@@ -140,6 +154,8 @@ def identify(
         posterior,
         options.band(band),
         weights,
+        scheduler,
+        work,
     )
     request.check(len(calibrations))
     with written_whole(folder) as output:
@@ -155,14 +171,21 @@ def _identified(
     request: IdentifyRequest, files: list[Path], place: Path, plots: bool, excerpts: bool
 ) -> list[Any]:
     from vibrident.data.io import read_guarded
+    from vibrident.data.io.long_records import long_records_of
 
-    calibrations = [read_guarded(file) for file in files]
+    in_parts = len(files) == 1 and not request.posterior
+    long = long_records_of(files[0], guarded=True) if in_parts else None
+    calibrations = [read_guarded(file) for file in files] if long is None else [long]
     # From here on it takes seconds; a bad file has been refused before the slow imports.
     from vibrident.app.cli.drawing import painter
 
     with painter(wanted=plots) as artist:
         with ProgressBar("Identifying") as progress:
             results = run(request, calibrations, progress)
+        asked = [option for option in ("scheduler", "work") if getattr(request, option) is not None]
+        if asked and "stretches" not in results[0].settings:
+            options_asked = " and ".join(f"--{option}" for option in asked)
+            note(f"Note: the records were fitted as a whole; {options_asked} had no effect.")
         for result, folder in zip(results, result_folders(files, place), strict=True):
             saved = result.save(folder / "result.json")
             if plots:

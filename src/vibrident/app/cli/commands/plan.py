@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _SENSOR = "Sensor"
 _points = partial(option, panel="Points")
 _CHOICE = "Choice of frequencies"
+_mounting = partial(option, panel="Another mounting, with --from")
 _PARAMETER = (
     "A parameter of the model in SI units, such as natural_frequency=1000 (Hz); repeat for each."
 )
@@ -95,11 +96,43 @@ def plan(
     repeats: bool = flag(
         "--repeats", help="A frequency may be chosen several times.", panel=_CHOICE
     ),
+    stiffness: float | None = _mounting(
+        "--mounting-stiffness", "X", "Predict the sensitivity: X times the coupling's stiffness."
+    ),
+    mass: float | None = _mounting(
+        "--mounting-mass", "X", "Predict the sensitivity: X times the mass of the sensor."
+    ),
+    frequency_hz: float | None = _mounting(
+        "--mounting-frequency",
+        "HZ",
+        "Mounting frequency √(k/m)/2π.",
+        default="that of the result",
+    ),
+    standard_uncertainty: float | None = _mounting(
+        "--mounting-uncertainty", "REL", "Of that frequency."
+    ),
+    damping: float | None = _mounting(
+        "--mounting-damping", "X", "Damping ratio of the mounting.", default="that of the result"
+    ),
     folder: Path | None = option(
-        "--out", "DIR", "Folder for plan.json and a picture.", default="none"
+        "--out", "DIR", "Folder for plan.json or mounting.csv and a picture.", default="none"
     ),
 ) -> None:
-    """Predict the uncertainty of a calibration with sines, and choose its best frequencies."""
+    """Predict the uncertainty of a calibration with sines, and choose its best frequencies.
+
+    With another mounting it predicts the sensitivity instead.
+    """
+    mounting = {
+        "stiffness": stiffness,
+        "mass": mass,
+        "frequency_hz": frequency_hz,
+        "standard_uncertainty": standard_uncertainty,
+        "damping": damping,
+    }
+    stated = {name: value for name, value in mounting.items() if value is not None}
+    if stated:
+        _predict_mounted(source, stated, frequencies, folder)
+        return
     values = _parameters(parameter or [])
     settings: dict[str, Any] = {
         "frequencies_hz": options.frequencies(frequencies),
@@ -132,6 +165,35 @@ def plan(
         with written_whole(folder) as output:
             write_plan(planned, output.path)
             plots.save(prediction.figures[0], output.path / "plan.png")
+        show_written(output.files)
+
+
+def _predict_mounted(
+    source: Path | None, mounting: dict[str, float], frequencies: str | None, folder: Path | None
+) -> None:
+    """Show the sensitivity on another mounting, and write it where a folder is given."""
+    if source is None:
+        raise InputError(
+            "No sensor is given to mount.",
+            expected="--from RESULT",
+            found="nothing",
+            where="--from",
+            remedy="give the result.json of the sensor",
+        )
+    from vibrident.app.workflow.uses import describe_mounted, write_mounted
+    from vibrident.use.planning import predict_mounted
+
+    result = load_result(source)
+    at_hz = options.frequencies(frequencies)
+    mounted = predict_mounted(result, frequencies_hz=at_hz, **mounting)
+    prediction = describe_mounted(result, mounted)
+    show_output(prediction)
+    if folder is not None:
+        from vibrident.show import plots
+
+        with written_whole(folder) as output:
+            write_mounted(mounted, output.path)
+            plots.save(prediction.figures[0], output.path / "mounting.png")
         show_written(output.files)
 
 

@@ -49,7 +49,7 @@ _GROUPS = (
     ("response",),
     ("sampling", "records"),
     ("table",),
-    ("sensor",),
+    ("sensor", "mounting"),
 )
 _PART = phrase("Reference files: more in names")
 
@@ -309,7 +309,9 @@ class ColumnsStep:
         core, *add_ons = (self.form.get("sensor.model") or "").split("+")
         cores = ui.select([*CORES], value=core, label=say("Model"))
         cores.props(f"{PLAIN} options-dense id=core")
-        more = ui.select([*ADD_ONS], value=add_ons, label=say("Add-ons"), multiple=True)
+        numbered = [name for name in add_ons if ":" in name]
+        listed = [*ADD_ONS, *numbered]
+        more = ui.select(listed, value=add_ons, label=say("Add-ons"), multiple=True)
         more.props(f"{PLAIN} options-dense use-chips id=add-ons")
         for element in (cores, more):
             element.on_value_change(

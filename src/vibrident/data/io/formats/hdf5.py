@@ -182,6 +182,10 @@ class Hdf5File(ArrayFile):
             self._read(self._file, columns, block, start, stop)
             return block
 
+    def reads_parts(self, position: int) -> bool:
+        """Tell whether parts are read; the clock of a column with a time axis needs all of that."""
+        return self._time_axis(position) is None
+
     @cached_property
     def _file(self) -> Any:
         """Return the file, kept open from the first block on."""

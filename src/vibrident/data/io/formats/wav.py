@@ -59,6 +59,10 @@ class WavFile(ColumnFile):
         self._read(positions, [*values], start, stop)
         return values
 
+    def reads_parts(self, position: int) -> bool:
+        """Return True: frames are found by their number."""
+        return True
+
     def _read(
         self, positions: Sequence[int], targets: Sequence[FloatArray], start: int, stop: int
     ) -> None:

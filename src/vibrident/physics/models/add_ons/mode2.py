@@ -41,15 +41,15 @@ def in_parallel(system: Rational, share: Any, denominator: tuple[Any, ...]) -> R
 
     Coefficients are in ascending powers.
     """
-    first = _product(system.numerator, denominator)
+    first = product(system.numerator, denominator)
     added = (share * c for c in system.denominator)
     numerator = tuple(a + b for a, b in zip_longest(first, added, fillvalue=0.0))
     return Rational(
-        system.gain, numerator, _product(system.denominator, denominator), system.angular_scale
+        system.gain, numerator, product(system.denominator, denominator), system.angular_scale
     )
 
 
-def _product(first: tuple[Any, ...], second: tuple[Any, ...]) -> tuple[Any, ...]:
+def product(first: tuple[Any, ...], second: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the product of two polynomials, ascending coefficients."""
     total: list[Any] = [0.0] * (len(first) + len(second) - 1)
     for i, a in enumerate(first):

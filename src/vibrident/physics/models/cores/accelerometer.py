@@ -58,4 +58,5 @@ ACCELEROMETER = Model(
     ),
     oscillator=OSCILLATOR,
     output="displacement",
+    behind="motion",
 )

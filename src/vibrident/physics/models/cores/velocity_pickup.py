@@ -56,4 +56,5 @@ VELOCITY_PICKUP = Model(
     ),
     oscillator=OSCILLATOR,
     output="velocity",
+    behind="motion",
 )

@@ -1,0 +1,103 @@
+"""[mounting]: what is known of how the sensor is mounted."""
+
+from __future__ import annotations
+
+import math
+
+from vibrident.base.errors import InputError
+from vibrident.data.io.keys import key
+from vibrident.data.io.sections import FileSection, NotNegative, Positive, require_one
+from vibrident.data.known import Mounting
+
+#: Keys that say how good another one is.
+_UNCERTAINTY_OF = {
+    "standard_uncertainty": "frequency_hz",
+    "stiffness_uncertainty": "stiffness_n_per_m",
+    "mass_uncertainty": "mass_kg",
+    "mass_ratio_uncertainty": "mass_ratio",
+}
+
+
+class MountingSection(FileSection):
+    """[mounting]: a coupling between surface and sensor; taken out of the data where it is known.
+
+    With the add-on ``mounting`` in the model it is fitted instead, and ``mass_ratio`` is all that
+    is stated.
+    """
+
+    frequency_hz: Positive | None = key(
+        "Mounted resonance", "Hz", about="√(k/m)/2π of the sensor as one mass on its coupling."
+    )
+    standard_uncertainty: NotNegative = key(
+        "u of the resonance, relative", default=0.0, about="Standard uncertainty (k = 1)."
+    )
+    stiffness_n_per_m: Positive | None = key(
+        "Stiffness of the coupling", "N/m", about="With mass_kg, in place of frequency_hz."
+    )
+    stiffness_uncertainty: NotNegative = key("u of the stiffness, relative", default=0.0)
+    mass_kg: Positive | None = key("Mass of the sensor", "kg", about="Housing and seismic mass.")
+    mass_uncertainty: NotNegative = key("u of the mass, relative", default=0.0)
+    damping_ratio: NotNegative = key("Damping ratio of the coupling", default=0.0)
+    damping_uncertainty: NotNegative = key("u of the damping ratio", default=0.0)
+    mass_ratio: NotNegative = key(
+        "Seismic mass over housing", default=0.0, about="0: the sensor is one rigid mass."
+    )
+    mass_ratio_uncertainty: NotNegative = key("u of the mass ratio", default=0.0)
+    natural_frequency_hz: Positive | None = key(
+        "Natural frequency on a fixed base", "Hz", about="Of the sensor, beside mass_ratio."
+    )
+    sensor_damping_ratio: NotNegative = key(
+        "Damping ratio of the sensor", default=0.0, about="Beside natural_frequency_hz."
+    )
+
+
+def mounting_of(section: MountingSection, where: str) -> Mounting:
+    """Return the mounting that a section states.
+
+    Raises:
+        InputError: it states too much or too little; ``where`` names the file.
+    """
+    here = f"{where}, [mounting]"
+    ways = {"frequency_hz": "frequency_hz", "stiffness_n_per_m": "stiffness_n_per_m with mass_kg"}
+    problem = "The frequency of the mounting is given twice."
+    require_one(section, ways, problem, here, needed=False)
+    if (section.stiffness_n_per_m is None) != (section.mass_kg is None):
+        stated, missing = (
+            ("mass_kg", "stiffness_n_per_m")
+            if section.stiffness_n_per_m is None
+            else ("stiffness_n_per_m", "mass_kg")
+        )
+        raise InputError(
+            "Stiffness and mass together give the frequency of a mounting.",
+            expected="stiffness_n_per_m and mass_kg",
+            found=f"{stated} alone",
+            where=here,
+            remedy=f"add {missing}, or give frequency_hz",
+        )
+    for name, of in _UNCERTAINTY_OF.items():
+        if getattr(section, name) > 0.0 and not getattr(section, of):
+            raise InputError(
+                "The uncertainty of a value that is not stated has no use.",
+                expected=f"{of} with {name}",
+                found=f"{name} alone",
+                where=here,
+                remedy=f"add {of}, or remove {name}",
+            )
+    frequency_hz = section.frequency_hz
+    relative = section.standard_uncertainty
+    if section.stiffness_n_per_m is not None and section.mass_kg is not None:
+        frequency_hz = math.sqrt(section.stiffness_n_per_m / section.mass_kg) / (2.0 * math.pi)
+        relative = 0.5 * math.hypot(section.stiffness_uncertainty, section.mass_uncertainty)
+    try:
+        return Mounting(
+            frequency_hz,
+            relative,
+            section.damping_ratio,
+            section.damping_uncertainty,
+            section.mass_ratio,
+            section.mass_ratio_uncertainty,
+            section.natural_frequency_hz,
+            section.sensor_damping_ratio,
+        )
+    except InputError as error:
+        raise error.at(here) from None
