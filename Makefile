@@ -58,14 +58,13 @@ test-plain: install-plain  ## tests of linear sensors on the plain install: no J
 	$(PLAIN_VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal $(PYTEST_ARGS) $(PLAIN)
 
 ROOM ?= .
-quick: $(DEV)  ## tests of one room that took less than 0.2 s each: make quick ROOM=data
-	$(BIN)/python -m pytest -m "unit and not slow" $(PYTEST_ARGS) tests/$(ROOM)
+quick: $(DEV)  ## the shortest tests of one room, about 10 s: make quick ROOM=data
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "unit and not slow" $(PYTEST_ARGS) tests/$(ROOM)
 
 nightly: export JAX_DISABLE_MOST_OPTIMIZATIONS := false
 nightly: $(DEV)  ## the tests that take long: Monte Carlo, every variant of a compiled network, walks through the page
 	$(COMPILE)
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "slow and not alone" --durations=10 $(PYTEST_ARGS)
-	$(BIN)/python -m pytest -m alone $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow --durations=10 $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style, format and types
 	$(BIN)/ruff check .

@@ -40,9 +40,9 @@ settings.load_profile("vibrident")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Learn the durations of tests, in the process that reports them."""
-    if config.pluginmanager.has_plugin("cacheprovider") and not hasattr(config, "workerinput"):
-        config.pluginmanager.register(UnitMark(config.cache))
+    """Mark tests by their durations; the process that reports them learns these, and not its workers."""
+    if config.pluginmanager.has_plugin("cacheprovider"):
+        config.pluginmanager.register(UnitMark(config.cache, learns=not hasattr(config, "workerinput")))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ast
 import graphlib
+from functools import cache
 
 import pytest
-from tests.support.sources import SOURCES, imports, modules
+from tests.support.sources import SOURCES, Import, imports, modules
 
 import vibrident
 
@@ -26,13 +27,18 @@ ROOMS = {
     "paper": "",
     "app": "requirements workflow|doctor cli|web",
 }
-INNER = [
-    (module, each)
-    for module in modules()
-    if module not in ("vibrident", "vibrident.__main__")  # the doors
-    for each in imports(module)
-    if each.target.split(".")[0] == "vibrident"
-]
+
+
+@cache
+def inner_imports() -> list[tuple[str, Import]]:
+    """Return each module with each of its imports of the package; the two doors import from everywhere."""
+    return [
+        (module, each)
+        for module in modules()
+        if module not in ("vibrident", "vibrident.__main__")
+        for each in imports(module)
+        if each.target.split(".")[0] == "vibrident"
+    ]
 
 
 def place(module: str) -> tuple[int, int, str]:
@@ -55,7 +61,7 @@ def offends(module: str, target: str) -> bool:
 def test_imports_go_one_way():
     wrong = [
         f"{module}, line {each.line}, imports {each.target}"
-        for module, each in INNER
+        for module, each in inner_imports()
         if each.target == "vibrident" or offends(module, each.target)
     ]
     if wrong:
@@ -63,7 +69,9 @@ def test_imports_go_one_way():
 
 
 def test_no_files_import_each_other_in_a_circle():
-    graph = {module: {each.target for own, each in INNER if own == module} - {module} for module in modules()}
+    graph: dict[str, set[str]] = {}
+    for module, each in inner_imports():
+        graph.setdefault(module, set()).update({each.target} - {module})
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:

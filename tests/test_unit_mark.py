@@ -1,4 +1,4 @@
-"""The mark ``unit``: what is fast by earlier runs, or has never run."""
+"""The mark ``unit``: what is fast by earlier runs, or has never run, as much as 10 s allow."""
 
 from __future__ import annotations
 
@@ -45,3 +45,23 @@ def test_the_shortest_duration_counts_and_setups_count_for_their_whole_file():
     assert set(cache) == {CACHE_KEY}
     names = ("a.py::fast", "a.py::slow", "a.py::new", "b.py::first", "b.py::second")
     assert marked(cache, *names) == ["a.py::fast", "a.py::new"]
+
+
+def test_of_a_room_the_shortest_are_marked_as_long_as_they_take_ten_seconds_together():
+    cache = Cache()
+    plugin = UnitMark(cache)
+    names = [f"tests/{room}/a.py::{number}" for room in ("data", "fit") for number in range(100)]
+    for name in names:
+        plugin.pytest_runtest_logreport(report(name, "call", 0.15 if name.endswith("7") else 0.12))
+    plugin.pytest_sessionfinish()
+    assert len(marked(cache, *names[:100])) == 83
+    assert not [name for name in marked(cache, *names) if name.endswith("7")]
+    assert len(marked(cache, *names)) == 2 * 83
+
+
+def test_a_worker_marks_and_learns_nothing():
+    cache = Cache({CACHE_KEY: {"call": {"a.py::slow": 0.3}}})
+    plugin = UnitMark(cache, learns=False)
+    plugin.pytest_runtest_logreport(report("a.py::fast", "call", 3.0))
+    plugin.pytest_sessionfinish()
+    assert marked(cache, "a.py::fast", "a.py::slow") == ["a.py::fast"]

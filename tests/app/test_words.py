@@ -9,13 +9,14 @@ import pkgutil
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 
 import pytest
 import typer
 from tests.support.exported import paper
 from tests.support.shell import run
-from tests.support.sources import modules, tree
+from tests.support.sources import modules, source, tree
 
 import vibrident
 from vibrident.app.cli import commands
@@ -65,8 +66,13 @@ for _name in ("fleet", "history", "issue", "serve", "simulate", "track"):
 _DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
-def texts(module: str) -> Iterator[tuple[int, str]]:
-    """Line and text of every string but docstrings; what is filled in is the name ``x``."""
+@cache
+def texts(module: str) -> tuple[tuple[int, str], ...]:
+    """Return line and text of every string but docstrings; what is filled in is the name ``x``."""
+    return tuple(_texts(module))
+
+
+def _texts(module: str) -> Iterator[tuple[int, str]]:
     inner: set[int] = set()
     for node in ast.walk(tree(module)):
         if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
@@ -87,8 +93,9 @@ def filled(part: ast.expr) -> str:
 def markers() -> dict[tuple[str, str], set[str]]:
     """Name and value of each marker in a text → modules that have it."""
     found: dict[tuple[str, str], set[str]] = {}
-    for module in modules():
-        for _, text in texts(module) if module not in NOTATION else ():
+    marked = [module for module in modules() if "⟦" in source(module) and module not in NOTATION]
+    for module in marked:  # while tests are collected: to parse the others takes seconds
+        for _, text in texts(module):
             assert text.count("⟦") == len(MARKER.findall(text)), (module, text)
             for marker in MARKER.findall(text):
                 found.setdefault(marker, set()).add(module)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import io
 import re
 import sys
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -63,32 +62,31 @@ def test_named_files_exist():
         pytest.fail("\n".join(complaints), pytrace=False)
 
 
-def remarks(source: str) -> Iterator[str]:
-    """Docstrings and comments of a module."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            yield ast.get_docstring(node, clean=False) or ""
-    yield from (token.string for token in tokens(source) if token.type == tokenize.COMMENT)
-
-
-def tokens(source: str) -> Iterator[tokenize.TokenInfo]:
-    return tokenize.generate_tokens(io.StringIO(source).readline)
+def remarks(tokens: Iterable[tokenize.TokenInfo]) -> Iterator[str]:
+    """Yield comments and docstrings: strings that are a statement of their own."""
+    begins = True
+    for token in tokens:
+        if token.type == tokenize.COMMENT or (token.type == tokenize.STRING and begins):
+            yield token.string
+        if token.type not in (tokenize.COMMENT, tokenize.NL):
+            begins = token.type in (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
 
 
 @cache
 def stems() -> set[str]:
-    """Names of modules and packages of the repository."""
+    """Return the names of modules and packages of the repository, and of Python's modules."""
     folders = (PACKAGE, *(ROOT / name for name in TOP))
     paths = [path for folder in folders for path in folder.rglob("*.py")]
-    return {path.stem for path in paths} | {path.parent.name for path in paths}
+    names = {path.stem for path in paths} | {path.parent.name for path in paths}
+    return names | set(sys.stdlib_module_names) | {"vibrident"}
 
 
 def unknown(source: str, folder: Path) -> list[str]:
     """Names in comments and docstrings of a module, which lies in a folder, that nothing bears."""
-    used = {token.string for token in tokens(source) if token.type == tokenize.NAME}
-    known = used | stems() | set(sys.stdlib_module_names) | {"vibrident"}
+    tokens = list(tokenize.generate_tokens(io.StringIO(source).readline))
+    used = {token.string for token in tokens if token.type == tokenize.NAME}
     found = []
-    for text in remarks(source):
+    for text in remarks(tokens):
         found += missing("".join(f"`{name}` " for name in BARE.findall(text)))
         found += ELSEWHERE.findall(text)
         for name in DOTTED.findall(text):
@@ -97,7 +95,7 @@ def unknown(source: str, folder: Path) -> list[str]:
             if name.split(".")[-1] in ENDINGS:
                 continue
             other = beside.read_text(encoding="utf-8") if beside.exists() else second
-            if first not in known or not re.search(rf"\b{second}\b", other):
+            if first not in used | stems() or not re.search(rf"\b{second}\b", other):
                 found.append(name)
     return found
 

@@ -23,6 +23,9 @@ from vibrident.result import (
 
 S0 = 1.020 / STANDARD_GRAVITY  # V/(m/s²)
 NATURAL_HZ, DAMPING, DELAY_S = 652.0, 0.182, 12.4e-6
+RATE_HZ = 51200
+#: Of a sine, its excerpt shows five periods in at most so many samples: every result of a test is written and read.
+MAX_EXCERPT_SAMPLES = 400
 THIRD_OCTAVES = tuple(10 ** (n / 10) for n in range(10, 31))  # 10 Hz to 1 kHz, 21 of them
 _VALUES = {
     "W1": [[0.0], [1.953125e-05]],
@@ -91,7 +94,8 @@ def table2(seed=1, codes=()):
     u_measured = 0.0025 * (1 + (f / 700) ** 2)
     signals = []
     for name, hz in zip(names, f, strict=True):
-        t = np.arange(int(min(4000, 5 * 51200 / hz))) / 51200
+        samples = int(5 * RATE_HZ / hz)
+        t = np.arange(0, samples, -(-samples // MAX_EXCERPT_SAMPLES)) / RATE_HZ
         y = np.real(accelerometer(hz) * STANDARD_GRAVITY * np.exp(2j * np.pi * hz * t))
         e = 0.004 * rng.normal(size=t.size) + 0.001 * np.sin(4 * np.pi * hz * t)
         rmse = float(np.sqrt(np.mean(e**2)))

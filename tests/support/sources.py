@@ -32,9 +32,15 @@ def modules() -> dict[str, Path]:
 
 
 @cache
+def source(module: str) -> str:
+    """Return the text of a module."""
+    return modules()[module].read_text(encoding="utf-8")
+
+
+@cache
 def tree(module: str) -> ast.Module:
-    """The parsed source of a module."""
-    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+    """Return the parsed source of a module."""
+    return ast.parse(source(module))
 
 
 @cache

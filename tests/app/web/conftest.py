@@ -107,14 +107,21 @@ def looks(picture):
 
 @pytest.fixture(scope="session")
 def violations():
-    """What axe finds on the page: the rules that are broken, and where; for the page's own parts alone."""
+    """Return the rules that axe finds broken on a page, and where.
+
+    Contrast is left to ``too_faint``, which reads every look, unless it is asked for: axe takes
+    most of its time for it.
+    """
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
 
-    def found(page) -> list[tuple[str, list[str]]]:
-        broken = axe.run(page).response["violations"]
-        return [(one["id"], [node["html"][:160] for node in one["nodes"]]) for one in broken]
+    def broken_rules(page, *, contrast: bool = False) -> list[tuple[str, list[str]]]:
+        options = {"resultTypes": ["violations"], "rules": {"color-contrast": {"enabled": contrast}}}
+        if not page.evaluate("'axe' in window"):
+            page.evaluate(axe.axe_script)
+        broken = page.evaluate("options => axe.run(options).then(result => result.violations)", options)
+        return [(rule["id"], [node["html"][:160] for node in rule["nodes"]]) for rule in broken]
 
-    return found
+    return broken_rules
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from tests.support.contrast import too_faint
 from tests.support.serving import choose, download, simulated, upload
 from tests.support.shell import printed
 
@@ -75,6 +76,7 @@ def test_predict_correct_track_and_plan(identified, picture, violations, made):
     ran(page, "Track")
     assert "track.csv" in files(page)
     assert violations(page) == []
+    assert too_faint(page) == []
 
 
 @pytest.mark.slow

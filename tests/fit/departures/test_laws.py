@@ -215,6 +215,7 @@ def test_noise_of_the_reference_bends_no_characteristic(sensor):
         ("in-damped/rung", 32),
     ],
 )
+@pytest.mark.quick("pickup-below-damped+delay/sine-23", "in-damped/rung-24")
 def test_motion_beside_a_tone_is_free_of_what_the_residual_holds(case: str, run: int):
     """Leakage of the tone, or its beginning, is above the noise of the reference in all bins, and hides it in none."""
     result = vibrident.identify(BY_NAME[f"clean/{case}/reference 1 %"].trial(run).calibration())
@@ -265,6 +266,7 @@ def test_an_offset_is_no_noise_of_the_reference():
         ("ramp", 0.0),
     ],
 )
+@pytest.mark.quick("step-0.4-3", "step-0.53-1", "ramp-0.0-3")
 def test_a_change_in_quiet_noise_is_as_large_as_it_is(change: str, begin: float, repeats: int):
     """One per cent in noise of 0.01 %, in one record or in all: told within each, whatever the mean of the others.
 

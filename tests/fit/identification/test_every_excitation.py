@@ -47,6 +47,7 @@ def test_the_truth_lies_within_its_uncertainty(sensor: str, excitation: str) -> 
 
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
 @pytest.mark.parametrize("rate", [2560.0, 16000.0, 51200.0])
+@pytest.mark.quick("2560.0-ml", "51200.0-ipnn")
 def test_without_channel_noise_the_parameters_are_exact(rate: float, estimator: str) -> None:
     """The paper's excitation, 20 dB of felt noise included: relative error at most 1e-6 at any sampling rate."""
     calibration = simulate("paper", "sine", sampling_rate_hz=rate, excitation_snr_db=20.0, samples=8000, seed=2)
@@ -174,6 +175,7 @@ def test_short_records_keep_their_noise_level() -> None:
     ],
 )
 @pytest.mark.parametrize("estimator", ["ml", "ipnn"])
+@pytest.mark.quick("ml-accelerometer+mode2-more1", "ipnn-accelerometer+highpass-more0")
 def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, float], estimator: str) -> None:
     truth = {**PAPER, **more}
     calibration = simulate(

@@ -52,6 +52,7 @@ def test_a_held_step_is_fitted_as_held(seed):
 
 @pytest.mark.parametrize(("hold", "late"), [(1, -2), (2, 1), (8, 0), (8, 7), (32, -10)])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.quick("0.001-1--2", "0.0-2-1", "0.001-8-0", "0.0-8-7", "0.001-32--10")
 def test_stairs_are_fitted_as_held_wherever_their_edges_lie(hold, late, noise):
     """Converters of drive and response have no common instant; 0.01 of a sample was 7 u of the frequency."""
     z = []

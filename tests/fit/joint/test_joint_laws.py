@@ -115,6 +115,7 @@ def test_many_records(make: Make, truth: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("make", [table_and_shock, pickups], ids=["shock", "pickups"])
+@pytest.mark.quick("shock")
 def test_a_joint_fit_of_one_is_its_own_fit(make: Make) -> None:
     for calibration in make(0):
         (joint,) = vibrident.identify_together([calibration])
@@ -128,6 +129,7 @@ def test_a_joint_fit_of_one_is_its_own_fit(make: Make) -> None:
 
 
 @pytest.mark.parametrize("make", [table_and_shock, pickups], ids=["shock", "pickups"])
+@pytest.mark.quick("shock")
 def test_the_order_changes_nothing(make: Make) -> None:
     there = vibrident.identify_together(make(1))
     back = vibrident.identify_together(make(1)[::-1])[::-1]

@@ -116,8 +116,12 @@ HARD = {
 }
 
 
-@pytest.mark.parametrize("noise", [1e-6, 1e-3])
+NOISES = (1e-6, 1e-3)
+
+
+@pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("kind", HARD)
+@pytest.mark.quick(*(f"{kind}-{NOISES[number % 2]}" for number, kind in enumerate(HARD)))
 def test_the_right_model_is_found_where_the_search_is_hard(kind, noise, rng):
     """Right model, clean data: χ²/ν of the start is that of the noise, whatever the way there looks like."""
     name, frequency_hz, sensors = HARD[kind]

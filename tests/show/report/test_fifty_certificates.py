@@ -38,6 +38,7 @@ FOLDER = Path(vibrident.show.__file__).parent / "languages"
 LANGUAGES = ("en", "de", "fr", "zh")
 SPACE = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 COUNT = 50
+QUICK = 15  # sensors and languages are met after twelve
 #: Pictures of a report, which take long and say nothing in words.
 DRAWN = ("sensitivity", "deviation", "signals", "residuals", "training")
 
@@ -193,6 +194,7 @@ def foreign(text: str, codes: tuple[str, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(COUNT))
+@pytest.mark.quick(*map(str, range(QUICK)))
 def test_every_document_says_what_the_result_says(seed, tmp_path):
     one = drawn(seed)
     assert missing(one.result) == ()

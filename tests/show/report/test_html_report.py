@@ -10,7 +10,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 from tests.support.printed import NUMBER, assert_rounded, factor_to, later
 from tests.support.report_page import Reader, read
-from tests.support.sample_results import SAMPLES, dense_points, table2, troubled
+from tests.support.sample_results import SAMPLES, dense_points, excerpt, table2, troubled
 
 from vibrident.base.errors import InputError
 from vibrident.physics.naming import parameter_name
@@ -137,7 +137,7 @@ def test_the_largest_result_stays_below_the_limit():
     result = dense_points(6000)
     record = "a_rather_long_name_of_a_record_" * 3
     measured = replace(result.measured, record=tuple(f"{record}{i}" for i in range(6000)))
-    first = table2().signals[0]
+    first = excerpt("", np.arange(4000) / 51200, *np.random.default_rng(0).standard_normal((2, 4000)))
     signals = tuple(replace(first, record=f"{record}{i}") for i in range(300))
     files = [{"file": f"{record}{i}.csv", "sha256": f"{i:064x}", "history": ["x" * 200]} for i in range(1000)]
     result = replace(result, measured=measured, signals=signals, provenance={"files": files})
