@@ -16,7 +16,7 @@ from nicegui import events, ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.description import ENTRY_NAMES, KNOWN_RESPONSES
-from vibrident.app.web.form.entries import Rows
+from vibrident.app.web.form.entries import RowEntries
 from vibrident.app.web.language import phrase, say
 from vibrident.app.web.session import MEGABYTE, RESPONSE_ENDINGS
 from vibrident.app.web.user import User
@@ -126,7 +126,7 @@ class KnownResponses:
         self.user = user
         self.edited = edited
         self.list_files = list_files
-        self.rows: dict[str, Rows] = {}
+        self.rows: dict[str, RowEntries] = {}
         hint = say(
             "A sensor beside another one, or behind an amplifier: state what is known of each "
             "channel. Several are a chain, from the recorder to the motion."
@@ -145,7 +145,7 @@ class KnownResponses:
     def _build_rows(self, path: str) -> None:
         form = self.user.form
         assert form is not None
-        rows = Rows(
+        rows = RowEntries(
             ENTRY_NAMES["known_response"],
             KEYS,
             form.get(path) or [],
@@ -164,7 +164,7 @@ class KnownResponses:
         results = {_result_file(each.path): each.name for each in self.user.results}
         return {None: say("none"), **{name: name for name in names}, **results}
 
-    def _changed(self, path: str, rows: Rows) -> None:
+    def _changed(self, path: str, rows: RowEntries) -> None:
         """Take the rows over; a result that is chosen becomes a file beside the records."""
         self.errors.clear()
         entries = rows.value
