@@ -195,30 +195,43 @@ def _without_spoilt(
             findings.append(finding)
     record, copied = _without_copied(record)
     findings += copied
-    longest = (
-        MAX_RUN_SAMPLES
-        if record.reference is not None and record.excitation in (*LINEAR, "shock")
-        else MAX_SHORT_RUN_SAMPLES
-    )
-    channels = {
-        label: PredictedChannel.from_values(values, record.mask, longest)
-        for label, values, _ in _channels(record)
-    }
-    linear = record.excitation in LINEAR and not (
-        record.reference is not None and is_stairs(record.reference[~channels["reference"].wild])
-    )
-    for label, bad in reversed(_wild(channels, linear).items()):
-        record, finding = _without(
-            record,
-            label,
-            bad,
-            "dead_channel",
-            _wild_observation(record, label, bad),
-            f"{label} wild",
-        )
-        findings.append(finding)
+    for longest in _longest_runs(record):
+        channels = {
+            label: PredictedChannel.from_values(values, record.mask, longest)
+            for label, values, _ in _channels(record)
+        }
+        for label, bad in reversed(_wild(channels, _is_linear(record, channels)).items()):
+            record, finding = _without(
+                record,
+                label,
+                bad,
+                "dead_channel",
+                _wild_observation(record, label, bad),
+                f"{label} wild",
+            )
+            findings.append(finding)
     record, broken = _longest_part(record, channels)
     return record, findings + broken
+
+
+def _longest_runs(record: Record) -> tuple[int, ...]:
+    """Return the longest runs of wild samples to look for, one after the other.
+
+    In a shock a long run is wild where the reference rests alone, a short one amidst the motion
+    too.
+    """
+    if record.reference is None or record.excitation not in (*LINEAR, "shock"):
+        return (MAX_SHORT_RUN_SAMPLES,)
+    if record.excitation == "shock":
+        return MAX_RUN_SAMPLES, MAX_SHORT_RUN_SAMPLES
+    return (MAX_RUN_SAMPLES,)
+
+
+def _is_linear(record: Record, channels: Mapping[str, PredictedChannel]) -> bool:
+    """Return whether the motion goes on throughout the record; a drive in stairs does not."""
+    return record.excitation in LINEAR and not (
+        record.reference is not None and is_stairs(record.reference[~channels["reference"].wild])
+    )
 
 
 def _wild_observation(record: Record, label: str, bad: BoolArray) -> str:
@@ -317,7 +330,7 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
-    (``linear``; a drive in stairs does not), one or two odd samples in both channels at once are
+    (``linear``), one or two odd samples in both channels at once are
     wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}

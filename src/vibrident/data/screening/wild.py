@@ -284,6 +284,16 @@ class PredictedChannel:
         sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
         return sizes, errors - design @ sizes
 
+    def prominence(self, part: slice) -> float:
+        """Return the largest size of some samples over that of all others."""
+        size = np.abs(self.series)
+        others = max(
+            float(np.max(size[: part.start], initial=0.0)),
+            float(np.max(size[part.stop :], initial=0.0)),
+        )
+        largest = float(np.max(size[part], initial=0.0))
+        return largest / max(others, np.finfo(float).tiny)
+
     def sizes(self, event: ChannelEvent) -> FloatArray:
         """Return by how much wild samples differ from the prediction of their neighbours."""
         errors = self.prediction.both(self.series[event.first - ORDER : event.end + ORDER])[0]
@@ -391,7 +401,7 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
     second differences are compared as well. An event of the other channel that begins before one or
-    two odd samples, ends after them and is weaker than they are does not explain them.
+    two odd samples and ends after them does not explain them where they stand out more than it.
 
     Args:
         channel: the channel with odd samples.
@@ -403,12 +413,11 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
     """
     places = np.flatnonzero(bad)
     moved = np.zeros(bad.shape, dtype=bool)
-    strength = np.zeros(bad.shape)
-    for event in channel.events:
-        strength[event.first : event.end] = event.strength
-    short = bad.copy()
-    for first, end in zip(*runs_of_true(bad), strict=True):
-        short[first:end] = end - first <= MAX_SHORT_RUN_SAMPLES
+    short_runs = [
+        slice(first, end)
+        for first, end in zip(*runs_of_true(bad), strict=True)
+        if end - first <= MAX_SHORT_RUN_SAMPLES
+    ]
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series = np.diff(other_channel.series, prepend=other_channel.series[:1])
@@ -422,11 +431,15 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
             odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
                 near
             )
-            unexplained = np.zeros(bad.shape, dtype=bool)
+            midst = np.zeros(bad.shape, dtype=bool)
             for event in other_channel.events:
-                midst = slice(event.first + reach + 1, max(event.end - reach - 1, 0))
-                unexplained[midst] = strength[midst] > event.strength
-            moved |= bad & _near(odd, reach) & ~(short & unexplained)
+                midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
+            explained = _near(odd, reach)
+            for run in short_runs:
+                around = slice(max(run.start - reach, 0), run.stop + reach)
+                stands_out = channel.prominence(run) > other_channel.prominence(around)
+                explained[run] &= ~(midst[run] & stands_out)
+            moved |= bad & explained
     return moved
 
 
