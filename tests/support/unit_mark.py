@@ -42,9 +42,9 @@ class UnitMark:
             file = item.nodeid.partition("::")[0]
             room = "/".join(file.split("/")[:2])
             seconds = calls.get(item.nodeid, 0.0)
-            taken = spent.get(room, 0.0) + seconds
-            if setups.get(file, 0.0) + seconds < MAX_UNIT_S and taken < MAX_ROOM_S:
-                spent[room] = taken
+            total = spent.get(room, 0.0) + seconds
+            if setups.get(file, 0.0) + seconds < MAX_UNIT_S and total < MAX_ROOM_S:
+                spent[room] = total
                 item.add_marker(pytest.mark.unit)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:

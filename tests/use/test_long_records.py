@@ -18,7 +18,7 @@ from tests.support.long_records import RATE_HZ, TRUTH, in_file, random_motion
 import vibrident
 from vibrident.base.errors import InputError
 from vibrident.data.io import long_records
-from vibrident.data.io.long_records import Part, RecordsInFiles, long_records_in, long_records_of
+from vibrident.data.io.long_records import RecordsInFiles, RecordSpan, long_records_in, long_records_of
 from vibrident.data.io.reader import open_columns
 from vibrident.data.records import Calibration
 from vibrident.use.stretches import identification
@@ -136,7 +136,7 @@ def test_files_are_read_by_parts_with_the_same_numbers(tmp_path):
     records = long_records_of(path)
     assert isinstance(records, RecordsInFiles)
     assert records.lengths == (SAMPLES,)
-    part = records.calibration([Part(0, 1000, 1500)])
+    part = records.calibration([RecordSpan(0, 1000, 1500)])
     whole = vibrident.read(path)
     np.testing.assert_array_equal(part.records[0].response, whole.records[0].response[1000:1500])
     np.testing.assert_array_equal(part.records[0].reference, whole.records[0].reference[1000:1500])
@@ -151,7 +151,7 @@ def test_a_part_of_a_file_is_a_part_of_the_record(tmp_path):
     path = in_file(tmp_path, *random_motion(SAMPLES, 0, TRUTH), more="start_s = 0.1\nstop_s = 0.5\n")
     records = long_records_of(path)
     assert records is not None
-    (part,) = records.calibration([Part(0, 0, 10)]).records
+    (part,) = records.calibration([RecordSpan(0, 0, 10)]).records
     np.testing.assert_array_equal(part.response, vibrident.read(path).records[0].response[:10])
 
 

@@ -28,7 +28,7 @@ def connect(where: str, setting: str, patience_s: float = PATIENCE_S) -> Any:
 
     Args:
         where: address, such as ``tcp://host:8786``, or the scheduler's file (``.json``).
-        setting: name of the setting that gives it, such as ``fleet.scheduler``.
+        setting: that gives it, as messages name it, such as ``⟦fleet.scheduler = 'local'⟧``.
         patience_s: to wait for it.
 
     Raises:
@@ -56,7 +56,7 @@ class Cluster:
 
     Args:
         where: ``local``, or as of :func:`connect`.
-        setting: name of the setting that gives it.
+        setting: that gives it, as messages name it.
 
     Raises:
         InputError: as :func:`connect`; or there are no workers, or they have other versions of
@@ -178,7 +178,7 @@ def versions() -> dict[str, str]:
 
 def _distributed(where: str, setting: str) -> Any:
     problem = "A scheduler needs Dask, which is not installed."
-    return library("distributed", "cluster", problem, f"⟦{setting} = {where!r}⟧")
+    return library("distributed", "cluster", problem, setting)
 
 
 def _unreachable(where: str, setting: str, detail: str) -> InputError:
@@ -186,6 +186,6 @@ def _unreachable(where: str, setting: str, detail: str) -> InputError:
         "No scheduler answers there.",
         expected="the address of a Dask scheduler, such as tcp://host:8786, or its file (.json)",
         found=detail,
-        where=f"⟦{setting} = {where!r}⟧",
+        where=setting,
         remedy="start it with `dask scheduler`, and copy the address that it prints",
     )

@@ -20,7 +20,7 @@ from vibrident.physics.models import GivenModel, named
 from vibrident.result import Result
 from vibrident.use.regimes import with_regimes
 from vibrident.use.repeats import group_by_run, identify_runs
-from vibrident.use.stretches.identification import Choices, Sharing, identify_long
+from vibrident.use.stretches.identification import FitChoices, Sharing, identify_long
 from vibrident.use.temperature import group_by_temperature, identify_temperatures
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def identify(
     name = named(model)
     records = None if posterior is not None else _long_records(calibration)
     if records is not None:
-        choices = Choices(name, estimator, band_hz, uncertainty, progress)
+        choices = FitChoices(name, estimator, band_hz, uncertainty, progress)
         result = identify_long(records, choices, Sharing(scheduler, work))
         if result is not None:
             return result

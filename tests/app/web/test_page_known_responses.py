@@ -57,7 +57,7 @@ def test_a_known_response_outside_the_upload_is_refused(tmp_path, name):
 @pytest.mark.slow
 def test_a_reference_with_a_certificate_is_stated_in_the_form(visit, sound, press, tmp_path):
     motion = Motion("random", 8192, RATE_HZ, (50.0, 12000.0))
-    columns = [motion.seen(accelerometer(*REFERENCE)), 10.0 * motion.seen(accelerometer(*SENSOR), noise=1e-3)]
+    columns = [motion.channel(accelerometer(*REFERENCE)), 10.0 * motion.channel(accelerometer(*SENSOR), noise=1e-3)]
     np.savetxt(tmp_path / "b2b.csv", np.transpose(columns), delimiter=",", header="reference,response", comments="")
     hz = np.geomspace(30.0, 20000.0, 300)
     value = accelerometer(*REFERENCE)(hz)

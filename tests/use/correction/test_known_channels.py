@@ -22,9 +22,9 @@ def result() -> Result:
 def through(kind: str, seen_by: KnownResponse | None = None, **known: KnownResponse) -> tuple[Calibration, np.ndarray]:
     """Records through an amplifier and, of the reference, another channel; and the acceleration that they show."""
     motion = Motion(kind, 8192, RATE_HZ, (50.0, 4000.0), 3)
-    seen = motion.seen() if seen_by is None else motion.seen(seen_by.value)
-    response = motion.seen(accelerometer(*SENSOR), STATED.value, noise=1e-3)
-    return Calibration.from_arrays([seen], [response], RATE_HZ, excitation=kind, **known), motion.seen()
+    seen = motion.channel() if seen_by is None else motion.channel(seen_by.value)
+    response = motion.channel(accelerometer(*SENSOR), STATED.value, noise=1e-3)
+    return Calibration.from_arrays([seen], [response], RATE_HZ, excitation=kind, **known), motion.channel()
 
 
 @pytest.mark.parametrize("kind", ["random", "shock"])

@@ -23,8 +23,8 @@ def followed(*sensors: tuple[float, float, float], **stated: KnownResponse) -> C
     references, responses = [], []
     for seed, values in enumerate(sensors, start=5):
         motion = Motion("random", SAMPLES, RATE_HZ, (50.0, 12000.0), seed)
-        references.append(motion.seen(known_reference().value))
-        responses.append(motion.seen(accelerometer(*values), AMPLIFIER.value, noise=1e-3))
+        references.append(motion.channel(known_reference().value))
+        responses.append(motion.channel(accelerometer(*values), AMPLIFIER.value, noise=1e-3))
     known = {"reference_known_response": known_reference(), "response_known_response": AMPLIFIER} | stated
     return Calibration.from_arrays(references, responses, RATE_HZ, excitation="random", **known)
 

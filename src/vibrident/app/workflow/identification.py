@@ -106,11 +106,11 @@ def run(
     from vibrident.data.records import Calibration
     from vibrident.fit.joint import identify_together
 
-    whole = [each if isinstance(each, Calibration) else each.whole() for each in calibrations]
+    in_memory = [each if isinstance(each, Calibration) else each.whole() for each in calibrations]
     model_choice = models[0] if models is not None and len(models) == 1 else models
     return list(
         identify_together(
-            [calibration.within(request.band_hz) for calibration in whole],
+            [calibration.within(request.band_hz) for calibration in in_memory],
             model_choice,
             chosen,
             share=request.share,

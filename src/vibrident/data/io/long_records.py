@@ -38,7 +38,7 @@ _SECONDS = 120.0  # to read a part
 
 
 @dataclass(frozen=True)
-class Part:
+class RecordSpan:
     """Consecutive samples of a record, of its first one on.
 
     Attributes:
@@ -67,7 +67,7 @@ class LongRecords(ABC):
     lengths: tuple[int, ...]
 
     @abstractmethod
-    def calibration(self, parts: Sequence[Part]) -> Calibration:
+    def calibration(self, parts: Sequence[RecordSpan]) -> Calibration:
         """Return a calibration of parts of the records.
 
         Raises:
@@ -99,7 +99,7 @@ class RecordsInMemory(LongRecords):
     complete: Calibration
     lengths: tuple[int, ...]
 
-    def calibration(self, parts: Sequence[Part]) -> Calibration:
+    def calibration(self, parts: Sequence[RecordSpan]) -> Calibration:
         """Return a calibration of parts of the records."""
         records = [_part(self.complete.records[part.record], part) for part in parts]
         return replace(self.complete, records=tuple(records))
@@ -129,7 +129,7 @@ class RecordsInFiles(LongRecords):
     lengths: tuple[int, ...]
     guarded: bool = False
 
-    def calibration(self, parts: Sequence[Part]) -> Calibration:
+    def calibration(self, parts: Sequence[RecordSpan]) -> Calibration:
         """Return a calibration of parts of the records.
 
         Raises:
@@ -288,9 +288,9 @@ def _may_be_long(document: CalibrationFile, file: Path) -> bool:
     return sum(sizes) > MAX_TOGETHER  # a sample takes a byte or more
 
 
-def _part(record: Record, part: Part) -> Record:
+def _part(record: Record, part: RecordSpan) -> Record:
     """Return a part of a record, named by its time."""
-    if part == Part(part.record, 0, record.samples):
+    if part == RecordSpan(part.record, 0, record.samples):
         return record
     span = slice(part.start, part.stop)
     step = f"samples {part.start + 1} to {part.stop} of {record.samples}"

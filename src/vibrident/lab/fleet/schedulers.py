@@ -114,7 +114,7 @@ class Dask(Scheduler):
         self._futures = {}
         self._count = 0
         self._counted = -self._COUNT_S
-        self._client = connect(where, "fleet.scheduler", self._PATIENCE_S)
+        self._client = connect(where, f"⟦fleet.scheduler = {where!r}⟧", self._PATIENCE_S)
 
     def workers(self) -> int:
         """Return the number of threads of all present workers."""

@@ -27,7 +27,7 @@ from vibrident.fit.optimise import Progress, silent
 from vibrident.physics.models import model_of
 from vibrident.result import Result
 from vibrident.use.stretches.pooled import pooled_result
-from vibrident.use.stretches.store import Store
+from vibrident.use.stretches.store import EstimateStore
 from vibrident.use.stretches.stretch import (
     STRETCH_SAMPLES,
     FitOrder,
@@ -60,7 +60,7 @@ class Sharing:
 
 
 @dataclass(frozen=True)
-class Choices:
+class FitChoices:
     """What is asked for, as of :func:`vibrident.identify`.
 
     Attributes:
@@ -78,7 +78,7 @@ class Choices:
     progress: Progress = silent
 
 
-def identify_long(records: LongRecords, choices: Choices, sharing: Sharing) -> Result | None:
+def identify_long(records: LongRecords, choices: FitChoices, sharing: Sharing) -> Result | None:
     """Return the result of long records, or None where they are to be fitted as a whole.
 
     That is so where another estimator is asked for than the network at bins, where the model is not
@@ -111,7 +111,7 @@ def _suits(estimator: str | Estimator) -> bool:
 
 
 def _first_fit(
-    records: LongRecords, stretches: Sequence[Stretch], choices: Choices
+    records: LongRecords, stretches: Sequence[Stretch], choices: FitChoices
 ) -> tuple[Fitted | None, int]:
     """Return the fit of the first stretch that can be used, and its number.
 
@@ -156,7 +156,7 @@ def _identified(
     records: LongRecords,
     stretches: list[Stretch],
     first: tuple[int, Fitted],
-    choices: Choices,
+    choices: FitChoices,
     sharing: Sharing,
 ) -> Result:
     """Return the result of stretches, one of which has been fitted."""
@@ -164,7 +164,7 @@ def _identified(
     order = FitOrder(choices.model, fitted.estimator, choices.band_hz, fitted.values)
     store = None
     if sharing.work is not None:
-        store = Store(Path(sharing.work), records.digest(), order, stretches)
+        store = EstimateStore(Path(sharing.work), records.digest(), order, stretches)
     known: dict[int, StretchOutcome] = {number: StretchFit.of(stretches[number], fitted)}
     fits: list[StretchOutcome] = []
     for each in _fits(records, stretches, known, order, store, sharing.scheduler):
@@ -190,7 +190,7 @@ def _fits(
     stretches: Sequence[Stretch],
     known: Mapping[int, StretchOutcome],
     order: FitOrder,
-    store: Store | None,
+    store: EstimateStore | None,
     scheduler: str | None,
 ) -> Iterator[StretchOutcome]:
     """Yield the fit of each stretch in order; those that are known or kept are not fitted again."""
@@ -203,7 +203,9 @@ def _fits(
         if scheduler is None or not missing:
             computed = (fit_stretch(records, stretches[n], order) for n in missing)
         else:
-            cluster = stack.enter_context(Cluster(scheduler, "identify.scheduler"))
+            cluster = stack.enter_context(
+                Cluster(scheduler, f"⟦identify.scheduler = {scheduler!r}⟧")
+            )
             calls = ((_sent(records, stretches[n]), stretches[n], order) for n in missing)
             computed = cluster.results(fit_stretch, calls)
         for number in range(len(stretches)):

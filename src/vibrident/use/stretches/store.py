@@ -16,7 +16,7 @@ from vibrident.use.stretches.stretch import FitOrder, Stretch, StretchOutcome
 _MAX_BYTES = 1 << 26  # of a file
 
 
-class Store:
+class EstimateStore:
     """Folder of fits of stretches.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 from vibrident.base.errors import VibridentError
 from vibrident.base.memory import in_one_thread, return_freed
 from vibrident.base.participants import watching
-from vibrident.data.io.long_records import LongRecords, Part
+from vibrident.data.io.long_records import LongRecords, RecordSpan
 from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.estimators import Estimator
 from vibrident.fit.identification import fit_near
@@ -25,7 +25,7 @@ from vibrident.result import Finding, ResultWarning
 #: Samples of a stretch, unless the sensor is too slow for it.
 STRETCH_SAMPLES = 1 << 16
 
-Stretch = tuple[Part, ...]
+Stretch = tuple[RecordSpan, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,17 +150,17 @@ def cut_into(lengths: Sequence[int], samples: int) -> list[Stretch]:
         samples: most of a stretch.
     """
     stretches: list[Stretch] = []
-    together: list[Part] = []
+    together: list[RecordSpan] = []
     for record, length in enumerate(lengths):
         if together and sum(part.samples for part in together) + length > samples:
             stretches.append(tuple(together))
             together = []
         if length <= samples:
-            together.append(Part(record, 0, length))
+            together.append(RecordSpan(record, 0, length))
             continue
         count = -(-length // samples)
         edges = [length * number // count for number in range(count + 1)]
-        stretches += [(Part(record, edges[n], edges[n + 1]),) for n in range(count)]
+        stretches += [(RecordSpan(record, edges[n], edges[n + 1]),) for n in range(count)]
     return [*stretches, tuple(together)] if together else stretches
 
 

@@ -182,10 +182,10 @@ def _identified(
     with painter(wanted=plots) as artist:
         with ProgressBar("Identifying") as progress:
             results = run(request, calibrations, progress)
-        asked = [option for option in ("scheduler", "work") if getattr(request, option) is not None]
-        if asked and "stretches" not in results[0].settings:
-            options_asked = " and ".join(f"--{option}" for option in asked)
-            note(f"Note: the records were fitted as a whole; {options_asked} had no effect.")
+        stated = [name for name in ("scheduler", "work") if getattr(request, name) is not None]
+        if stated and "stretches" not in results[0].settings:
+            options = " and ".join(f"--{name}" for name in stated)
+            note(f"Note: the records were fitted as a whole; {options} had no effect.")
         for result, folder in zip(results, result_folders(files, output_folder), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
