@@ -349,8 +349,11 @@ def _stated(
         sums, weight_sums = (mean_around(rows, averaged) for rows in (power * excited, excited))
         # The residual lacks what was fitted (MacKinnon & White 1985).
         correction = place.numbers / np.maximum(place.numbers - fitted, 1.0)
-        sums *= correction[:, None]
-        local = np.maximum(sums / np.maximum(weight_sums, np.finfo(float).tiny), floor)
+        sums = sums * correction[:, None]
+        # Sums over no bin that counts are rounding of those over all before it.
+        rounding = np.finfo(float).eps * excited.sum(axis=1, keepdims=True)
+        local = np.divide(sums, weight_sums, out=np.zeros_like(sums), where=weight_sums > rounding)
+        local = np.maximum(local, floor)
         loud = place.weight * excited * local
         middle += np.sum(products(place.jacobian * loud[:, None], place.jacobian), axis=0)
         freedom += len(owners) * 4.0 * (averaged - NEAREST_BINS)
