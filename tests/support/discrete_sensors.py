@@ -27,7 +27,7 @@ def system_of(p, name="accelerometer", quantity="acceleration"):
     return realise(parse(name).rational(p, quantity))
 
 
-@functools.partial(jax.jit, static_argnames=("name", "model", "quantity", "terms", "whole"))
+@functools.partial(jax.jit, static_argnames=("name", "model", "quantity", "terms", "whole_steps"))
 def _compiled(p, ts, fraction, name, model, quantity, terms, whole_steps):
     system = realise(parse(model).rational(p, quantity))
     return method(name).weights(system, ts, 0.0 if whole_steps else fraction, terms)

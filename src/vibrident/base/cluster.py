@@ -130,11 +130,11 @@ class Cluster:
                 raise
             raise self._lost("A worker ended again and again.", str(error)[:200]) from error
 
-    def _lost(self, problem: str, found: str) -> InputError:
+    def _lost(self, problem: str, detail: str) -> InputError:
         return InputError(
             problem,
             expected="workers with room for a stretch of a record (about 1 GB each)",
-            found=found or "no answer",
+            found=detail or "no answer",
             where=self._where,
             remedy="start scheduler and workers again, then run the same command again: with "
             "⟦identify.work = FOLDER⟧ it continues where it stopped",
@@ -156,12 +156,12 @@ class Cluster:
             if different:
                 raise self._unequal(f"{', '.join(different)} on {address}")
 
-    def _unequal(self, found: str) -> InputError:
+    def _unequal(self, theirs: str) -> InputError:
         stated = ", ".join(f"{name} {number}" for name, number in versions().items())
         return InputError(
             "The workers of the scheduler cannot share this identification.",
             expected=f"workers with {stated}, as here",
-            found=found,
+            found=theirs,
             where=self._where,
             remedy="install these versions where the workers run, and start the workers again",
         )
@@ -169,11 +169,11 @@ class Cluster:
 
 def versions() -> dict[str, str]:
     """Return the versions that decide the last digits of a result, by name."""
-    found = {"vibrident": __version__, "python": platform.python_version()}
+    installed = {"vibrident": __version__, "python": platform.python_version()}
     for package in _ARITHMETIC:
         with contextlib.suppress(PackageNotFoundError):
-            found[package] = version(package)
-    return found
+            installed[package] = version(package)
+    return installed
 
 
 def _distributed(where: str, setting: str) -> Any:

@@ -30,9 +30,10 @@ def described(name: str) -> Any:
 
 
 def parameter_names() -> tuple[str, ...]:
-    """Return the names of all parameters of all models, then of all derived quantities."""
+    """Return the names of all parameters of all models, gains first, then of derived quantities."""
     parts = list(MODELS.one_by_one())
-    names = [quantity.name for part in parts for quantity in part.parameters]
+    parameters = [spec for part in parts for spec in part.parameters]
+    names = [spec.name for spec in sorted(parameters, key=lambda spec: spec.kind != "gain")]
     names += [quantity.name for part in parts for quantity in getattr(part, "derived", ())]
     return tuple(dict.fromkeys(names))
 

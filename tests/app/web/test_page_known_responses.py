@@ -11,7 +11,7 @@ from tests.support.serving import WAIT_MS, download, field, upload
 
 from vibrident.app.web.form.description import Description, calibration_text
 from vibrident.app.web.form.known import KEYS, entry_of_row, row_of_entry
-from vibrident.app.web.session import Session, refuse_outside
+from vibrident.app.web.session import PageSession, refuse_outside
 from vibrident.base.errors import InputError
 from vibrident.data.io.known_section import KnownResponseEntry
 
@@ -25,12 +25,12 @@ def test_every_key_of_the_form_is_one_of_the_file():
 
 
 def test_files_of_known_responses_are_no_records(tmp_path):
-    session = Session(tmp_path, 10.0)
+    session = PageSession(tmp_path, 10.0)
     for name, known in (("a.csv", False), ("certificate.csv", True), ("sensor.pz", True)):
         session.reserve_path(name, 3, known=known).write_text("1,2")
     assert session.files == ["a.csv"]
     assert session.known_files == ["certificate.csv", "sensor.pz"]
-    again = Session(tmp_path, 10.0, name=session.folder.name)
+    again = PageSession(tmp_path, 10.0, name=session.folder.name)
     again.restore(session.state)
     assert again.files == ["a.csv"]
     chosen = Description({"reference": {"known_response": [{"file": "b.csv"}]}})
