@@ -146,12 +146,12 @@ class Cluster:
             self._client.wait_for_workers(1, timeout=PATIENCE_S)
         here = versions()
         try:
-            others = self._client.run(versions)
+            by_worker = self._client.run(versions)
         except ImportError as error:
-            others = {"worker": {"vibrident": f"not installed ({error})"}}
-        if not others:
+            by_worker = {"worker": {"vibrident": f"not installed ({error})"}}
+        if not by_worker:
             raise self._unequal("no workers")
-        for address, there in others.items():
+        for address, there in by_worker.items():
             different = [f"{k} {there.get(k)}" for k, v in here.items() if there.get(k) != v]
             if different:
                 raise self._unequal(f"{', '.join(different)} on {address}")

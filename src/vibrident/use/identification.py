@@ -99,8 +99,8 @@ def identify(
         result = identify_long(records, choices, Sharing(scheduler, work))
         if result is not None:
             return result
-    whole = calibration if records is None else records
-    calibration = whole.whole() if isinstance(whole, LongRecords) else as_calibration(whole)
+    source = calibration if records is None else records
+    calibration = source.in_memory() if isinstance(source, LongRecords) else as_calibration(source)
     calibration = calibration.within(band_hz)
     temperatures = group_by_temperature(calibration)
     runs = group_by_run(calibration)

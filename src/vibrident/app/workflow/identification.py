@@ -106,7 +106,9 @@ def run(
     from vibrident.data.records import Calibration
     from vibrident.fit.joint import identify_together
 
-    in_memory = [each if isinstance(each, Calibration) else each.whole() for each in calibrations]
+    in_memory = [
+        each if isinstance(each, Calibration) else each.in_memory() for each in calibrations
+    ]
     model_choice = models[0] if models is not None and len(models) == 1 else models
     return list(
         identify_together(

@@ -75,7 +75,7 @@ class LongRecords(ABC):
         """
 
     @abstractmethod
-    def whole(self) -> Calibration:
+    def in_memory(self) -> Calibration:
         """Return the calibration of all samples.
 
         Raises:
@@ -104,7 +104,7 @@ class RecordsInMemory(LongRecords):
         records = [_part(self.complete.records[part.record], part) for part in parts]
         return replace(self.complete, records=tuple(records))
 
-    def whole(self) -> Calibration:
+    def in_memory(self) -> Calibration:
         """Return the calibration."""
         return self.complete
 
@@ -144,7 +144,7 @@ class RecordsInFiles(LongRecords):
         limits = Limits(_SECONDS, room, room, room)
         return sandbox.call(_reader(), read_rows, self.path, rows, limits=limits)
 
-    def whole(self) -> Calibration:
+    def in_memory(self) -> Calibration:
         """Return the calibration of all samples."""
         return read(self.path)
 
@@ -255,9 +255,9 @@ def _span_in_file(part: RecordPart, document: CalibrationFile, folder: Path) -> 
     starts: set[StartTime | None] = set()
     for channel in channels:
         source = channel.source
-        beside = [other.position for other in channels if other.source is source]
+        positions = [each.position for each in channels if each.source is source]
         if not source.reads_parts(channel.position) or reader.has_time_column(
-            source, channel.position, beside
+            source, channel.position, positions
         ):
             return None
         lengths.add(source.length(channel.position))

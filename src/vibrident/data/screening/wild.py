@@ -287,12 +287,12 @@ class PredictedChannel:
     def prominence(self, part: slice) -> float:
         """Return the largest size of some samples over that of all others."""
         size = np.abs(self.series)
-        others = max(
+        largest_elsewhere = max(
             float(np.max(size[: part.start], initial=0.0)),
             float(np.max(size[part.stop :], initial=0.0)),
         )
         largest = float(np.max(size[part], initial=0.0))
-        return largest / max(others, np.finfo(float).tiny)
+        return largest / max(largest_elsewhere, np.finfo(float).tiny)
 
     def sizes(self, event: ChannelEvent) -> FloatArray:
         """Return by how much wild samples differ from the prediction of their neighbours."""

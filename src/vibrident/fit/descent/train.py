@@ -249,8 +249,8 @@ def with_model_error(weighting: Weighting, end: Descended, squares: float) -> We
 
     def total(error: float) -> float:
         return sum(
-            float(np.sum(left * noise.spectrum.excited / wider_psd(noise, power, error)))
-            for _, noise, power, left in rows
+            float(np.sum(squares * noise.spectrum.excited / wider_psd(noise, power, error)))
+            for _, noise, power, squares in rows
         )
 
     low = np.log(1e-30)

@@ -1,4 +1,4 @@
-"""From long records to a result: stretches are fitted one by one, here or by workers, and summed.
+"""Fit long records stretch by stretch, here or by workers, and sum the fits to a result.
 
 Memory is that of one stretch, whatever the length of the records. The first stretch finds start
 values; the others begin at its estimate.
@@ -48,7 +48,7 @@ MIN_USED = 0.5
 
 @dataclass(frozen=True)
 class Sharing:
-    """Who fits the stretches, and where their fits are kept.
+    """Workers of the stretches, and the folder of their fits.
 
     Attributes:
         scheduler: ``local``, address or file of a Dask scheduler; None: this process.
@@ -61,7 +61,7 @@ class Sharing:
 
 @dataclass(frozen=True)
 class FitChoices:
-    """What is asked for, as of :func:`vibrident.identify`.
+    """Model, estimator and settings of a fit, as of :func:`vibrident.identify`.
 
     Attributes:
         model: name of the sensor model; None: the calibration's.
@@ -195,8 +195,8 @@ def _fits(
 ) -> Iterator[StretchOutcome]:
     """Yield the fit of each stretch in order; those that are known or kept are not fitted again."""
     if store is not None:
-        kept = ((number, store.load(number)) for number in range(len(stretches)))
-        known = {number: fit for number, fit in kept if fit is not None} | dict(known)
+        stored = ((number, store.load(number)) for number in range(len(stretches)))
+        known = {number: fit for number, fit in stored if fit is not None} | dict(known)
     missing = [number for number in range(len(stretches)) if number not in known]
     with contextlib.ExitStack() as stack:
         computed: Iterator[StretchOutcome]

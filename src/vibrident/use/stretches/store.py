@@ -32,8 +32,13 @@ class EstimateStore:
     def __init__(
         self, folder: Path, digest: str, order: FitOrder, stretches: list[Stretch]
     ) -> None:
-        asked = {"data": digest, "versions": versions(), "order": order, "stretches": stretches}
-        self._folder = folder / parcel.sha256(asked)[:32]
+        identification = {
+            "data": digest,
+            "versions": versions(),
+            "order": order,
+            "stretches": stretches,
+        }
+        self._folder = folder / parcel.sha256(identification)[:32]
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

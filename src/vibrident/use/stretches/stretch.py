@@ -30,7 +30,7 @@ Stretch = tuple[RecordSpan, ...]
 
 @dataclass(frozen=True, eq=False)
 class FitOrder:
-    """What is fitted to every stretch.
+    """Model and settings of the fit of every stretch.
 
     Attributes:
         model: name of the sensor model; None: the calibration's.
