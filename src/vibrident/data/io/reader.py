@@ -60,14 +60,14 @@ def sha256(path: Path) -> str:
     """
     try:
         state = path.stat()
-        return _digest(path.resolve(), state.st_size, state.st_mtime_ns)
+        return _digest(path.resolve(), state.st_size, state.st_mtime_ns, state.st_ctime_ns)
     except OSError as error:
         raise unreadable(str(path), error, "a data file") from error
 
 
 @functools.lru_cache(maxsize=64)  # a long file is read in many parts
-def _digest(path: Path, size: int, changed_ns: int) -> str:
-    """Return the hex digest of a file of this size and time of change."""
+def _digest(path: Path, size: int, written_ns: int, changed_ns: int) -> str:
+    """Return the hex digest of a file of this size, last written and changed at these times."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
