@@ -148,16 +148,20 @@ def test_training_stops_by_its_rule_and_keeps_the_best(rng: np.random.Generator)
     inputs = rng.standard_normal((72, 4))
     windows = (inputs, inputs @ np.array([0.1, -0.2, 0.05, 0.0]))
     schedule = Schedule(learning_rate=0.001, batch=72, patience=60, most_epochs=4000)
+    losses: list[list[float]] = [[], []]
     both = [
         train(
             jnp.zeros(4), lambda w, b: jnp.mean((b[0] @ w - b[1]) ** 2), windows, windows, schedule,
-            rng=np.random.default_rng(1), few=few,
+            rng=np.random.default_rng(1), few=few, progress=lambda _, __, loss, few=few: losses[few].append(loss),
         )
         for few in (False, True)
     ]  # fmt: skip
-    for trained in both:
+    for trained, held_back in zip(both, losses, strict=True):
         assert trained.converged
-        assert schedule.patience < len(trained.training) < schedule.most_epochs
+        best_epoch = len(trained.training) - schedule.patience
+        assert min(held_back[best_epoch:]) > 0.99 * held_back[best_epoch - 1]
+        lowest = np.mean((windows[0] @ np.asarray(trained.model) - windows[1]) ** 2)
+        assert lowest == pytest.approx(held_back[best_epoch - 1], rel=1e-6)  # the best epoch's weights
         assert trained.model == pytest.approx([0.1, -0.2, 0.05, 0.0], abs=1e-4)
     assert np.allclose(both[0].model, both[1].model, atol=1e-9)  # forwards and backwards are one derivative
 

@@ -65,7 +65,6 @@ class Cluster:
 
     def __init__(self, where: str, setting: str) -> None:
         self._where = where
-        self._setting = setting
         self._open = contextlib.ExitStack()
         try:
             if where == LOCAL:

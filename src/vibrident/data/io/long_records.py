@@ -26,12 +26,10 @@ from vibrident.data.io.record_files import (
     open_channels,
 )
 from vibrident.data.io.sampling import cut
-from vibrident.data.records import Calibration, Record
+from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration, Record
 
 #: Records of more samples together are long.
 MAX_TOGETHER = 1 << 20
-#: Motion that is alike throughout: each part of it tells what the others do.
-STEADY = ("random", "multisine")
 #: Bytes a sample, in numbers, that the process which reads a part may take.
 _COPIES = 16
 _SECONDS = 120.0  # to read a part
@@ -162,7 +160,7 @@ def long_records_in(calibration: Calibration) -> RecordsInMemory | None:
     steady = (
         calibration.table is None
         and calibration.quantity != "drive"
-        and all(record.excitation in STEADY for record in calibration.records)
+        and all(record.excitation in STATIONARY_EXCITATIONS for record in calibration.records)
         and all(record.optical is None for record in calibration.records)
         and len({record.circumstances for record in calibration.records}) == 1
     )
@@ -276,13 +274,13 @@ def _may_be_long(document: CalibrationFile, file: Path) -> bool:
     if document.reference.quantity == "drive" or document.sampling.time_column is not None:
         return False
     entries = document.records
-    if not all(entry.excitation in STEADY for entry in entries):
+    if not all(entry.excitation in STATIONARY_EXCITATIONS for entry in entries):
         return False
     if len({entry.circumstances for entry in entries}) > 1:
         return False
     names = {part.file for part, _ in named_parts(document, file.parent, str(file))}
-    known = by_ending()
-    if not all(Path(name).suffix.lower() in known for name in names):
+    readers = by_ending()
+    if not all(Path(name).suffix.lower() in readers for name in names):
         return False
     sizes = [os.stat(file.parent / name).st_size for name in names if (file.parent / name).exists()]
     return sum(sizes) > MAX_TOGETHER  # a sample takes a byte or more

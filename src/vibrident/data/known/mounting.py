@@ -8,7 +8,7 @@ s² (1 + μ R)/(1 + μ) with R = (2 δ ωn s + ωn²)/(s² + 2 δ ωn s + ωn²)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,18 +64,7 @@ class Mounting:
     sensor_damping_ratio: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            positive = name.endswith("_hz")
-            if value is None or (
-                np.isfinite(value) and (value > 0.0 or (value == 0.0 and not positive))
-            ):
-                continue
-            raise _refused(
-                f"The {name.replace('_', ' ')} of a mounting cannot be used.",
-                "a finite number above 0" if positive else "a finite number, 0 or above",
-                f"{name} = {value!r}",
-                f"correct {name}",
-            )
+        require_usable(vars(self), ("frequency_hz", "natural_frequency_hz"), "[mounting]")
         if self.frequency_hz is None and not self.mass_ratio > 0.0:
             raise _refused(
                 "Nothing is stated of the mounting.",
@@ -162,6 +151,34 @@ class Mounting:
             for hz, damping in centres
         ]
         return np.sort(np.concatenate([self.frequency_hz * 10.0**decades, *near]))
+
+
+def require_usable(
+    stated: Mapping[str, float | None], above_zero: Collection[str], where: str
+) -> None:
+    """Check that the properties of a mounting are finite, and none is negative.
+
+    Args:
+        stated: by name; None: not stated.
+        above_zero: names of those that are not zero either.
+        where: names the place for the error.
+
+    Raises:
+        InputError: a value cannot be used.
+    """
+    for name, value in stated.items():
+        positive = name in above_zero
+        if value is None or (
+            np.isfinite(value) and (value > 0.0 or (value == 0.0 and not positive))
+        ):
+            continue
+        raise InputError(
+            f"The {name.removesuffix('_hz').replace('_', ' ')} of a mounting cannot be used.",
+            expected="a finite number above 0" if positive else "a finite number, 0 or above",
+            found=f"{name} = {value!r}",
+            where=where,
+            remedy=f"correct {name}",
+        )
 
 
 def _refused(problem: str, expected: str, value: str, remedy: str) -> InputError:

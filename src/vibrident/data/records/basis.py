@@ -20,6 +20,8 @@ QUANTITIES: tuple[str, ...] = get_args(Quantity)
 #: From acceleration on, each one the integral of the one before.
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
 EXCITATIONS: tuple[str, ...] = get_args(Excitation)
+#: Motion that is alike throughout: each part of it tells what the others do.
+STATIONARY_EXCITATIONS: tuple[Excitation, ...] = ("multisine", "random")
 
 #: SI unit of the reference channel by quantity; a drive keeps its own unit.
 REFERENCE_UNITS: Mapping[str, str] = MappingProxyType(

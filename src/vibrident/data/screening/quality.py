@@ -11,7 +11,7 @@ from numpy import fft
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
 from vibrident.base.warning_kinds import WarningCode
-from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.data.records import STATIONARY_EXCITATIONS, BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.answers import PredictedResponse
 from vibrident.data.screening.clipping import clipped
@@ -39,7 +39,7 @@ MIN_INTACT_SHARE = 0.05
 #: … and at least this number of samples.
 MIN_INTACT_SAMPLES = 128
 #: Stationary motions; others may end within the record.
-STEADY = ("sine", "multisine", "random")
+STEADY = ("sine", *STATIONARY_EXCITATIONS)
 #: Motions throughout which the response follows the reference linearly.
 LINEAR = (*STEADY, "sweep")
 
@@ -330,8 +330,8 @@ def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, B
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
-    (``linear``), one or two odd samples in both channels at once are
-    wild: a sensor answers for longer.
+    (``linear``), one or two odd samples in both channels at once are wild: a sensor answers for
+    longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):

@@ -15,6 +15,7 @@ import numpy as np
 from vibrident.base.brief import brief
 from vibrident.base.errors import InputError
 from vibrident.base.memory import in_one_thread
+from vibrident.data.known.mounting import require_usable
 from vibrident.data.records import FloatArray, Quantity, is_motion
 from vibrident.physics.models import ADD_ONS, AddOn, with_add_ons
 from vibrident.physics.simulation import one_third_octave
@@ -22,6 +23,7 @@ from vibrident.result import Curve
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.result.sensor import IdentifiedSensor
 
+WHERE = "another mounting"  # for errors
 CURVE_POINTS = 500  # of a line in a picture
 
 
@@ -120,16 +122,7 @@ def predict_mounted(
         "standard_uncertainty": standard_uncertainty,
         "damping": damping,
     }
-    for name, value in stated.items():
-        may_be_zero = name in ("standard_uncertainty", "damping")
-        if value is None or (np.isfinite(value) and (value > 0.0 or (may_be_zero and value == 0))):
-            continue
-        raise _refused(
-            f"The {name.removesuffix('_hz').replace('_', ' ')} of a mounting cannot be used.",
-            f"a finite number{', 0 or' if may_be_zero else ''} above 0",
-            f"{name} = {value!r}",
-            f"correct {name}",
-        )
+    require_usable(stated, ("stiffness", "mass", "frequency_hz"), WHERE)
     mounted = sensor
     if frequency_hz is not None:
         mounted = _at(sensor, frequency_hz, standard_uncertainty, damping)
@@ -252,6 +245,4 @@ def _curve(sensor: IdentifiedSensor, quantity: Quantity, frequency_hz: FloatArra
 
 
 def _refused(problem: str, expected: str, value: str, remedy: str) -> InputError:
-    return InputError(
-        problem, expected=expected, found=value, where="another mounting", remedy=remedy
-    )
+    return InputError(problem, expected=expected, found=value, where=WHERE, remedy=remedy)

@@ -11,7 +11,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount, plain
 from vibrident.base.errors import VibridentError
-from vibrident.data.records import Calibration
+from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
 from vibrident.fit.uncertainty.parameters import parameter_units
@@ -29,9 +29,7 @@ from vibrident.use.regimes.pieces import (
 )
 from vibrident.use.regimes.shared import share
 
-#: Motion that is alike throughout: each part of it tells what the others do. So may a train of
-#: pulses or of short sweeps.
-STEADY = ("random", "multisine")
+#: Motion that may be alike throughout, as a train of pulses or of short sweeps.
 TRAINS = ("shock", "sweep")
 #: Warnings of a fit that may be of a sensor that changed.
 DOUBTS = {"lack_of_fit", "regimes", "weakly_determined"}
@@ -147,7 +145,9 @@ def _may_have_changed(calibration: Calibration, result: Result) -> bool:
     if not DOUBTS & set(result.warning_codes):
         return False
     excitation = records[0].excitation
-    return excitation in STEADY or (excitation in TRAINS and is_alike_throughout(records[0]))
+    return excitation in STATIONARY_EXCITATIONS or (
+        excitation in TRAINS and is_alike_throughout(records[0])
+    )
 
 
 def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:

@@ -20,7 +20,6 @@ from vibrident.app.web.form.entries import RowEntries
 from vibrident.app.web.language import phrase, say
 from vibrident.app.web.session import MEGABYTE, RESPONSE_ENDINGS
 from vibrident.app.web.user import User
-from vibrident.base.escaping import html
 from vibrident.data.io.keys import Key
 
 _FILE = "file"
@@ -131,14 +130,14 @@ class KnownResponses:
             "A sensor beside another one, or behind an amplifier: state what is known of each "
             "channel. Several are a chain, from the recorder to the motion."
         )
-        ui.label(hint).classes("hint")
+        frame.hint(hint)
         self._upload()
-        self.errors = ui.element("div").props("aria-live=assertive")
+        self.errors = frame.error_place()
         self.places: dict[str, ui.element] = {}
         for path in KNOWN_RESPONSES:
             channel = path.partition(".")[0]
             with ui.element("div").classes("w-full").props(f"id=known-{channel}") as place:
-                ui.html(f"<h4>{html(say(_TITLES[channel]))}</h4>", sanitize=False)
+                frame.heading(say(_TITLES[channel]), 4)
                 self._build_rows(path)
             self.places[path] = place
 
