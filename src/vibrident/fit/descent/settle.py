@@ -239,7 +239,9 @@ def descend(
     """
     for move in range(MAX_MOVES):
         objective = Objective(band, coordinates, weighting.of_groups(band))
-        trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
+        trace = levenberg_marquardt(
+            objective, z, None, moved=coordinates.moved, tolerance=tolerance, progress=progress
+        )
         z = trace.last
         end = objective.at(z)
         moved = band.at_delay_of(coordinates.values(z))
