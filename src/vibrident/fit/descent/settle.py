@@ -262,7 +262,8 @@ def settle(
     """Return the estimate: descents continue from the best until noise and estimate stay.
 
     A wrong model produces noise where the motion is, and the weights then follow quiet bins. An
-    estimate whose V is far larger in the noise known without a model is rejected.
+    estimate whose V is far larger in the noise known without a model is rejected, unless it is the
+    likelier, each in its own noise.
 
     Args:
         starts: ends of the descents from start values in that noise.
@@ -291,14 +292,17 @@ def settle(
         rounds.append((_minus_log_likelihood(end.at), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, end = min(rounds, key=lambda scored: scored[0])
-    first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
-    in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
-    if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
-        end = best
-        trace = best.trace
     # Where little determines a parameter, the noise of the last round is that of another z.
     weighting, band = _noise_at(end, observed)
     point = iterate(band, coordinates, weighting.of_groups(band), end.z)
+    first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
+    in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
+    if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
+        noise_of_best, band_of_best = _noise_at(best, observed)
+        at_best = iterate(band_of_best, coordinates, noise_of_best.of_groups(band_of_best), best.z)
+        # Steep noise is not known well without a model: the likelier of the two is the estimate.
+        if not explains or not _minus_log_likelihood(point) < _minus_log_likelihood(at_best):
+            return _stated(band_of_best, coordinates, best.z, at_best, best.trace, noise_of_best)
     return _stated(band, coordinates, end.z, point, trace, weighting)
 
 
