@@ -60,7 +60,13 @@ def at_one_clock(fitted: Fitted) -> Fitted:
 
 
 def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
-    """Return whether one clock explains the data as well; ``has_offset``: two clocks explain them."""
+    """Return whether one clock explains the data as well.
+
+    Args:
+        at_no_offset: the fit at one clock.
+        best: the fit at two clocks.
+        has_offset: whether two clocks explain the data.
+    """
     if not has_offset:
         return at_no_offset.adequate or at_no_offset.chi2 < best.chi2
     unexplained, unexplained_best = (1.0 - fit.judgement.explained for fit in (at_no_offset, best))
