@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import vibrident
+from bench.adversary.cases import BY_NAME
+from bench.adversary.judge import judged
 from vibrident.data.records import Calibration, Record
 from vibrident.physics.models import parse
 
@@ -47,12 +49,6 @@ CASES = {
         "velocity",
         (4, 10_000.0, 2000, 3e-5),
     ),
-    "one clock": (
-        "velocity-pickup",
-        {"generator_constant": -6.4e5, "natural_frequency": 10.5, "damping_ratio": 0.016},
-        "displacement",
-        (1, 100.0, 5000, 1e-3),
-    ),
     "a short delay": (
         "velocity-pickup+delay",
         {"generator_constant": 0.083, "natural_frequency": 35.3, "damping_ratio": 1.53, "delay": 1.36e-3},
@@ -66,7 +62,6 @@ CASES = {
 DRAWS = [
     ("the likelier of two estimates", 2),
     ("the likelier of two estimates", 4),
-    ("one clock", 14),
     ("a short delay", 2),
     ("a short delay", 3),
 ]
@@ -82,3 +77,10 @@ def test_shocks_that_run_when_the_record_begins_are_fitted(name, seed):
     for parameter_name, value in true.items():
         parameter = result.parameters[parameter_name]
         assert abs(parameter.value - value) < 4.0 * parameter.standard_uncertainty, parameter_name
+
+
+def test_ringing_is_no_second_clock():
+    """Of ringing alone another ratio of the clocks is another natural frequency."""
+    outcome = judged(BY_NAME["quantities/displacement/velocity-pickup/shock running"].trial(78))
+    assert outcome["class"] == "right"
+    assert "clock_suspect" not in outcome["codes"]

@@ -1,0 +1,31 @@
+"""Two clocks are said of data only where one does not explain them as well."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from vibrident.fit.judge.clocks import _suffices
+
+
+def fit(adequate, explained, chi2=1.0):
+    return SimpleNamespace(adequate=adequate, judgement=SimpleNamespace(explained=explained), chi2=chi2)
+
+
+@pytest.mark.parametrize(
+    ("at_no_offset", "suffices"),
+    [
+        (fit(True, 0.999), True),
+        (fit(True, 0.9985), True),
+        (fit(True, 0.99), False),  # a misfit that passes for noise
+        (fit(False, 0.999), False),
+    ],
+)
+def test_one_clock_suffices_where_it_explains_as_much(at_no_offset, suffices):
+    assert _suffices(at_no_offset, fit(True, 0.999), has_offset=True) is suffices
+
+
+def test_where_two_clocks_explain_nothing_the_better_fit_is_kept():
+    rejected = fit(False, 0.5, chi2=4.0)
+    assert _suffices(fit(False, 0.5, chi2=3.0), rejected, has_offset=False)
+    assert _suffices(fit(True, 0.5, chi2=5.0), rejected, has_offset=False)
+    assert not _suffices(fit(False, 0.5, chi2=5.0), rejected, has_offset=False)
