@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
-import vibrident
 from bench.adversary.cases import BY_NAME
 from bench.adversary.judge import judged
+
+import vibrident
 from vibrident.data.records import Calibration, Record
 from vibrident.physics.models import parse
 

@@ -21,11 +21,11 @@ from vibrident.fit.start.refinement import refined
 from vibrident.physics.models import ParameterSpec
 
 #: Number of natural frequencies of the grid …
-FREQUENCIES = 38
+FREQUENCIES = 32
 #: … from this multiple of the lowest frequency of the motion …
 LOWEST_RATIO = 1.0 / 3.0
 #: … to this one of the highest.
-HIGHEST_RATIO = 32.0
+HIGHEST_RATIO = 8.0
 #: Fewest places of the core model from which add-ons are searched, and most with all guesses.
 MIN_PLACES = 3
 MAX_PLACES = 500

@@ -15,6 +15,7 @@ import numpy as np
 
 from vibrident.base.amounts import pretty
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
 from vibrident.fit.uncertainty.parameters import WEAK_UNCERTAINTY, at_end, deviations, sizes_of
@@ -272,9 +273,9 @@ class _EndSearch:
             gradient = current.gradient[free]
             diagonal = np.diag(matrix)
             scale = np.maximum(diagonal, 1e-12 * max(float(np.max(diagonal)), 1e-300))
-            free_step = np.clip(
-                np.linalg.solve(matrix + damping * np.diag(scale), gradient), -1.0, 1.0
-            )
+            # Directions that are lost in rounding stay.
+            inverse = inverse_normal(matrix + damping * np.diag(scale))
+            free_step = np.clip(inverse @ gradient, -1.0, 1.0)
             if free_step @ (2.0 * gradient - matrix @ free_step) < small_gain:
                 break
             step = np.zeros(len(z))
