@@ -102,19 +102,19 @@ class InNoise:
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
     def places(
-        self, z: FloatArray, coordinates: Coordinates, *, all_bins: bool = False
+        self, z: FloatArray, coordinates: Coordinates, *, at_all_bins_of: Band | None = None
     ) -> Iterator[GroupAt]:
         """Yield each group at z in the noise of the fit.
 
         Args:
             z: shape (P,).
             coordinates: of the parameters.
-            all_bins: at all bins of the network, whether or not motion shows there, with hum in the
-                residual.
+            at_all_bins_of: a band all of whose bins count, whether or not motion shows there; None:
+                the fit's, where motion shows.
         """
-        band = replace(self.band, top_hz=np.inf, tones=()) if all_bins else self.band
+        band = at_all_bins_of or self.band
         weights = self.weighting.of_groups(band)
-        if all_bins:
+        if at_all_bins_of is not None:
             weights = [replace(noise, excited=np.ones_like(noise.excited)) for noise in weights]
         return places_in(band, coordinates, weights, z)
 
