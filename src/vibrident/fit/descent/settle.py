@@ -275,6 +275,7 @@ def settle(
     end = best
     trace = best.trace
     settled = False
+    weighting = first
     rounds: list[tuple[float, Descended]] = []
     for round_number in range(MAX_ROUNDS if explains else 0):
         weighting, band = _noise_at(end, observed)
@@ -294,10 +295,12 @@ def settle(
     if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
         end = best
         trace = best.trace
-    # Where little determines a parameter, the noise of the last round is that of another z.
-    weighting, band = _noise_at(end, observed)
-    point = iterate(band, coordinates, weighting.of_groups(band), end.z)
-    return _stated(band, coordinates, end.z, point, trace, weighting)
+    if not settled or end is best:  # else the noise is that of the same estimate but for MAX_SHIFT
+        weighting, band = _noise_at(end, observed)
+        end = replace(
+            end, band=band, at=iterate(band, coordinates, weighting.of_groups(band), end.z)
+        )
+    return _stated(end.band, coordinates, end.z, end.at, trace, weighting)
 
 
 def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band]:
