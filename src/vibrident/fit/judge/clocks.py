@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.errors import VibridentError
-from vibrident.data.records import FloatArray, Record, SystematicEffect
+from vibrident.data.records import STATIONARY_EXCITATIONS, FloatArray, Record, SystematicEffect
 from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
@@ -43,6 +43,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not _departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
+        if _goes_on_alike(fitted) and fitted.judgement.shares.is_of_steady_sensor:
+            return fitted
     settled = _settle_offset(fitted, known)
     if settled is None:
         return fitted
@@ -56,6 +58,12 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     if at_no_offset is None or not (at_no_offset.adequate or at_no_offset.chi2 < best.chi2):
         return _with_statement(best, offset, u)
     return at_one_clock(at_no_offset)
+
+
+def _goes_on_alike(fitted: Fitted) -> bool:
+    """Return whether the motion of every record goes on alike, and no sine is among them."""
+    kinds = {record.excitation for record in fitted.evidence.records}
+    return kinds <= set(STATIONARY_EXCITATIONS)
 
 
 def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:

@@ -14,6 +14,7 @@ from vibrident.base.errors import VibridentError
 from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
+from vibrident.fit.uncertainty.explained import Shares
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import model_of
 from vibrident.physics.naming import in_words
@@ -33,10 +34,6 @@ from vibrident.use.regimes.shared import share
 TRAINS = ("shock", "sweep")
 #: Warnings of a fit that may be of a sensor that changed.
 DOUBTS = {"lack_of_fit", "regimes"}
-#: A change leaves as much incoherent with the motion as the best model of all pieces leaves
-#: unexplained; a fit that ran away leaves some times more. Where less than this share of what is
-#: unexplained is incoherent, a linear sensor that stays explains the record, and a model lacks it.
-MIN_INCOHERENT_MISFIT = 0.1
 #: Digits of values in words.
 DIGITS = 6
 
@@ -148,8 +145,7 @@ def _may_have_changed(calibration: Calibration, result: Result) -> bool:
         return False
     if not DOUBTS & set(result.warning_codes):
         return False
-    fit = result.fit
-    if 1.0 - fit.coherent < MIN_INCOHERENT_MISFIT * (1.0 - fit.explained):
+    if Shares(result.fit.explained, result.fit.coherent).is_of_steady_sensor:
         return False
     excitation = records[0].excitation
     return excitation in STATIONARY_EXCITATIONS or (
