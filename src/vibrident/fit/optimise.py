@@ -100,6 +100,7 @@ def levenberg_marquardt(
     start: FloatArray,
     args: Any,
     *,
+    moved: Callable[[FloatArray, FloatArray], FloatArray] = np.add,
     tolerance: float = 1e-9,
     max_evaluations: int = 60,
     progress: Progress = silent,
@@ -119,6 +120,7 @@ def levenberg_marquardt(
         objective: cost, Jᵀr and JᵀJ at a point.
         start: shape (p,).
         args: anything the objective needs.
+        moved: coordinates and a step to the coordinates behind it, along any curve of that slope.
         tolerance: decrease of the cost that is not worth a step.
         max_evaluations: of the objective.
         progress: called after each iteration.
@@ -151,7 +153,7 @@ def levenberg_marquardt(
         if has_converged():
             break
         step = current.step(damping, curvature_used)
-        trial = _Iterate.evaluate(current.z + step, objective, args)
+        trial = _Iterate.evaluate(moved(current.z, step), objective, args)
         promised_gain = current.promised(step, curvature_used)
         gain = current.cost - trial.cost
         gain_ratio = gain / promised_gain if promised_gain > 0.0 else -np.inf
@@ -159,7 +161,8 @@ def levenberg_marquardt(
         if gain_ratio >= 0.01:  # of what the linear residual promises
             misses = [abs(gain - current.promised(step, c)) for c in (curvature, no_curvature)]
             foretells = misses[0] < misses[1]
-            curvature = secant(curvature, step, current.gradient - trial.gradient, trial.matrix)
+            change = trial.z - current.z
+            curvature = secant(curvature, change, current.gradient - trial.gradient, trial.matrix)
             curvature_used = curvature if foretells else no_curvature
             current = trial
             rejected = 0

@@ -239,7 +239,9 @@ def descend(
     """
     for move in range(MAX_MOVES):
         objective = Objective(band, coordinates, weighting.of_groups(band))
-        trace = levenberg_marquardt(objective, z, None, tolerance=tolerance, progress=progress)
+        trace = levenberg_marquardt(
+            objective, z, None, moved=coordinates.moved, tolerance=tolerance, progress=progress
+        )
         z = trace.last
         end = objective.at(z)
         moved = band.at_delay_of(coordinates.values(z))
@@ -260,7 +262,8 @@ def settle(
     """Return the estimate: descents continue from the best until noise and estimate stay.
 
     A wrong model produces noise where the motion is, and the weights then follow quiet bins. An
-    estimate whose V is far larger in the noise known without a model is rejected.
+    estimate whose V is far larger in the noise known without a model is rejected, unless it is the
+    likelier, each in its own noise.
 
     Args:
         starts: ends of the descents from start values in that noise.
@@ -290,17 +293,25 @@ def settle(
         rounds.append((_minus_log_likelihood(end.at), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, end = min(rounds, key=lambda scored: scored[0])
+    if not settled:  # else the noise is that of this estimate but for MAX_SHIFT
+        weighting, end = _in_own_noise(end, observed)
     first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
     in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
-    if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
-        end = best
-        trace = best.trace
-    if not settled or end is best:  # else the noise is that of the same estimate but for MAX_SHIFT
-        weighting, band = _noise_at(end, observed)
-        end = replace(
-            end, band=band, at=iterate(band, coordinates, weighting.of_groups(band), end.z)
-        )
+    if explains and not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
+        noise_of_best, best = _in_own_noise(best, observed)
+        # Steep noise is not known well without a model: the likelier of the two is the estimate.
+        if not _minus_log_likelihood(end.at) < _minus_log_likelihood(best.at):
+            weighting = noise_of_best
+            end = best
+            trace = best.trace
     return _stated(end.band, coordinates, end.z, end.at, trace, weighting)
+
+
+def _in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Descended]:
+    """Return the noise read at the end of a descent, and the same end in that noise."""
+    weighting, band = _noise_at(end, observed)
+    point = iterate(band, end.coordinates, weighting.of_groups(band), end.z)
+    return weighting, replace(end, band=band, at=point)
 
 
 def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band]:

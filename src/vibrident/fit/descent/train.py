@@ -78,7 +78,10 @@ def train(
 
 
 def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, MotionAndNoise]]:
-    """Yield the band with its motion and noise; with a delay, at the likeliest two."""
+    """Yield the band with its motion and noise; with a delay, at none and at the likeliest two.
+
+    The shorter delay comes first: a long one leaves out the samples that could refute it.
+    """
     model = evidence.model
     start = evidence.start or _neutral_values(evidence)
     problem = BinProblem.build(evidence.records, model, method, evidence.quantity, start)
@@ -87,7 +90,7 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
     if not model.has_delay or evidence.start is not None:
         yield band.within(observed.band_hz[1]), observed
         return
-    by_delay: dict[float, tuple[Band, MotionAndNoise]] = {}
+    by_delay = {float(problem.frame.delay_s): (band, observed)}
     for mask in ({number: heard for number, (_, heard) in observed.heard.items()}, loud_bins(band)):
         delay_s = rough_delay(band, mask, observed.band_hz[1])
         if delay_s not in by_delay:
@@ -96,7 +99,7 @@ def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, Mo
             delayed = Band(problem, np.inf)
             by_delay[delay_s] = delayed, estimate_motion_and_noise(delayed)
     largest = max(observed.count for _, observed in by_delay.values())
-    for delayed, observed in by_delay.values():
+    for _, (delayed, observed) in sorted(by_delay.items(), key=lambda item: abs(item[0])):
         if observed.count >= MIN_HEARD_FRACTION * largest:
             yield delayed.within(observed.band_hz[1]), observed
 

@@ -50,12 +50,13 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         return fitted
     best, u = settled
     offset = best.evidence.clock_offset
-    if best.adequate and abs(offset) > MIN_SIGMA * u and CHANGE not in _departure_names(best):
-        return _with_statement(best, offset, u)
+    has_offset = best.adequate and abs(offset) > MIN_SIGMA * u
+    has_offset = has_offset and CHANGE not in _departure_names(best)
     if not known:
-        return fitted
+        return _with_statement(best, offset, u) if has_offset else fitted
+    # Of ringing alone, two clocks and another natural frequency are one: one clock suffices there.
     at_no_offset = _fit_at_offset(best, 0.0)
-    if at_no_offset is None or not (at_no_offset.adequate or at_no_offset.chi2 < best.chi2):
+    if at_no_offset is None or not _suffices(at_no_offset, best, has_offset):
         return _with_statement(best, offset, u)
     return at_one_clock(at_no_offset)
 
@@ -64,6 +65,14 @@ def _goes_on_alike(fitted: Fitted) -> bool:
     """Return whether the motion of every record goes on alike, and no sine is among them."""
     kinds = {record.excitation for record in fitted.evidence.records}
     return kinds <= set(STATIONARY_EXCITATIONS)
+
+
+def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
+    """Return whether one clock explains as much; ``has_offset``: whether two clocks explain all."""
+    if not has_offset:
+        return at_no_offset.adequate or at_no_offset.chi2 < best.chi2
+    unexplained, unexplained_best = (1.0 - fit.judgement.explained for fit in (at_no_offset, best))
+    return at_no_offset.adequate and unexplained <= MIN_FALL * unexplained_best
 
 
 def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:

@@ -166,6 +166,29 @@ class Coordinates:
                 coordinates.append(np.log(max(value / start, np.finfo(float).tiny)))
         return np.array(coordinates)
 
+    def moved(self, z: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the coordinates behind a step along which values change by factors.
+
+        Far from a resonance the data determine products of powers of gain, natural frequency and
+        damping far better than these: those stay along such a step, and would not along a line.
+        A value that would lose its sign, or more than double, moves along a line.
+
+        Args:
+            z: shape (P,).
+            step: its slope at z, shape (P,).
+        """
+        end = z + step
+        for index, spec in enumerate(self.model.parameters):
+            if spec.kind not in ("gain", "positive"):
+                continue
+            positive = spec.kind == "positive"
+            value = float(np.sinh(z[index]) if positive else z[index])
+            change = float(step[index] * (np.cosh(z[index]) if positive else 1.0))
+            if abs(change) < abs(value):
+                value *= np.exp(change / value)
+                end[index] = np.arcsinh(value) if positive else value
+        return end
+
     def slopes(self, z: FloatArray) -> FloatArray:
         """Return the derivative of each physical value by its coordinate, shape (parameters,).
 

@@ -17,11 +17,15 @@ import numpy as np
 
 from vibrident.data.records import Record
 from vibrident.data.resampling import margin_samples, resampled
-from vibrident.fit.response.clock_search import LAST_SAMPLES, MAX_OFFSET, MAX_ORDER, ClockSearch
+from vibrident.fit.response.clock_search import (
+    FIRST_ORDER,
+    LAST_SAMPLES,
+    MAX_OFFSET,
+    MAX_ORDER,
+    ClockSearch,
+)
 
 MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
-#: Unexplained fraction of the response, 0.14 rad, below which a departure serves to first order.
-FIRST_ORDER = 0.02
 MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
 MIN_SAMPLES = 8  # of a response at another clock; else the record keeps its own
 

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.response.alignment import MIN_DELAY_SAMPLES, POWER_FLOOR
+from vibrident.fit.response.phase_delay import Phases, agreed_delay
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import about_mean, hann, power_of
 from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 MAX_OFFSET = 0.045  # of a clock without crystal: 4 %, and a margin
+#: Unexplained fraction of the response, 0.14 rad, below which a departure serves to first order.
+FIRST_ORDER = 0.02
 MAX_ORDER = 6  # of the transfer function: two modes and a high-pass, or a delay of a period
 MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motion
 LOBE_BINS = 5  # of a tone under the window
@@ -104,6 +107,19 @@ class _Channels:
         total = float(np.sum(power_of(y[motion.band]))) or 1.0
         delay = _delay_samples(motion, y) if len(motion.bins) > MAX_ORDER * LOBE_BINS else 0
         return _BandResponse(y[motion.bins], total, delay / self.rate_hz)
+
+    def agreed_delay_s(self, samples: int) -> float:
+        """Return the delay at which the phases between the channels agree at no offset, s."""
+        motion = self.motion(samples)
+        n = motion.samples
+        bins = motion.bins
+        # A sine as window makes half the difference of the bins before and after each.
+        sine = np.sin(np.arange(n) * (2.0 * np.pi / n))
+        difference = 1j * np.asarray(fft.rfft(self.reference[:n] * sine))[bins]
+        response = np.asarray(fft.rfft(self.response[:n] * hann(n)))[bins]
+        reference = motion.reference, difference
+        phases = Phases.between(reference, response, motion.hz, self.rate_hz / n)
+        return agreed_delay(phases, n / self.rate_hz, float(motion.hz[-1]))
 
 
 class _Motion(NamedTuple):
@@ -217,10 +233,24 @@ class ClockSearch:
         )
 
     def unexplained(self, offset: float, samples: int) -> float:
-        """Return the fraction of the response's power that no rational function explains."""
+        """Return the fraction of the response's power that no rational function explains.
+
+        Where that is much at no offset, another delay is tried: of tones the impulse response has
+        many peaks, and a wrong delay must not pass for two clocks.
+        """
         responses = [channels.response_at(offset, samples) for channels in self.driven]
-        longest = max(responses, key=lambda measured: len(measured.response))
-        delay_s = longest.delay_s if self.delayed else 0.0
+        longest = max(range(len(responses)), key=lambda row: len(responses[row].response))
+        delay_s = responses[longest].delay_s if self.delayed else 0.0
+        fraction = self._unexplained_at(responses, samples, delay_s)
+        if offset != 0.0 or not self.delayed or fraction < FIRST_ORDER:
+            return fraction
+        delay_s = self.driven[longest].agreed_delay_s(samples)
+        return min(fraction, self._unexplained_at(responses, samples, delay_s))
+
+    def _unexplained_at(
+        self, responses: Sequence[_BandResponse], samples: int, delay_s: float
+    ) -> float:
+        """Return what is not explained beside a common delay."""
         basis = self._basis(samples)
         sizes = [np.sqrt(measured.total) for measured in responses]
         references = [channels.motion(samples).reference for channels in self.driven]
