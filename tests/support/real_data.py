@@ -43,14 +43,14 @@ def identify_once(toml_name: str, data_name: str, folders: pytest.TempPathFactor
 
     The first test that asks identifies; the others of this run, in whatever process, load its result.json.
     """
-    own = folders.getbasetemp()
-    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
-    kept = shared / f"identified-{toml_name}.json"
-    if not kept.exists():
+    base = folders.getbasetemp()
+    folder_of_run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    document = folder_of_run / f"identified-{toml_name}.json"
+    if not document.exists():
         path = calibration_beside_data(toml_name, data_name, folders.mktemp("identified"))
         written = vibrident.identify(vibrident.read(path)).save(path.with_name("result.json"))
-        written.replace(kept)
-    return Result.load(kept)
+        written.replace(document)
+    return Result.load(document)
 
 
 def _write_sine_table(source: Path, target: Path) -> None:
