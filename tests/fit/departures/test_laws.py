@@ -316,7 +316,7 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
     made = simulate("paper", "random", samples=1500, repeats=3, response_noise=1e-3, seed=3)
     records = []
     for number, record in enumerate(made.records):
-        moved = record.response * np.where((np.arange(1500) > 700) & (number == 1), 1.002, 1.0)
+        moved = record.response * np.where((np.arange(1500) > 700) & (number == 1), 1.004, 1.0)
         records.append(replace(record, response=moved + 3e-4 * np.square(moved) / np.std(moved)))
     given = replace(made, records=tuple(records))
     held = vibrident.identify(given).findings

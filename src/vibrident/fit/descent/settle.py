@@ -102,19 +102,19 @@ class InNoise:
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
     def places(
-        self, z: FloatArray, coordinates: Coordinates, *, all_bins: bool = False
+        self, z: FloatArray, coordinates: Coordinates, *, at_all_bins_of: Band | None = None
     ) -> Iterator[GroupAt]:
         """Yield each group at z in the noise of the fit.
 
         Args:
             z: shape (P,).
             coordinates: of the parameters.
-            all_bins: at all bins of the network, whether or not motion shows there, with hum in the
-                residual.
+            at_all_bins_of: a band all of whose bins count, whether or not motion shows there; None:
+                the fit's, where motion shows.
         """
-        band = replace(self.band, top_hz=np.inf, tones=()) if all_bins else self.band
+        band = at_all_bins_of or self.band
         weights = self.weighting.of_groups(band)
-        if all_bins:
+        if at_all_bins_of is not None:
             weights = [replace(noise, excited=np.ones_like(noise.excited)) for noise in weights]
         return places_in(band, coordinates, weights, z)
 
@@ -275,6 +275,7 @@ def settle(
     end = best
     trace = best.trace
     settled = False
+    weighting = first
     rounds: list[tuple[float, Descended]] = []
     for round_number in range(MAX_ROUNDS if explains else 0):
         weighting, band = _noise_at(end, observed)
@@ -294,10 +295,12 @@ def settle(
     if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
         end = best
         trace = best.trace
-    # Where little determines a parameter, the noise of the last round is that of another z.
-    weighting, band = _noise_at(end, observed)
-    point = iterate(band, coordinates, weighting.of_groups(band), end.z)
-    return _stated(band, coordinates, end.z, point, trace, weighting)
+    if not settled or end is best:  # else the noise is that of the same estimate but for MAX_SHIFT
+        weighting, band = _noise_at(end, observed)
+        end = replace(
+            end, band=band, at=iterate(band, coordinates, weighting.of_groups(band), end.z)
+        )
+    return _stated(end.band, coordinates, end.z, end.at, trace, weighting)
 
 
 def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band]:

@@ -8,6 +8,7 @@ A model that explains nothing may well be adequate in its own noise; the shares 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,11 +128,16 @@ def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
 
     The drift leaks from the ends of the record.
     """
-    shifted = shifted_lines(samples, slice(0, lines.size))
-    drift = np.divide(1.0 + shifted, shifted, out=np.zeros_like(shifted), where=shifted != 0.0)
-    share = float(np.vdot(drift, lines).real) / max(
-        float(np.vdot(drift, drift).real), np.finfo(float).tiny
-    )
+    drift, power = _drift(samples, lines.size)
+    share = float(np.vdot(drift, lines).real) / power
     detrended = lines - share * drift
     detrended[:1] = 0.0
     return detrended
+
+
+@functools.lru_cache(maxsize=8)
+def _drift(samples: int, lines: int) -> tuple[ComplexArray, float]:
+    """Return the lines of a straight drift, shape (lines,), and their power."""
+    shifted = shifted_lines(samples, slice(0, lines))
+    drift = np.divide(1.0 + shifted, shifted, out=np.zeros_like(shifted), where=shifted != 0.0)
+    return drift, max(float(np.vdot(drift, drift).real), float(np.finfo(float).tiny))

@@ -32,7 +32,11 @@ from vibrident.use.regimes.shared import share
 #: Motion that may be alike throughout, as a train of pulses or of short sweeps.
 TRAINS = ("shock", "sweep")
 #: Warnings of a fit that may be of a sensor that changed.
-DOUBTS = {"lack_of_fit", "regimes", "weakly_determined"}
+DOUBTS = {"lack_of_fit", "regimes"}
+#: A change leaves as much incoherent with the motion as the best model of all pieces leaves
+#: unexplained; a fit that ran away leaves some times more. Where less than this share of what is
+#: unexplained is incoherent, a linear sensor that stays explains the record, and a model lacks it.
+MIN_INCOHERENT_MISFIT = 0.1
 #: Digits of values in words.
 DIGITS = 6
 
@@ -143,6 +147,9 @@ def _may_have_changed(calibration: Calibration, result: Result) -> bool:
     if len(records) != 1 or records[0].optical is not None:
         return False
     if not DOUBTS & set(result.warning_codes):
+        return False
+    fit = result.fit
+    if 1.0 - fit.coherent < MIN_INCOHERENT_MISFIT * (1.0 - fit.explained):
         return False
     excitation = records[0].excitation
     return excitation in STATIONARY_EXCITATIONS or (
