@@ -1,4 +1,4 @@
-"""One channel of a record as the screening looks at it: its valid samples, sorted once."""
+"""A channel of a record as the screening looks at it: its valid samples, sorted once."""
 
 from __future__ import annotations
 

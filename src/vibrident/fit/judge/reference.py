@@ -95,7 +95,8 @@ class _Beside:
 
         ``x``: the model's coordinates, and the oscillator's logarithms.
         """
-        z, logarithms = x[:-2], x[-2:]
+        z = x[:-2]
+        logarithms = x[-2:]
         values = self.coordinates.values(z)
         response = np.asarray(
             self.coordinates.model.frequency_response(values, self.hz, self.quantity)
@@ -105,7 +106,8 @@ class _Beside:
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """Return the derivatives of :meth:`errors` with ``x``, shape (2 K, P + 2)."""
-        z, logarithms = x[:-2], x[-2:]
+        z = x[:-2]
+        logarithms = x[-2:]
         values = self.coordinates.values(z)
         response, slopes = response_and_slopes(
             self.coordinates.model, values, self.hz, self.quantity
@@ -171,12 +173,12 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     ends = []
     with np.errstate(all="ignore"):
         for above in (True, False):
-            beside = _Beside(coordinates, *points, above)
+            points_beside = _Beside(coordinates, *points, above)
             ends.append(
                 least_squares(
-                    beside.errors,
-                    beside.best_of_grid(z, places),
-                    beside.slopes,
+                    points_beside.errors,
+                    points_beside.best_of_grid(z, places),
+                    points_beside.slopes,
                     loss="cauchy",
                     f_scale=WILD,
                     bounds=bounds,
