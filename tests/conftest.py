@@ -22,6 +22,9 @@ from hypothesis import settings  # noqa: E402
 from tests.support.extras import installed, lacks  # noqa: E402
 from tests.support.unit_mark import UnitMark  # noqa: E402
 
+# Each of the many processes that tests start would compile the package anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 gc.disable()  # until all tests are collected: modules that are loaded make no garbage
 # One cache for all workers: what one has compiled the others need not. JAX compiles again what it finds half written,
 # with a warning that pyproject.toml lets pass.
@@ -42,7 +45,9 @@ settings.load_profile("vibrident")
 def pytest_configure(config: pytest.Config) -> None:
     """Mark tests by their durations; the process that reports them learns these, and not its workers."""
     if config.pluginmanager.has_plugin("cacheprovider"):
-        config.pluginmanager.register(UnitMark(config.cache, learns=not hasattr(config, "workerinput")))
+        learns = not hasattr(config, "workerinput")
+        only_units = "unit" in config.option.markexpr
+        config.pluginmanager.register(UnitMark(config.cache, learns=learns, only_units=only_units))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -1,10 +1,12 @@
-"""The mark ``unit``: what is fast by earlier runs, or has never run, as much as 10 s allow."""
+"""The mark ``unit``: what is fast by earlier runs, or has never run, as much as the time of a quick run allows."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 
-from tests.support.unit_mark import CACHE_KEY, UnitMark
+import pytest
+from tests.support import unit_mark
+from tests.support.unit_mark import CACHE_KEY, MAX_ROOM_S, MAX_UNKNOWN_S, OVERHEAD_S, UnitMark
 
 
 class Cache(dict):
@@ -47,16 +49,32 @@ def test_the_shortest_duration_counts_and_setups_count_for_their_whole_file():
     assert marked(cache, *names) == ["a.py::fast", "a.py::new"]
 
 
-def test_of_a_room_the_shortest_are_marked_as_long_as_they_take_ten_seconds_together():
+def test_of_a_room_the_shortest_are_marked_as_long_as_their_work_fits_a_quick_run():
     cache = Cache()
     plugin = UnitMark(cache)
     names = [f"tests/{room}/a.py::{number}" for room in ("data", "fit") for number in range(100)]
     for name in names:
-        plugin.pytest_runtest_logreport(report(name, "call", 0.15 if name.endswith("7") else 0.12))
+        plugin.pytest_runtest_logreport(report(name, "setup", 0.01))
+        plugin.pytest_runtest_logreport(report(name, "call", 0.15 if name.endswith("7") else 0.098))
     plugin.pytest_sessionfinish()
-    assert len(marked(cache, *names[:100])) == 83
+    at_most = int(MAX_ROOM_S / (0.01 + 0.098 + OVERHEAD_S))
+    assert at_most < 90, "those that are not the shortest would be taken too"
+    assert len(marked(cache, *names[:100])) == at_most
     assert not [name for name in marked(cache, *names) if name.endswith("7")]
-    assert len(marked(cache, *names)) == 2 * 83
+    assert len(marked(cache, *names)) == 2 * at_most
+
+
+def test_a_run_of_units_starts_what_was_never_timed_for_some_seconds_alone(monkeypatch):
+    clock = iter([10.0, 10.0 + MAX_UNKNOWN_S, 10.1 + MAX_UNKNOWN_S])
+    monkeypatch.setattr(unit_mark.time, "monotonic", lambda: next(clock))
+    cache = Cache({CACHE_KEY: {"call": {"a.py::known": 0.1}}})
+    plugin = UnitMark(cache, only_units=True)
+    plugin.pytest_runtest_setup(item("a.py::first"))
+    plugin.pytest_runtest_setup(item("a.py::second"))
+    with pytest.raises(pytest.skip.Exception, match="never timed"):
+        plugin.pytest_runtest_setup(item("a.py::third"))
+    plugin.pytest_runtest_setup(item("a.py::known"))
+    UnitMark(cache).pytest_runtest_setup(item("a.py::third"))  # a run of all tests skips nothing
 
 
 def test_a_worker_marks_and_learns_nothing():

@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import vibrident
+from vibrident.result import Result
+
 _CALIBRATIONS = Path(__file__).parents[1] / "calibrations"
 _BESIDE_CHECKOUT = Path(__file__).resolve().parents[3] / "shared" / "data"
 SINE_TABLE = "sinusoidal_calibration_with_uncertainties.csv"
@@ -33,6 +36,21 @@ def calibration_beside_data(toml_name: str, data_name: str, tmp_path: Path) -> P
     if data_name == "ptb-shock":
         _write_sine_table(folder / "sinusoidal_calibration_values.txt", tmp_path / SINE_TABLE)
     return Path(shutil.copy(_CALIBRATIONS / toml_name, tmp_path / toml_name))
+
+
+def identify_once(toml_name: str, data_name: str, folders: pytest.TempPathFactory) -> Result:
+    """Return what is identified from a calibration file of tests/calibrations, by its defaults.
+
+    The first test that asks identifies; the others of this run, in whatever process, load its result.json.
+    """
+    base = folders.getbasetemp()
+    folder_of_run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    document = folder_of_run / f"identified-{toml_name}.json"
+    if not document.exists():
+        path = calibration_beside_data(toml_name, data_name, folders.mktemp("identified"))
+        written = vibrident.identify(vibrident.read(path)).save(path.with_name("result.json"))
+        written.replace(document)
+    return Result.load(document)
 
 
 def _write_sine_table(source: Path, target: Path) -> None:

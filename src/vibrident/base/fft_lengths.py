@@ -27,15 +27,18 @@ def fast_length(least: int) -> int:
 
 @functools.lru_cache(maxsize=64)
 def fast_below(most: int, lost: float = MAX_LOST_SHARE) -> int:
-    """Return the largest length up to ``most`` with a fast transform.
+    """Return the length up to ``most``, of a share ``lost`` less at most, that transforms fastest.
 
-    ``most`` itself if that would lose a larger share than ``lost``. A length with a large prime
-    factor takes fifteen times as long, and twice the memory.
+    A transform takes as many steps for each of n values as its prime factors have in sum (Cooley &
+    Tukey 1965). ``most`` itself where all lengths have large prime factors: these take fifteen
+    times as long, and twice the memory.
     """
     lengths = most - np.arange(max(int(lost * most), 1))
     cofactor = lengths.copy()
+    steps = np.zeros_like(lengths)
     for prime in FACTORS:
         while np.any(divisible := cofactor % prime == 0):
             cofactor[divisible] //= prime
-    smooth = lengths[cofactor == 1]
-    return int(smooth[0]) if smooth.size else most
+            steps[divisible] += prime
+    smooth = np.flatnonzero(cofactor == 1)
+    return int(lengths[smooth[np.argmin((lengths * steps)[smooth])]]) if smooth.size else most

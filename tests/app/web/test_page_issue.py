@@ -87,7 +87,6 @@ def test_from_a_draft_to_a_signed_certificate(browser, start, tmp_path, sound):
     with start() as server:
         page = signed_in(browser, server, "bob")
         said(page, "reviewed by bob.")
-        sound(page, "reviewed")
         press(page, "Issue and sign draft 1")
         said(page, "issued by bob")
         sound(page, "issued")

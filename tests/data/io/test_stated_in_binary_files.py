@@ -713,12 +713,13 @@ def files_with_statements(tmp_path_factory):
     return folder
 
 
+@pytest.mark.draws(20, 60)
 @pytest.mark.parametrize("name", ["x.h5", "x.mat", "packed.mat", "x.flac", "x.xlsx"])
-def test_damage_is_read_or_refused(tmp_path, files_with_statements, name):
+def test_damage_is_read_or_refused(tmp_path, files_with_statements, name, draws):
     content = (files_with_statements / name).read_bytes()
     rng = np.random.default_rng(42)
     refusals = 0
-    for _ in range(60):
+    for _ in range(draws):
         damaged = bytearray(content)
         for place in rng.integers(0, len(damaged), size=4):
             damaged[place] = rng.integers(0, 256)

@@ -14,6 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.data.screening import gaps, screen
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
@@ -106,9 +107,9 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
     for _ in range(draws):
         values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
         found += (
-            bool(clipped(values, ALL)[0].any())
-            + bool(lost_samples(values, ALL).any())
-            + bool(PredictedChannel.from_values(values, ALL).wild.any())
+            bool(clipped(ChannelSamples(values, ALL))[0].any())
+            + bool(lost_samples(ChannelSamples(values, ALL)).any())
+            + bool(PredictedChannel.from_samples(ChannelSamples(values, ALL)).wild.any())
         )
     assert found <= (1 if motion == "sine" else 0)
 
@@ -124,7 +125,7 @@ def in_single_precision(rng: np.random.Generator) -> FloatArray:
 def test_single_precision_does_not_hide_a_converters_steps(draws: int, rng: np.random.Generator) -> None:
     """Two equal samples at the top are then no rail."""
     for _ in range(draws):
-        assert not clipped(in_single_precision(rng), ALL)[0].any()
+        assert not clipped(ChannelSamples(in_single_precision(rng), ALL))[0].any()
 
 
 @pytest.mark.draws(60, 300)
@@ -132,8 +133,8 @@ def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Gen
     """Their steps are ten times as coarse above one as below it."""
     for _ in range(draws):
         values = of_few_digits(rng)
-        assert not clipped(values, ALL)[0].any()
-        assert not lost_samples(values, ALL).any()
+        assert not clipped(ChannelSamples(values, ALL))[0].any()
+        assert not lost_samples(ChannelSamples(values, ALL)).any()
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "shock"])
@@ -145,7 +146,7 @@ def test_a_rail_is_found_in_any_motion(motion: str, part: float, sides: int, rng
         level = part * np.max(np.abs(free)) if sides == 2 else part * np.max(free)
         cut = np.clip(free, -level if sides == 2 else None, level)
         over = cut != free
-        bad, rails = clipped(cut, ALL)
+        bad, rails = clipped(ChannelSamples(cut, ALL))
         assert np.mean(bad[over]) > 0.7  # a side with a single sample cut off shows nothing
         assert np.all(bad[over & (np.sign(cut) == np.sign(rails[0]))])
         assert np.sum(bad & ~over) <= np.sum(np.abs(np.diff(over.astype(int)))) + 1
@@ -158,7 +159,7 @@ def test_a_rail_under_noise_is_found(rng: np.random.Generator) -> None:
         free = band_limited(rng)
         level = part * np.max(np.abs(free))
         over = np.abs(free) > level
-        bad, _ = clipped(np.clip(free, -level, level) + 1e-3 * rng.standard_normal(N), ALL)
+        bad, _ = clipped(ChannelSamples(np.clip(free, -level, level) + 1e-3 * rng.standard_normal(N), ALL))
         assert np.mean(bad[over]) > 0.95
 
 
@@ -169,9 +170,9 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved = np.abs(np.sin(0.05 * T)) if begin == 900 else band_limited(rng)
             moved[begin : begin + 1800] = 0.0
             moved += noise * rng.standard_normal(N)
-            assert not clipped(moved, ALL)[0].any()
-            assert not lost_samples(moved, ALL).any()
-            assert not PredictedChannel.from_values(moved, ALL).wild.any()
+            assert not clipped(ChannelSamples(moved, ALL))[0].any()
+            assert not lost_samples(ChannelSamples(moved, ALL)).any()
+            assert not PredictedChannel.from_samples(ChannelSamples(moved, ALL)).wild.any()
 
 
 @pytest.mark.parametrize("steps", [2, 8, 30])
@@ -191,9 +192,9 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
     held = np.repeat(band_limited(rng)[:: steps * 2], steps)[:N]
     for values in (held, np.sign(np.sin(0.0431 * T)), square + 1e-3 * rng.standard_normal(N)):
         valid = np.ones(values.size, dtype=bool)
-        assert not clipped(values, valid)[0].any()
-        assert not lost_samples(values, valid).any()
-        assert not PredictedChannel.from_values(values, valid).wild.any()
+        assert not clipped(ChannelSamples(values, valid))[0].any()
+        assert not lost_samples(ChannelSamples(values, valid)).any()
+        assert not PredictedChannel.from_samples(ChannelSamples(values, valid)).wild.any()
 
 
 @pytest.mark.parametrize("levels", [[0.0, 0.5, 1.0, 2.0], [-1.0, 0.0, 0.4, 0.9, 2.5]])
@@ -207,7 +208,7 @@ def test_the_highest_of_unequal_levels_is_no_rail(
         steps = rng.choice(levels, 60)
         values = np.repeat(steps, rng.integers(20, 160, steps.size))
         values = values + noise * rng.standard_normal(values.size)
-        found, _ = clipped(values, np.ones(values.size, dtype=bool))
+        found, _ = clipped(ChannelSamples(values, np.ones(values.size, dtype=bool)))
         assert not found.any()
 
 
@@ -226,7 +227,7 @@ def test_full_scale_decides_where_it_is_given(rng: np.random.Generator) -> None:
 def test_the_highest_code_of_a_converter_is_full_scale(rng: np.random.Generator) -> None:
     step = 2.0**-9
     values = np.clip(np.rint(band_limited(rng) / step) * step, -2.0, 2.0 - step)
-    bad, rails = clipped(values, ALL, 2.0)
+    bad, rails = clipped(ChannelSamples(values, ALL), 2.0)
     assert np.all(bad[values == 2.0 - step])
     assert len(rails) == 2
 
@@ -241,7 +242,7 @@ def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool
         begins = 13 + (N // count) * np.arange(count) + rng.integers(0, N // count - length - 20, count)
         for at in begins:
             values[at : at + length] = values[at - 1] if held else 0.0
-        bad = lost_samples(values, ALL)
+        bad = lost_samples(ChannelSamples(values, ALL))
         assert np.all(bad[values != kept])
         assert np.sum(bad & (values == kept)) <= 3 * count
 
@@ -253,7 +254,9 @@ def test_what_held_samples_look_like_is_counted_once(
     """Where most values return at once, no run of them needs a look at its neighbours."""
     looks: list[int] = []
     monkeypatch.setattr(gaps, "_chance_of_equal", lambda *_: looks.append(1) or 1.0)
-    assert not lost_samples(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps]).any()
+    assert not lost_samples(
+        ChannelSamples(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps])
+    ).any()
     assert not looks
 
 
@@ -268,7 +271,7 @@ def test_single_wild_samples_are_found(motion: str, size: float, share: float, r
         values = free.copy()
         places = rng.choice(N // 40, 4, replace=False) * 40 + 20
         values[places] += size * np.std(free) * rng.choice([-1.0, 1.0], 4)
-        bad = PredictedChannel.from_values(values, ALL).wild
+        bad = PredictedChannel.from_samples(ChannelSamples(values, ALL)).wild
         assert bad.any() or size == 1.0
         assert not np.any(bad & (values == free))
         hit += int(bad[places].sum())
@@ -283,7 +286,7 @@ def test_wild_samples_near_an_end_are_found(motion: str, place: int, rng: np.ran
         free = MOTIONS[motion](rng)
         bad = index == T
         values = free + (10.0 * bad + 1e-2 * rng.standard_normal(N)) * np.std(free)
-        assert np.all(PredictedChannel.from_values(values, ALL).wild == bad)
+        assert np.all(PredictedChannel.from_samples(ChannelSamples(values, ALL)).wild == bad)
 
 
 @pytest.mark.draws(20, 100)
@@ -296,7 +299,7 @@ def test_corners_and_edges_of_a_motion_are_not_wild(draws: int, rng: np.random.G
         struck = np.exp(-since * rng.uniform(1e-3, 0.05)) * np.sin(rng.uniform(0.01, 2.0) * since)
         triangle = np.arcsin(np.sin(rng.uniform(0.01, 0.3) * T))
         for values in (push, struck, triangle):
-            assert not PredictedChannel.from_values(values + noise, ALL).wild.any()
+            assert not PredictedChannel.from_samples(ChannelSamples(values + noise, ALL)).wild.any()
 
 
 def test_what_both_channels_show_is_motion(rng: np.random.Generator) -> None:
@@ -343,10 +346,13 @@ def test_a_run_of_wild_samples_is_found(motion: str, length: int, size: float, r
     for level in (1e-3, 1e-2):
         free = MOTIONS[motion](rng)
         free = free + level * np.std(free) * rng.standard_normal(N)
-        scale = np.max(np.abs(free - np.median(free))) * PredictedChannel.from_values(free, ALL).prediction.deviation
+        scale = (
+            np.max(np.abs(free - np.median(free)))
+            * PredictedChannel.from_samples(ChannelSamples(free, ALL)).prediction.deviation
+        )
         bad = np.isin(T, np.add.outer([700, 2100, 3300], np.arange(length)))
         values = free + bad * size * scale * rng.choice([-1.0, 1.0], N) * rng.uniform(0.7, 1.3, N)
-        wild = PredictedChannel.from_values(values, ALL, MAX_RUN_SAMPLES).wild
+        wild = PredictedChannel.from_samples(ChannelSamples(values, ALL), MAX_RUN_SAMPLES).wild
         assert np.all(wild[bad])
         assert np.sum(wild & ~bad) <= 3 * 2 * GUARD_SAMPLES
 
@@ -397,9 +403,11 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
         motion_, at = MOTIONS[motion](rng), int(part * N)
         response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)), mode="same")
         channels = [v + 1e-3 * np.std(v) * rng.standard_normal(N) for v in (motion_, response)]
-        assert breaks(*(PredictedChannel.from_values(one, ALL) for one in channels)).size == 0
+        assert breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
         cut = [np.delete(values, slice(at, at + 37)) for values in channels]
-        (place,) = breaks(*(PredictedChannel.from_values(one, np.ones(N - 37, dtype=bool)) for one in cut))
+        (place,) = breaks(
+            *(PredictedChannel.from_samples(ChannelSamples(one, np.ones(N - 37, dtype=bool))) for one in cut)
+        )
         assert abs(place - at) <= 2
     (kept,), (said,) = screen([Record("r", *cut, 1e3, motion)])  # type: ignore[arg-type]
     assert said.code == "clock_suspect"
@@ -411,7 +419,7 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
     for noise in (1e-6, 1e-3):
         channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]
-        assert breaks(*(PredictedChannel.from_values(one, ALL) for one in channels)).size == 0
+        assert breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
 
 
 @pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])

@@ -9,6 +9,7 @@ import pytest
 
 from vibrident.data.records import FloatArray, Record
 from vibrident.data.screening import screen
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.repeats import repeated_block
 from vibrident.physics.simulation import simulate
 
@@ -36,8 +37,8 @@ def test_a_buffer_written_twice_is_found(excitation, bits, rng):
     """Of 40 and 150 samples, in fine and in coarse steps; without it nothing is."""
     for length in (40, 150):
         values = recorded(excitation, rng, bits).response
-        assert repeated_block(values, np.ones(N, dtype=bool)) is None
-        found = repeated_block(written_twice(values, 307, length), np.ones(N, dtype=bool))
+        assert repeated_block(ChannelSamples(values, np.ones(N, dtype=bool))) is None
+        found = repeated_block(ChannelSamples(written_twice(values, 307, length), np.ones(N, dtype=bool)))
         assert found is not None
         assert abs(found.first - 307) <= 2
         assert abs(found.length - length) <= 4
@@ -64,7 +65,7 @@ def test_a_motion_that_repeats_itself_is_no_fault(kind, bits, rng):
         values = periodic(kind, rng)
         if bits:
             values = np.rint(2.0 ** (bits - 1) * values / np.max(np.abs(values)))
-        assert repeated_block(values, np.ones(N, dtype=bool)) is None
+        assert repeated_block(ChannelSamples(values, np.ones(N, dtype=bool))) is None
 
 
 @pytest.mark.parametrize(("channel", "code"), [("response", "dead_channel"), ("both", "clock_suspect")])

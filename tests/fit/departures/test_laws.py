@@ -223,6 +223,7 @@ def test_motion_beside_a_tone_is_free_of_what_the_residual_holds(case: str, run:
 
 
 @pytest.mark.parametrize("sensor", ["paper", "piezo", "geophone", "seismometer"])
+@pytest.mark.quick("paper", "seismometer")
 def test_noise_of_the_reference_through_a_resonance_is_no_departure_of_sines(sensor: str) -> None:
     """It falls by decades beside the resonance: what leaks there, or a line drawn through it all, is more than it."""
     made = simulate(sensor, response_noise=1e-3, reference_noise=1e-2, seed=5)
@@ -315,7 +316,7 @@ def test_parts_made_anew_for_each_pass_say_what_those_held_say(monkeypatch):
     made = simulate("paper", "random", samples=1500, repeats=3, response_noise=1e-3, seed=3)
     records = []
     for number, record in enumerate(made.records):
-        moved = record.response * np.where((np.arange(1500) > 700) & (number == 1), 1.002, 1.0)
+        moved = record.response * np.where((np.arange(1500) > 700) & (number == 1), 1.004, 1.0)
         records.append(replace(record, response=moved + 3e-4 * np.square(moved) / np.std(moved)))
     given = replace(made, records=tuple(records))
     held = vibrident.identify(given).findings
@@ -347,7 +348,7 @@ def test_a_clean_calibration_is_passed_once_and_nothing_of_it_is_held(monkeypatc
         pytest.param(
             "regime of damping:10/shock/in-light/0.1 %",
             20.0,
-            marks=pytest.mark.xfail(reason="the size is not told", strict=False),
+            marks=[pytest.mark.xfail(reason="the size is not told", strict=False), pytest.mark.slow],
         ),  # bands were a nuisance of what was told after them
         ("square:0.01/sine/edge-light/0.01 %", 50.0),  # each sine had an amount of its own
     ],

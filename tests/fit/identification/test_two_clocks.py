@@ -80,6 +80,7 @@ def test_two_clocks_are_named_and_corrected(kind, offset):
 
 
 @pytest.mark.parametrize("offset", [2e-5, 2e-2])
+@pytest.mark.quick("2e-05")
 def test_sines_of_two_clocks(offset):
     result = vibrident.identify(sines(offset), model="accelerometer")
     assert result.warning_codes == ("clock_suspect",)

@@ -11,8 +11,9 @@ from vibrident import VibridentError, identify
 TRUE = {"sensitivity": GAIN, "natural_frequency": NATURAL_HZ, "damping_ratio": DAMPING}
 
 
-#: The model that is missing is named, and no Python warning given, in ``tests/fit/judge/test_remedy.py`` too.
-NAMED_ELSEWHERE = ("missing delay", "missing high-pass", "missing second mode")
+#: What is wrong is named, and no Python warning given, in ``tests/fit/judge/test_remedy.py`` too; of a wrong quantity
+#: in ``tests/fit/uncertainty/test_factors.py``.
+NAMED_ELSEWHERE = ("missing delay", "missing high-pass", "missing second mode", "wrong quantity")
 
 
 @pytest.mark.parametrize("kind", UNSUITED)

@@ -53,6 +53,7 @@ def lobe_rms(result: Result, shock: Calibration) -> float:
 
 
 @pytest.mark.parametrize("part_s", [(0.0, 4.45e-4), (1e-4, 4.6e-4), (2e-4, 4.5e-4)])
+@pytest.mark.quick("part_s0")
 def test_table_and_shock_of_an_accelerometer(tmp_path: Path, part_s: tuple[float, float]) -> None:
     """The main lobe is predicted within 1 %; by the sine table alone within some per cent. What remains is named.
 

@@ -9,7 +9,8 @@ from tests.support.known_channels import Motion, seismometer
 from vibrident import Calibration, identify
 
 
-@pytest.mark.parametrize("corner_hz", [1.0 / 120.0, 1.0 / 30.0])
+@pytest.mark.parametrize("corner_hz", [1.0 / 120.0, 1.0 / 30.0], ids=["120-s", "30-s"])
+@pytest.mark.quick("120-s")
 def test_a_huddle_test_without_the_broadbands_response_names_the_reference(corner_hz):
     motion = Motion("random", 30_000, 100.0, (0.02, 30.0), seed=4)
     reference, response = (

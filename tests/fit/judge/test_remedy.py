@@ -19,7 +19,8 @@ RANDOM = {"frequencies_hz": [100.0, 9000.0], "samples": 4000}
 @pytest.mark.parametrize(
     ("motion", "true", "more", "asked"),
     [
-        ("sine", "accelerometer+delay", {"delay": 2e-5}, "accelerometer"),
+        # of a multisine, quickly, in the next test
+        pytest.param("sine", "accelerometer+delay", {"delay": 2e-5}, "accelerometer", marks=pytest.mark.slow),
         ("sine", "accelerometer+highpass", {"highpass_frequency": 60.0}, "accelerometer"),
         ("sine", "accelerometer+mode2", SECOND, "accelerometer"),
         ("sine", "velocity-pickup", PICKUP, "accelerometer"),
@@ -40,6 +41,7 @@ def test_the_model_that_explains_the_data_is_named(motion: str, true: str, more:
 
 
 @pytest.mark.parametrize(("rate", "samples"), [(7314.0, 1300), (51_200.0, 10_240)])
+@pytest.mark.quick("7314.0-1300")
 def test_what_a_model_leaves_of_a_multisines_tones_is_no_hum(rate: float, samples: int) -> None:
     """A delay that the model lacks: as hum the misfit fitted, with the natural frequency 80 and 300 u off."""
     sensor = {"sensitivity": 0.104, "natural_frequency": 652.0, "damping_ratio": 0.182, "delay": 1.7e-5}

@@ -11,6 +11,7 @@ from bench.adversary.cases import BY_NAME
 import vibrident
 from vibrident.data.records import Record
 from vibrident.fit.descent.weighted_bins import WeightedBins, weighted_series
+from vibrident.fit.response.transform import about_mean
 from vibrident.fit.uncertainty.explained import powers, shares_of
 from vibrident.fit.uncertainty.factors import band_factors
 from vibrident.physics.simulation import simulate
@@ -184,6 +185,14 @@ def test_a_fit_that_explains_nothing_of_a_shock_is_not_adequate():
     assert "lack_of_fit" in result.warning_codes
 
 
+def test_a_series_of_which_nothing_is_used_is_zero_about_its_mean():
+    """A delay can leave no sample of a record: the mean of none is no Python warning."""
+    series = np.arange(5.0)
+    assert about_mean(series, np.zeros(5, dtype=bool)).tolist() == [0.0] * 5
+    assert about_mean(series, np.arange(5) > 2).tolist() == [0.0, 0.0, 0.0, -0.5, 0.5]
+
+
+@pytest.mark.slow
 def test_a_record_of_which_a_delay_leaves_nothing_raises_no_warning():
     """Three cuts in both channels leave a piece that is shorter than the delay that is found in it."""
     trial = BY_NAME["defect/cuts of both channels:3/mixed/below-light/0.1 %"].trial(29)

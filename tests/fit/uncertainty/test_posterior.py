@@ -105,6 +105,7 @@ def test_chains_shorter_than_fifty_autocorrelation_times_are_said():
     assert not result.settings["posterior"]["converged"]
 
 
+@pytest.mark.slow
 def test_of_records_too():
     """Student's t for noise that was estimated: u within what 1 + 4/ν, which it carries, may differ from that."""
     tones = [100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0]

@@ -18,6 +18,7 @@ from vibrident.lab.history.tables import _percent
 from vibrident.result import Result
 from vibrident.show.history import drift_table, histories
 from vibrident.show.points import sensitivity_at
+from vibrident.show.report import content
 
 
 @pytest.fixture(scope="module")
@@ -109,15 +110,14 @@ def instruments(certificate):
 def test_what_no_instrument_says_is_assumed_and_said(tmp_path, told, printed_en, assumed):
     """A change of 0.7 % under a reference of 0.5 %: it is one only if the reference is the same."""
     values = {2020: 0.1, 2021: 0.1, 2022: 0.1007}
-    url, files = str(tmp_path / "h.db"), []
-    for year, value in values.items():
-        made = calibrated(value, f"{year}-01-01", data=str(year), certificate=told(year))
-        files.append(made.save(tmp_path / f"{year}.json"))
+    url = str(tmp_path / "h.db")
+    made = [
+        calibrated(value, f"{year}-01-01", data=str(year), certificate=told(year)) for year, value in values.items()
+    ]
+    files = [each.save(tmp_path / f"{number}.json") for number, each in enumerate(made)]
     printed("history", "add", *files, "--store", url)
     text = printed("history", "show", "4711", "--store", url)
-    printed("report", *files, "--out", tmp_path)
-    report = tmp_path / "comparison.md"
-    for said in (text, report.read_text()):
+    for said in (text, content(made, "md").decode()):
         words = " ".join(said.split())
         assert ("Assumed to be the same each time" in words) is assumed
         assert printed_en in words

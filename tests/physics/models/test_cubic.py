@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.stats import chi2
 
 import vibrident
 from vibrident.base.backend import jnp
@@ -212,12 +213,12 @@ def scores(result, truth=TRUTH):
     return np.array([(p.value - truth[name]) / p.standard_uncertainty for name, p in parameters.items()])
 
 
-@pytest.mark.draws(3, 6)
+@pytest.mark.draws(2, 6)
 def test_monte_carlo_deviations_are_of_the_size_of_their_uncertainty(draws):
-    """Runs of four parameters: mean z² of 1 ± 0.4 or 0.3, were they independent; and no single one far out."""
+    """Runs of four parameters: the sum of z² within what chance gives in 98 of 100; and no single one far out."""
     z = np.array([scores(identified(seed)) for seed in range(draws)])
     assert np.max(np.abs(z)) < 4.0
-    assert 0.33 < np.mean(z**2) < 2.1
+    assert chi2.ppf(0.01, z.size) < np.sum(z**2) < chi2.ppf(0.99, z.size)
 
 
 def test_the_stiffness_is_detected_and_only_where_it_is():
@@ -257,6 +258,7 @@ def test_units_do_not_matter():
 
 
 @pytest.mark.parametrize("offset", [0.2, -20.0])
+@pytest.mark.quick("-20.0")
 def test_an_offset_of_the_reference_is_no_acceleration(offset):
     """A recorder's offset, up to twice the motion's peak: the same values, to a thousandth of their uncertainty."""
     noisy = with_noise(clean(), response_noise=0.01, seed=0)
@@ -275,7 +277,7 @@ def test_a_spring_that_rests_beside_its_middle_is_named(rng):
     for hz in FEW_HZ:
         motion = Sine(hz, 9.8, 0.3)
         loaded = SimpleNamespace(value=lambda t, motion=motion: motion.value(t) + load, breaks_s=())
-        response = ode(loaded, times, begin=(0.0, TRUTH["sensitivity"] * load, 0.0), rtol=1e-8, max_step=np.inf)
+        response = ode(loaded, times, begin=(0.0, TRUTH["sensitivity"] * load, 0.0), rtol=1e-6, max_step=np.inf)
         response += 3e-3 * np.std(response) * rng.standard_normal(times.size) - np.mean(response)
         records.append(vibrident.Record(f"{hz}", motion.value(times), response, RATE, "sine"))
     found = vibrident.identify(Calibration(records=tuple(records)), model="accelerometer+cubic")

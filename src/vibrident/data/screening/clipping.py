@@ -10,10 +10,14 @@ equal (bins: the values that occur) or carry noise (bins of some width), and nee
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.steps import RELATIVE_EQUALITY, grid_step, smallest_step
 
 #: The first bin holds at least this many times the second …
@@ -70,33 +74,37 @@ MAX_STEPS_IN_DIFFERENCE = 24
 
 
 def clipped(
-    values: FloatArray, valid: BoolArray, full_scale: float | None = None
+    channel: ChannelSamples, full_scale: float | None = None
 ) -> tuple[BoolArray, list[float]]:
     """Return the clipped samples with a guard on either side, and the levels of the rails.
 
     Args:
-        values: one channel, shape (samples,).
-        valid: samples to look at, shape (samples,).
+        channel: the samples to look at.
         full_scale: largest magnitude that the channel can hold; it then decides alone. None: the
             values decide.
 
     Returns:
         flags, shape (samples,), and levels in the unit of the values.
     """
-    if np.sum(valid) < 8:
+    values = channel.values
+    valid = channel.valid
+    if channel.ordered.size < 8:
         return np.zeros(values.shape, dtype=bool), []
     if full_scale is not None:
         flags = valid & _at_full_scale(values, full_scale, smallest_step(values[valid]))
         return _with_guard(flags), sorted({float(np.sign(v)) * full_scale for v in values[flags]})
-    ordered = np.sort(values[valid])
+    ordered = channel.ordered
+    step = functools.cache(lambda: grid_step(ordered, MAX_STEPS_IN_DIFFERENCE))
     tops = (1.0, ordered[::-1]), (-1.0, -ordered)
     rails = [
-        (side, rail) for side, top in tops if (rail := _rail(side * values, valid, top)) is not None
+        (side, rail)
+        for side, top in tops
+        if (rail := _rail(side * values, valid, top, step)) is not None
     ]
     flags = np.zeros(values.shape, dtype=bool)
     for side, rail in rails:
         flags |= valid & (side * values >= rail)
-    if np.sum(flags) > SQUARE_WAVE_SHARE * np.sum(valid):
+    if rails and np.sum(flags) > SQUARE_WAVE_SHARE * np.sum(valid):
         return np.zeros(values.shape, dtype=bool), []
     levels = [float(np.median(values[valid & (side * values >= rail)])) for side, rail in rails]
     return _with_guard(flags), levels
@@ -113,10 +121,16 @@ def _at_full_scale(values: FloatArray, full_scale: float, step: float) -> BoolAr
     return (values >= top) | (values <= -full_scale * (1.0 - 1e-9))
 
 
-def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None:
+def _rail(
+    values: FloatArray, valid: BoolArray, top: FloatArray, step_of_grid: Callable[[], float]
+) -> float | None:
     """Return the lowest value that counts as at the upper rail; None if there is no rail.
 
-    ``top``: the valid values in falling order.
+    Args:
+        values: the channel, upside down for its lower rail, shape (samples,).
+        valid: samples to look at, shape (samples,).
+        top: the valid values in falling order.
+        step_of_grid: the step of the grid on which they lie, zero without one; seldom needed.
     """
     span = float(top[0] - top[-1])
     if span == 0.0:
@@ -125,7 +139,7 @@ def _rail(values: FloatArray, valid: BoolArray, top: FloatArray) -> float | None
     if equal_values_rail is not None:
         return equal_values_rail
     below = -top
-    step = grid_step(below, MAX_STEPS_IN_DIFFERENCE)
+    step = step_of_grid()
     width = span * 0.5 ** np.array(WIDTH_POWERS)
     if step > 0.0:
         width = step * np.ceil(width / step)  # whole steps

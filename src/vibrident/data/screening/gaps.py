@@ -12,6 +12,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import distinct, runs_of_true
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.steps import RELATIVE_EQUALITY, converter_step, smallest_step
 
 #: Fewest equal samples in a row that are examined.
@@ -30,15 +31,17 @@ SHARE_OF_LARGE_CHANGES = 0.02
 MAX_STAY_SHARE = 0.25
 
 
-def lost_samples(values: FloatArray, valid: BoolArray) -> BoolArray:
+def lost_samples(channel: ChannelSamples) -> BoolArray:
     """Return the samples that a recorder lost, shape (samples,).
 
-    Args:
-        values: one channel, shape (samples,).
-        valid: samples to look at, shape (samples,); a run ends where one is not.
+    A run of equal samples ends where one is not valid.
     """
+    values = channel.values
+    valid = channel.valid
     flags = np.zeros(values.shape, dtype=bool)
-    grid = RELATIVE_EQUALITY * float(np.ptp(values[valid])) if valid.any() else 0.0
+    if channel.ties < MIN_EQUAL_SAMPLES - 1:
+        return flags
+    grid = RELATIVE_EQUALITY * channel.span
     values = np.rint(values / grid) if grid > 0.0 else values
     equal = (np.diff(values) == 0.0) & valid[1:] & valid[:-1]
     begins, ends = runs_of_true(equal)

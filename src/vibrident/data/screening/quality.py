@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from vibrident.base.warning_kinds import WarningCode
 from vibrident.data.records import STATIONARY_EXCITATIONS, BoolArray, FloatArray, Record
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.answers import PredictedResponse
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.decays import is_sustained
 from vibrident.data.screening.gaps import lost_samples
@@ -128,8 +130,8 @@ def _require_records(
 def _dead(record: Record) -> str:
     """Return the reason why the record holds no signal; empty if it holds one."""
     for label, values, _ in _channels(record):
-        values = values[record.mask]
-        if values.size == 0 or np.ptp(values) == 0.0:
+        used = values if record.mask.all() else values[record.mask]
+        if used.size == 0 or np.ptp(used) == 0.0:
             return f"the {label} channel never changes"
     return ""
 
@@ -168,11 +170,13 @@ def _without_spoilt(
     Only the response is marked where the reference is sound.
     """
     findings = []
-    for label, values, full_scale in _channels(record):
+    known = _samples_by_channel(record)
+    for label, _, full_scale in _channels(record):
         if label == "reference" and record.optical is not None:
             # It was computed: the optical signals show the converter's limits and losses.
             continue
-        bad, rails = clipped(values, record.mask, full_scale)
+        known = _samples_by_channel(record, known)
+        bad, rails = clipped(known[label], full_scale)
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
             observation = f"the {label} channel is clipped at {levels}"
@@ -180,7 +184,8 @@ def _without_spoilt(
                 record, label, bad, "clipped", observation, f"{label} clipped at {levels}"
             )
             findings.append(finding)
-        bad = lost_samples(values, record.mask)
+        known = _samples_by_channel(record, known)
+        bad = lost_samples(known[label])
         if bad.any():
             stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
             first = float(np.argmax(bad)) / record.sampling_rate_hz
@@ -193,14 +198,16 @@ def _without_spoilt(
                 record, label, bad, "dead_channel", observation, f"{label} stands still"
             )
             findings.append(finding)
-    record, copied = _without_copied(record)
+    known = _samples_by_channel(record, known)
+    record, copied = _without_copied(record, known)
     findings += copied
     for longest in _longest_runs(record):
+        known = _samples_by_channel(record, known)
         channels = {
-            label: PredictedChannel.from_values(values, record.mask, longest)
-            for label, values, _ in _channels(record)
+            label: PredictedChannel.from_samples(channel, longest)
+            for label, channel in known.items()
         }
-        for label, bad in reversed(_wild(channels, _is_linear(record, channels)).items()):
+        for label, bad in reversed(_wild(record, channels).items()):
             record, finding = _without(
                 record,
                 label,
@@ -255,10 +262,25 @@ def _frequency_words(number: int) -> str:
     return "" if number == 1 else f"{number} times, first "
 
 
-def _without_copied(record: Record) -> tuple[Record, list[ScreeningFinding]]:
+def _samples_by_channel(
+    record: Record, known: Mapping[str, ChannelSamples] | None = None
+) -> dict[str, ChannelSamples]:
+    """Return each channel's samples to look at: those ``known`` where none was marked since."""
+    channels = dict[str, ChannelSamples]()
+    for label, values, _ in _channels(record):
+        channel = known.get(label) if known else None
+        if channel is None or not np.array_equal(channel.valid, record.mask):
+            channel = ChannelSamples(values, record.mask)
+        channels[label] = channel
+    return channels
+
+
+def _without_copied(
+    record: Record, channels: Mapping[str, ChannelSamples]
+) -> tuple[Record, list[ScreeningFinding]]:
     """Return the record without the copy of a block that was written twice, and the findings."""
-    blocks = {label: repeated_block(values, record.mask) for label, values, _ in _channels(record)}
-    blocks = {label: block for label, block in blocks.items() if block is not None}
+    candidates = {label: repeated_block(channel) for label, channel in channels.items()}
+    blocks = {label: block for label, block in candidates.items() if block is not None}
     if not blocks:
         return record, []
     findings = []
@@ -292,15 +314,17 @@ def _longest_part(
     ``channels``: the record's channels as predicted before; computed anew where samples were
     marked since.
     """
-    if record.reference is None or record.excitation not in STEADY or is_stairs(record.reference):
+    if record.reference is None or record.excitation not in STEADY:
         return record, []
     valid = record.mask & record.reference_mask
     if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
         channels = {
-            label: PredictedChannel.from_values(values, valid)
+            label: PredictedChannel.from_samples(ChannelSamples(values, valid))
             for label, values, _ in _channels(record)
         }
     places = breaks(**channels)
+    if places.size and is_stairs(record.reference):
+        return record, []
     if places.size:
         answers = PredictedResponse.all_from_channels(**channels)
         places = places[
@@ -326,16 +350,16 @@ def _longest_part(
     return record, [finding]
 
 
-def _wild(channels: Mapping[str, PredictedChannel], linear: bool) -> dict[str, BoolArray]:
+def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any.
 
-    Where the other channel moves as oddly, the samples are motion. But in a motion that goes on
-    (``linear``), one or two odd samples in both channels at once are wild: a sensor answers for
-    longer.
+    Where the other channel moves as oddly, the samples are motion. But in a motion that goes on,
+    one or two odd samples in both channels at once are wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
         return {label: bad for label, bad in wild.items() if bad.any()}
+    linear = _is_linear(record, channels)
     answers = PredictedResponse.all_from_channels(**channels)
     for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
@@ -382,6 +406,12 @@ def _without(
     return remaining, ScreeningFinding(code, text)
 
 
+@functools.lru_cache(maxsize=4)
+def _window(samples: int) -> FloatArray:
+    """Return Hann's window, shape (samples,)."""
+    return np.hanning(samples)
+
+
 def _aliasing_findings(record: Record) -> list[ScreeningFinding]:
     # The decimation of optical signals filters away what would alias.
     if record.reference is None or record.optical is not None:
@@ -390,7 +420,8 @@ def _aliasing_findings(record: Record) -> list[ScreeningFinding]:
     values = record.reference
     if not mask.all():  # a gap filled with zeros would be two steps
         values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
-    power = np.abs(fft.rfft((values - values.mean()) * np.hanning(record.samples))) ** 2
+    lines = fft.rfft((values - values.mean()) * _window(record.samples))
+    power = np.square(lines.real) + np.square(lines.imag)
     total = float(power.sum())
     above = float(power[int(ALIAS_BAND * power.shape[0]) :].sum())
     if above <= MIN_ALIAS_POWER * total:

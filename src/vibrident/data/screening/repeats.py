@@ -13,6 +13,7 @@ import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.gaps import MAX_FALSE_FINDINGS
 
 #: Length of the windows that are compared, and how many of a window's samples differ from the one
@@ -38,14 +39,14 @@ class Repeat:
     length: int
 
 
-def repeated_block(values: FloatArray, valid: BoolArray) -> Repeat | None:
-    """Return the longest block of a channel that was written twice; None without one.
-
-    Args:
-        values: shape (samples,).
-        valid: samples to look at, shape (samples,).
-    """
+def repeated_block(channel: ChannelSamples) -> Repeat | None:
+    """Return the longest block of a channel that was written twice; None without one."""
+    values = channel.values
+    valid = channel.valid
     if values.size < 4 * WINDOW_SAMPLES:
+        return None
+    # Each sample of a window that returns has an equal.
+    if channel.ties < WINDOW_SAMPLES:
         return None
     change = np.diff(values, prepend=values[0])
     distance = _repeat_distance(values, valid, change)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
+from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.steps import converter_step
 
 #: Order of the autoregression: how many samples predict the next.
@@ -120,13 +121,18 @@ class PredictedChannel:
     longest: int = MAX_SHORT_RUN_SAMPLES
 
     @classmethod
-    def from_values(
-        cls, values: FloatArray, valid: BoolArray, longest: int = MAX_SHORT_RUN_SAMPLES
+    def from_samples(
+        cls, channel: ChannelSamples, longest: int = MAX_SHORT_RUN_SAMPLES
     ) -> PredictedChannel:
-        """Return a channel from values and their validity, both of shape (samples,)."""
-        middle = float(np.median(values[valid])) if valid.any() else 0.0
-        size = float(np.max(np.abs(values[valid] - middle), initial=0.0))
-        return cls(np.where(valid, (values - middle) / (size or 1.0), 0.0), valid, longest)
+        """Return a channel from its samples."""
+        middle = channel.middle
+        size = float(np.max(np.abs(channel.ordered[[0, -1]] - middle))) if channel.span else 1.0
+        series = (channel.values - middle) / size
+        return cls(
+            series if channel.all_valid else np.where(channel.valid, series, 0.0),
+            channel.valid,
+            longest,
+        )
 
     @functools.cached_property
     def follows(self) -> BoolArray:
@@ -363,13 +369,12 @@ class PredictionSamples:
             series: shape (samples,).
             follows: which samples follow ORDER valid ones, shape (samples,).
         """
-        windows = sliding_window_view(series, ORDER + 1)
-        begins = np.linspace(
-            0, max(len(windows) - BLOCK, 0), MAX_BLOCKS if len(windows) > BLOCK * MAX_BLOCKS else 1
-        )
-        length = BLOCK if begins.size > 1 else len(windows)
-        rows = (begins.astype(int)[:, None] + np.arange(length)).ravel()
-        return cls(windows[rows], follows[rows + ORDER])
+        count = series.size - ORDER
+        blocks = MAX_BLOCKS if count > BLOCK * MAX_BLOCKS else 1
+        begins = np.linspace(0, count - BLOCK, blocks).astype(int) if blocks > 1 else np.array([0])
+        places = begins[:, None] + np.arange((BLOCK if blocks > 1 else count) + ORDER)
+        windows = sliding_window_view(series[places], ORDER + 1, axis=1)
+        return cls(windows.reshape(-1, ORDER + 1), follows[places[:, ORDER:]].ravel())
 
     def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
@@ -421,8 +426,8 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series = np.diff(other_channel.series, prepend=other_channel.series[:1])
-            other_channel = PredictedChannel.from_values(
-                series, other_channel.valid & np.roll(other_channel.valid, 1)
+            other_channel = PredictedChannel.from_samples(
+                ChannelSamples(series, other_channel.valid & np.roll(other_channel.valid, 1))
             )
         if places.size and other_channel.readable:
             odd = np.zeros(bad.shape, dtype=bool)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import BoolArray, FloatArray, Record
+from vibrident.fit.bins.exponentials import wave_bins
 from vibrident.fit.departures.rows import LOST, in_time, orthonormal, rank_of, without
 from vibrident.fit.departures.sums import Errors, ExactSums, RecordInformation, Sums
 from vibrident.fit.information import inverse_where_shown
@@ -27,8 +28,6 @@ from vibrident.physics.discretisation.inputs import USABLE_BAND
 
 #: Columns of which nuisances and coordinates leave less than this part, in squares, tell nothing.
 MIN_UNFOLLOWED = 1e-7
-#: A tone lies on a bin to this angle from sample to sample.
-MAX_BIN_ANGLE = 1e-13
 #: Blocks of a record in time, between which it may change.
 BLOCKS = 32
 #: Stretches of a record over which its noise may change.
@@ -168,22 +167,14 @@ class WhitenedGroup:
         """
         turns = self.turns[:, None] * np.arange(2, HARMONICS + 1)
         step = np.where(turns < USABLE_BAND, 2.0 * np.pi * turns, 0.0)
-        ahead = self._complex_wave(step)
-        behind = self._complex_wave(-step)
+        exponents = 1j * np.concatenate([step, -step], axis=1)
+        both = [
+            wave_bins(of_record, used, self.bins + 1)[:, 1:]
+            for of_record, used in zip(exponents, self.used, strict=True)
+        ]
+        ahead, behind = np.split(np.stack(both), 2, axis=1)
         waves = np.stack([ahead + behind, (ahead - behind) / 1j], axis=2)
         return 0.5 * waves * (turns < USABLE_BAND)[:, :, None, None]
-
-    def _complex_wave(self, step: FloatArray) -> ComplexArray:
-        """Return the bins of exp(j step t) where the records are used, shape (R, orders, K)."""
-        if not self.used.all():
-            waves = np.exp(1j * step[..., None] * np.arange(self.samples)) * self.used[:, None]
-            return np.asarray(fft.fft(waves, axis=-1)[..., 1 : self.bins + 1])
-        denominator = 1.0 - np.exp(1j * step)[..., None] * np.exp(-1j * self.radians)
-        numerator = np.broadcast_to(
-            1.0 - np.exp(1j * step * self.samples)[..., None], denominator.shape
-        )
-        on_bin = np.abs(denominator) < MAX_BIN_ANGLE
-        return np.where(on_bin, self.samples, numerator / np.where(on_bin, 1.0, denominator))
 
     def whiten(self, columns: ComplexArray, out: FloatArray | None = None) -> FloatArray:
         """Return columns by bins, shape (R or 1, m, K), as whitened rows, shape (R, m, 2 K).

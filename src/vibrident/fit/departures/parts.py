@@ -7,6 +7,7 @@ own, or the samples of a nonlinear model. Their noise is not read yet.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +15,23 @@ from numpy import fft
 
 from vibrident.base.fft_lengths import fast_below
 from vibrident.data.records import BoolArray, FloatArray, Record
-from vibrident.fit.departures.signals import MAX_SAMPLES_AT_ONCE, Part
+from vibrident.fit.bins.exponentials import motion_bins
+from vibrident.fit.departures.signals import (
+    BAND_OVER_HIGHEST,
+    MAX_SAMPLES_AT_ONCE,
+    MIN_BINS,
+    Part,
+)
 from vibrident.fit.descent.settle import InNoise
 from vibrident.fit.descent.weighted_bins import MAX_LOST
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Evidence
+from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
-from vibrident.fit.response.tones import free_exponents
-from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, waves
+from vibrident.fit.response.terms import products
+from vibrident.fit.response.tones import HARMONICS, free_exponents
+from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES
 from vibrident.fit.uncertainty.adequacy import Points
 from vibrident.fit.uncertainty.linearised import Linearised
 
@@ -74,7 +83,8 @@ def _parts_of_segments(
     """Yield the segments that the fit is of, at all bins that count."""
     tones = tones_of(evidence)
     segments = in_noise.band.problem.segments
-    for place in in_noise.places(estimate.z, estimate.coordinates, all_bins=True):
+    band = _band_of_tests(in_noise.band, bool(tones))
+    for place in in_noise.places(estimate.z, estimate.coordinates, at_all_bins_of=band):
         grid = place.group.grid
         if not grid.driven:
             continue
@@ -98,10 +108,13 @@ def _parts_of_segments(
                     place.rows.predicted[row],
                     np.where(used, series, 0.0),
                     jacobian,
-                    place.rows.nuisances.columns[row],
+                    place.rows.nuisances.of_row(row),
                 )
                 tone = tones.get(segment.record)
-                yield Part(record, segment.span, used, *signals, turns=tone)
+                noise = None
+                if band is in_noise.band:
+                    noise = in_noise.weighting.of_segment(number).spectrum_at(grid)
+                yield Part(record, segment.span, used, *signals, turns=tone, known_noise=noise)
                 continue
             pieces = _pieces(grid.samples)
             rows = [
@@ -113,11 +126,24 @@ def _parts_of_segments(
                 piece_span = slice(
                     segment.span.start + piece.start, segment.span.start + piece.stop
                 )
-                free_motion = _free_motion(evidence, estimate, record, used[piece])
-                signals_in_time = _SignalsInTime(piece_residual, motion, np.array(columns))
-                yield _part_from_signals(
-                    record, piece_span, used[piece], signals_in_time, free_motion
+                yield _part_in_time(
+                    evidence,
+                    estimate,
+                    record,
+                    piece_span,
+                    used[piece],
+                    _SignalsInTime(piece_residual, motion, np.array(columns)),
                 )
+
+
+def _band_of_tests(band: Band, with_sines: bool) -> Band:
+    """Return the band of the score tests: the fit's, with hum beside its residual.
+
+    Harmonics of sines lie above it, and pieces of a long record leak over all bins: these are
+    tested at all bins, in noise that is read again.
+    """
+    is_long = any(group.grid.samples > MAX_PIECE_SAMPLES for group in band.groups)
+    return replace(band, top_hz=np.inf, tones=()) if with_sines or is_long else band
 
 
 def _parts_of_sines(
@@ -138,26 +164,62 @@ def _parts_of_sines(
     for place, index in enumerate(evidence.tones.record.tolist()):
         record = evidence.records[index]
         series = predicted[index]
+        turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
+        pull = inverse @ (
+            np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1)
+            * linear.weight[place]
+        )
         for span in _spans(record, series):
             used = (record.mask & np.isfinite(series))[span]
-            turns = float(tones.frequency_hz[place]) / record.sampling_rate_hz
-            wave = np.exp(2j * np.pi * turns * np.arange(used.size)) * used
-            columns = np.stack([wave.real, wave.imag, used])
+            bins = min(_bins_of_sine(turns, used.size), used.size // 2 + 1)
             motion_used = np.where(used, series[span], 0.0)
-            amounts = np.linalg.lstsq(columns @ columns.T, columns @ motion_used, rcond=None)[0]
+            cosine, sine, mean = _amounts_of_tone(motion_used, used, turns)
             # The mean of what is no whole number of periods is not where it rests.
-            motion = motion_used - amounts[2] * used
-            tone = (amounts[0] - 1j * amounts[1]) * wave
+            motion = motion_used - mean * used
             residual = np.where(used, record.response[span] - series[span], 0.0)
-            rows = (
-                np.stack([linear.matrix[place], linear.matrix[count + place]], axis=1)
-                * linear.weight[place]
+            wave = motion_bins(_exponents([turns]), used, bins, growing=False)
+            yield Part(
+                record,
+                span,
+                used,
+                *_bins_of((residual, motion), bins),
+                motion,
+                np.array([[cosine, sine], [sine, -cosine]]) @ wave,
+                _nuisance_bins(evidence, estimate, record, used, bins, rings=False),
+                pull,
+                turns,
             )
-            signals = _SignalsInTime(residual, motion, np.stack([tone.real, -tone.imag]))
-            free_motion = _free_motion(evidence, estimate, record, used)
-            yield _part_from_signals(
-                record, span, used, signals, free_motion, inverse @ rows, turns
-            )
+
+
+def _amounts_of_tone(
+    motion: FloatArray, used: BoolArray, turns: float
+) -> tuple[float, float, float]:
+    """Return the amounts of cosine, sine and one that fit a motion best where it is used."""
+    (exponent,) = _exponents([turns])
+    weight = used.astype(float)
+    wave, double = products(weight, np.array([exponent, 2.0 * exponent]))
+    count = float(weight.sum())
+    gram = np.array(
+        [
+            [0.5 * (count + double.real), 0.5 * double.imag, wave.real],
+            [0.5 * double.imag, 0.5 * (count - double.real), wave.imag],
+            [wave.real, wave.imag, count],
+        ]
+    )
+    (tone,) = products(motion, np.array([exponent]))
+    right_side = np.array([tone.real, tone.imag, np.sum(motion)])
+    cosine, sine, mean = np.linalg.lstsq(gram, right_side, rcond=None)[0].tolist()
+    return cosine, sine, mean
+
+
+def _bins_of_sine(turns: float, samples: int) -> int:
+    """Return how many bins hold a sine's harmonics and their surroundings.
+
+    Rounded up to a power of two, so that few numbers occur: of those alike the noise is read at
+    once.
+    """
+    place = BAND_OVER_HIGHEST * (HARMONICS + 0.5) * turns * samples
+    return 1 << (max(int(place), 2 * MIN_BINS) - 1).bit_length()
 
 
 def _parts_in_time(
@@ -186,9 +248,8 @@ def _parts_in_time(
             ]
             residual = np.where(used, record.response[span] - series[span], 0.0)
             signals = _SignalsInTime(residual, _about_mean(series[span], used), np.array(jacobian))
-            free_motion = _free_motion(evidence, estimate, record, used)
-            yield _part_from_signals(
-                record, span, used, signals, free_motion, turns=tones.get(index)
+            yield _part_in_time(
+                evidence, estimate, record, span, used, signals, turns=tones.get(index)
             )
 
 
@@ -250,37 +311,51 @@ class _SignalsInTime(NamedTuple):
     jacobian: FloatArray
 
 
-def _part_from_signals(
+def _part_in_time(
+    evidence: Evidence,
+    estimate: Estimate,
     record: Record,
     span: slice,
     used: BoolArray,
     signals: _SignalsInTime,
-    free: FloatArray,
-    pull: FloatArray | None = None,
     turns: float | None = None,
 ) -> Part:
-    """Return a piece by its bins; ``free``: free motion of the sensor in it, shape (q, n)."""
-    samples = used.size
-    hum_turns = [hz * samples / record.sampling_rate_hz for hz in record.hum_hz]
-    straight = np.linspace(-1.0, 1.0, samples)
-    if pull is None:  # noise of the reference rings beyond either end, and so do the slopes
-        free = np.concatenate([free, free * np.arange(samples)])
-    nuisance = np.concatenate(
-        [used[None] * 1.0, used[None] * straight, waves(hum_turns, samples) * used, free]
-    )
-    residual, bins, columns, nuisance_bins = (
-        np.asarray(fft.rfft(signal, axis=-1), dtype=complex) for signal in (*signals, nuisance)
-    )
+    """Return a piece, whose signals are in time, by its bins."""
+    bins = used.size // 2 + 1
+    residual, motion, *jacobian = _bins_of((*signals[:2], *signals.jacobian), bins)
+    # Noise of the reference rings beyond either end, and so do the slopes.
+    nuisance = _nuisance_bins(evidence, estimate, record, used, bins, rings=True)
+    columns = np.array(jacobian)
     return Part(
-        record, span, used, residual, bins, signals.motion, columns, nuisance_bins, pull, turns
+        record, span, used, residual, motion, signals.motion, columns, nuisance, turns=turns
     )
 
 
-def _free_motion(
-    evidence: Evidence, estimate: Estimate, record: Record, used: BoolArray
-) -> FloatArray:
-    """Return free motion of the sensor, zero where not used, shape (q, n)."""
+def _bins_of(signals: Sequence[FloatArray], bins: int) -> ComplexArray:
+    """Return the first bins of signals of one length, shape (signals, bins)."""
+    return np.asarray(fft.rfft(np.stack(signals), axis=-1)[:, :bins], dtype=complex)
+
+
+def _exponents(turns: Sequence[float]) -> ComplexArray:
+    """Return the exponents of tones, given their turns from sample to sample."""
+    return 2j * np.pi * np.asarray(turns, dtype=float)
+
+
+def _nuisance_bins(
+    evidence: Evidence,
+    estimate: Estimate,
+    record: Record,
+    used: BoolArray,
+    bins: int,
+    *,
+    rings: bool,
+) -> ComplexArray:
+    """Return an offset, a drift, hum and free motion of the sensor, shape (q, bins).
+
+    ``rings``: whether t times the free motion is among them.
+    """
     poles = evidence.model.linear.poles(estimate.coordinates.values(estimate.z))
-    exponents = free_exponents(poles, record.sampling_rate_hz)
-    free_waves: ComplexArray = np.exp(exponents[:, None] * np.arange(used.size)) * used
-    return np.concatenate([free_waves.real, free_waves.imag[exponents.imag > 0.0]])
+    free = free_exponents(poles, record.sampling_rate_hz)
+    hum = _exponents([0.0, *(hz / record.sampling_rate_hz for hz in record.hum_hz)])
+    slow = motion_bins(hum, used, bins, growing=True)
+    return np.concatenate([slow, motion_bins(free, used, bins, growing=rings)])

@@ -44,6 +44,7 @@ class Part:
         nuisance: columns of the nuisance parameters, shape (m, K).
         pull: shift of the fit's coordinates by those of the record, shape (P, p); None: the same.
         turns: of the record's sine from sample to sample; None for other motion.
+        known_noise: at the bins, where the fit read it of the same residual; else None.
     """
 
     record: Record
@@ -56,6 +57,7 @@ class Part:
     nuisance: ComplexArray
     pull: FloatArray | None = None
     turns: float | None = None
+    known_noise: NoiseSpectrum | None = None
 
     @property
     def columns_beside_noise(self) -> ComplexArray:
@@ -79,7 +81,8 @@ class Part:
             len(self.columns_beside_noise),
             self.record.reference_noise_order,
         )
-        return self.record.sampling_rate_hz, *counts, self.pull is None, self.turns is None
+        kinds = self.pull is None, self.turns is None, self.known_noise is None
+        return self.record.sampling_rate_hz, *counts, *kinds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -235,6 +235,11 @@ def _read_noise(
     parts: Sequence[Part], one_sided: FloatArray, motions: Sequence[PredictedMotion]
 ) -> list[_Reading]:
     """Return the noise of parts of one length and rate, again where hum or steep noise leaks."""
+    known = [part.known_noise for part in parts]
+    no_hum = np.zeros((0, one_sided.size), dtype=complex)
+    if all(noise is not None for noise in known):
+        pairs = zip(parts, known, strict=True)
+        return [_Reading(part.residual, no_hum, noise) for part, noise in pairs if noise]
     residuals, columns = (
         np.stack(rows)
         for rows in zip(
@@ -243,7 +248,6 @@ def _read_noise(
     )
     weight = np.broadcast_to(one_sided, residuals.shape)
     noise = residuals - Nuisances.in_weight(columns, weight).imitated(residuals[:, None])[:, 0]
-    no_hum = np.zeros((0, one_sided.size), dtype=complex)
     readings = list[_Reading]()
     spectra = noise_spectra(noise, motions, [part.floor for part in parts])
     for part, motion, noise_of_part, spectrum in zip(parts, motions, noise, spectra, strict=True):

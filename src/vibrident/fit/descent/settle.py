@@ -102,19 +102,19 @@ class InNoise:
         return cls(replace(band, problem=band.problem.idle()), settled.weighting)
 
     def places(
-        self, z: FloatArray, coordinates: Coordinates, *, all_bins: bool = False
+        self, z: FloatArray, coordinates: Coordinates, *, at_all_bins_of: Band | None = None
     ) -> Iterator[GroupAt]:
         """Yield each group at z in the noise of the fit.
 
         Args:
             z: shape (P,).
             coordinates: of the parameters.
-            all_bins: at all bins of the network, whether or not motion shows there, with hum in the
-                residual.
+            at_all_bins_of: a band all of whose bins count, whether or not motion shows there; None:
+                the fit's, where motion shows.
         """
-        band = replace(self.band, top_hz=np.inf, tones=()) if all_bins else self.band
+        band = at_all_bins_of or self.band
         weights = self.weighting.of_groups(band)
-        if all_bins:
+        if at_all_bins_of is not None:
             weights = [replace(noise, excited=np.ones_like(noise.excited)) for noise in weights]
         return places_in(band, coordinates, weights, z)
 
@@ -278,6 +278,7 @@ def settle(
     end = best
     trace = best.trace
     settled = False
+    weighting = first
     rounds: list[tuple[float, Descended]] = []
     for round_number in range(MAX_ROUNDS if explains else 0):
         weighting, band = _noise_at(end, observed)
@@ -292,18 +293,25 @@ def settle(
         rounds.append((_minus_log_likelihood(end.at), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, end = min(rounds, key=lambda scored: scored[0])
-    # Where little determines a parameter, the noise of the last round is that of another z.
-    weighting, band = _noise_at(end, observed)
-    point = iterate(band, coordinates, weighting.of_groups(band), end.z)
+    if not settled:  # else the noise is that of this estimate but for MAX_SHIFT
+        weighting, end = _in_own_noise(end, observed)
     first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
     in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
-    if not explains or not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
-        noise_of_best, band_of_best = _noise_at(best, observed)
-        at_best = iterate(band_of_best, coordinates, noise_of_best.of_groups(band_of_best), best.z)
+    if explains and not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
+        noise_of_best, best = _in_own_noise(best, observed)
         # Steep noise is not known well without a model: the likelier of the two is the estimate.
-        if not explains or not _minus_log_likelihood(point) < _minus_log_likelihood(at_best):
-            return _stated(band_of_best, coordinates, best.z, at_best, best.trace, noise_of_best)
-    return _stated(band, coordinates, end.z, point, trace, weighting)
+        if not _minus_log_likelihood(end.at) < _minus_log_likelihood(best.at):
+            weighting = noise_of_best
+            end = best
+            trace = best.trace
+    return _stated(end.band, coordinates, end.z, end.at, trace, weighting)
+
+
+def _in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Descended]:
+    """Return the noise read at the end of a descent, and the same end in that noise."""
+    weighting, band = _noise_at(end, observed)
+    point = iterate(band, end.coordinates, weighting.of_groups(band), end.z)
+    return weighting, replace(end, band=band, at=point)
 
 
 def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band]:

@@ -84,7 +84,7 @@ def weighted_segments(
                 np.broadcast_to(True, grid.samples) if used is None else used[row],
                 place.rows.residual[row],
                 place.rows.predicted[row],
-                place.rows.nuisances.columns[row],
+                place.rows.nuisances.of_row(row),
                 grid.counts * grid.samples,
                 in_noise.weighting.segments[number].spectrum,
                 power_of(place.through),

@@ -37,6 +37,14 @@ class SegmentNoise:
     passed: FloatArray
     samples: int
 
+    def spectrum_at(self, grid: Grid) -> NoiseSpectrum:
+        """Return the noise at the bins of a grid."""
+        names = "psd", "input_noise_at", "doubt", "excited"
+        rows = {
+            name: resampled_bins(getattr(self.spectrum, name), self.samples, grid) for name in names
+        }
+        return replace(self.spectrum, **rows)
+
     def at_bins(self, grid: Grid) -> FloatArray:
         """Return noise, that of the reference, |H|² and excited at the bins of a grid, (4, K)."""
         spectrum = self.spectrum

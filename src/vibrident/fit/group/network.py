@@ -40,9 +40,10 @@ class Nuisances:
     """Columns that are fitted to rows in addition to the parameters.
 
     Attributes:
-        columns: shape (R, m, K); the n initial states first.
-        weight: of the bins, shape (R, K).
-        inverse: of their products with each other, shape (R, m, m).
+        columns: shape (R, m, K), or (1, m, K) where all rows have the same; the n initial states
+            first.
+        weight: of the bins, shape (R or 1, K).
+        inverse: of their products with each other, shape (R or 1, m, m).
     """
 
     columns: ComplexArray
@@ -51,10 +52,14 @@ class Nuisances:
 
     @classmethod
     def in_weight(cls, columns: ComplexArray, weight: FloatArray) -> Nuisances:
-        """Return columns prepared for a fit in a weight of the bins, shape (R, K)."""
+        """Return columns prepared for a fit in a weight of the bins, shape (R or 1, K)."""
         return cls(
             columns, weight, inverse_where_shown(products(columns * weight[:, None], columns))
         )
+
+    def of_row(self, row: int) -> ComplexArray:
+        """Return the columns of a row, shape (m, K)."""
+        return self.columns[min(row, len(self.columns) - 1)]
 
     def amounts(self, rows: ComplexArray) -> FloatArray:
         """Return the amounts that fit rows best; (R, i, K) to (R, i, m)."""
@@ -112,7 +117,8 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     Args:
         group: the segments.
         step: of the network.
-        weight: of the bins in the sums of squares that choose the nuisance amounts, shape (R, K).
+        weight: of the bins in the sums of squares that choose the nuisance amounts, shape (R or 1,
+            K).
     """
     shifted = group.shifted
     inverse = 1.0 / horner(step.transfer.denominator, shifted)
@@ -143,7 +149,7 @@ def predict(group: Group, step: Step) -> FloatArray:
         step: of the network.
     """
     grid = group.grid
-    rows = evaluate(group, step, np.broadcast_to(grid.counts, group.response.shape))
+    rows = evaluate(group, step, grid.counts[None])
     predicted = rows.predicted
     order = rows.order
     offset = np.zeros((len(predicted), 1))
@@ -157,19 +163,14 @@ def predict(group: Group, step: Step) -> FloatArray:
 
 
 def _nuisances(group: Bins, states: ComplexArray, inverse: ComplexArray) -> ComplexArray:
-    """Return the nuisance columns of every segment, the states first, shape (R, m, K)."""
+    """Return the nuisance columns, the states first; shape (R, m, K), or (1, m, K) if all alike."""
     columns = [states, group.fixed_nuisances]
     if group.edges:
         columns.append(states * inverse[:, None])
-    return _for_all_segments(group, np.concatenate(columns, axis=1))
-
-
-def _for_all_segments(group: Bins, columns: ComplexArray) -> ComplexArray:
-    """Return columns (R or 1, m, K) for every segment, zero where its response is not used.
-
-    Their shape is (R, m, K).
-    """
-    return group.where_used(np.broadcast_to(columns, (len(group.response), *columns.shape[1:])))
+    together = np.concatenate(columns, axis=1)
+    if group.used is None:
+        return together
+    return group.where_used(np.broadcast_to(together, (len(group.response), *together.shape[1:])))
 
 
 def _states(shifted: ComplexArray, inverse: ComplexArray, order: int) -> ComplexArray:

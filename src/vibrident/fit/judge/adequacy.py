@@ -105,11 +105,9 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
         tones = estimate.tones or _clean_tones(evidence, estimate, values)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
         powers_by_record.append(_powers_of_tones(tones, response))
-    for bins in weighed_records(evidence, estimate, predicted):
+    for bins in weighed_records(evidence, estimate, predicted, sines=tones is None):
         record = evidence.records[bins.record]
         sine = record.excitation == "sine"
-        if sine and tones is not None:
-            continue
         factors = band_factors(bins, sine=sine, least=_rounding_floor(record, bins, response))
         points += (
             [] if factors is None else [factor_points(factors, record, bins.samples, response)]
@@ -142,17 +140,26 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
 
 
 def weighed_records(
-    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray]
+    evidence: Evidence, estimate: Estimate, predicted: Sequence[FloatArray], *, sines: bool
 ) -> Iterator[WeightedBins]:
     """Yield records with a reference, or their segments, in the noise at the estimate.
 
-    ``predicted``: response of each record, NaN where it is not defined.
+    Args:
+        evidence: the data.
+        estimate: the fit.
+        predicted: response of each record, NaN where it is not defined.
+        sines: whether sines are among them.
     """
-    if estimate.in_noise is not None:
-        yield from weighted_segments(estimate.in_noise, estimate.z, estimate.coordinates)
+    wanted = [
+        record.reference is not None and (sines or record.excitation != "sine")
+        for record in evidence.records
+    ]
+    if estimate.in_noise is not None and any(wanted):
+        segments = weighted_segments(estimate.in_noise, estimate.z, estimate.coordinates)
+        yield from (bins for bins in segments if wanted[bins.record])
         return
     for number, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        weighed = None if record.reference is None else weighted_series(number, record, series)
+        weighed = weighted_series(number, record, series) if wanted[number] else None
         if weighed is not None:
             yield weighed
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.errors import VibridentError
-from vibrident.data.records import FloatArray, Record, SystematicEffect
+from vibrident.data.records import STATIONARY_EXCITATIONS, FloatArray, Record, SystematicEffect
 from vibrident.data.screening import ScreeningFinding
 from vibrident.fit.departures.kinds.clocks import CLOCKS, slope_with_time
 from vibrident.fit.departures.score import LinearFit
@@ -43,6 +43,8 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         fitted = replace(fitted, departures=departures_of(fitted))
         if fitted.adequate and not _departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
+        if _goes_on_alike(fitted) and fitted.judgement.shares.is_of_steady_sensor:
+            return fitted
     settled = _settle_offset(fitted, known)
     if settled is None:
         return fitted
@@ -61,14 +63,14 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     return at_one_clock(at_no_offset)
 
 
-def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
-    """Return whether one clock explains the data as well.
+def _goes_on_alike(fitted: Fitted) -> bool:
+    """Return whether the motion of every record goes on alike, and no sine is among them."""
+    kinds = {record.excitation for record in fitted.evidence.records}
+    return kinds <= set(STATIONARY_EXCITATIONS)
 
-    Args:
-        at_no_offset: the fit at one clock.
-        best: the fit at two clocks.
-        has_offset: whether two clocks explain the data.
-    """
+
+def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
+    """Return whether one clock explains as much; ``has_offset``: whether two clocks explain all."""
     if not has_offset:
         return at_no_offset.adequate or at_no_offset.chi2 < best.chi2
     unexplained, unexplained_best = (1.0 - fit.judgement.explained for fit in (at_no_offset, best))

@@ -27,15 +27,19 @@ def excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Sig
         used = np.flatnonzero(takes_part)
         if used.size < 2:
             continue
-        residual = record.response[used] - series[used]
-        deviation = float(np.std(record.response[used]))
+        span_used = slice(int(used[0]), int(used[-1]) + 1)
+        # A view, where nothing is left out between: of long records each copy counts.
+        places = span_used if used.size == span_used.stop - span_used.start else used
+        response = record.response[places]
+        residual = response - series[places]
+        deviation = float(np.std(response))
         rmse = float(np.sqrt(np.mean(residual**2)))
         span = used.size
         if index in hz_by_record:
             span = int(np.clip(3.0 * record.sampling_rate_hz / hz_by_record[index], 16, used.size))
         start = 0
         if record.excitation == "shock":
-            peak = int(np.argmax(np.abs(record.response[used] - np.median(record.response[used]))))
+            peak = int(np.argmax(np.abs(response - np.median(response))))
             span = min(used.size, max(64, used.size // 4))
             start = int(np.clip(peak - span // 3, 0, used.size - span))
         first = int(used[start])

@@ -8,30 +8,29 @@ damping.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.base.amounts import plain
-from vibrident.data.records import FloatArray, is_motion
+from vibrident.data.records import FloatArray, Quantity, is_motion
+from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.judge.attempts import Fitted
+from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.response import ComplexArray
+from vibrident.physics.models.slopes import response_and_slopes
 
 #: Natural frequencies to begin from.
-PLACES = 8
+PLACES = 40
 #: The lowest and the highest of them, as parts of the ends of the band.
 REACH = (0.3, 2.0)
 #: Damping ratios to begin from, and their limits.
-DAMPINGS = (0.03, 0.7)
+DAMPINGS = (0.03, 0.15, 0.7)
 MIN_DAMPING = 1e-4
 MAX_DAMPING = 2.0
-#: Evaluations for each beginning, and for the best of them.
-MAX_ROUGH_EVALUATIONS = 6
+#: Steps of the model's coordinates at each beginning, and evaluations from the best of them.
+ROUGH_STEPS = 4
 MAX_EVALUATIONS = 60
-#: Beginnings that are followed to their end.
-FINAL_STARTS = 2
 #: Deviation, in its standard deviation, from which a point counts as wild.
 WILD = 3.0
 #: Part of what the model leaves that an explanation may leave.
@@ -71,6 +70,84 @@ def _explanation(fitted: Fitted) -> str:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Points of a fit, explained by its model and an oscillator of the reference.
+
+    Attributes:
+        coordinates: of the model.
+        quantity: of the reference.
+        hz: frequencies, shape (K,).
+        measured: response there, shape (K,).
+        deviation: its relative standard deviation, shape (K,).
+        above: whether the oscillator falls above its resonance; else below its corner.
+    """
+
+    coordinates: Coordinates
+    quantity: Quantity
+    hz: FloatArray
+    measured: ComplexArray
+    deviation: FloatArray
+    above: bool
+
+    def errors(self, x: FloatArray) -> FloatArray:
+        """Return the deviations over their standard deviations, shape (2 K,).
+
+        ``x``: the model's coordinates, and the oscillator's logarithms.
+        """
+        z = x[:-2]
+        logarithms = x[-2:]
+        values = self.coordinates.values(z)
+        response = np.asarray(
+            self.coordinates.model.frequency_response(values, self.hz, self.quantity)
+        )
+        oscillator, _ = _oscillator(self.hz, logarithms, above=self.above)
+        return _parts(np.log(self.measured * oscillator / response) / self.deviation)
+
+    def slopes(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives of :meth:`errors` with ``x``, shape (2 K, P + 2)."""
+        z = x[:-2]
+        logarithms = x[-2:]
+        values = self.coordinates.values(z)
+        response, slopes = response_and_slopes(
+            self.coordinates.model, values, self.hz, self.quantity
+        )
+        of_model = -slopes * self.coordinates.slopes(z)[:, None] / response
+        _, of_oscillator = _oscillator(self.hz, logarithms, above=self.above)
+        return _parts(np.concatenate([of_model, of_oscillator]) / self.deviation).T
+
+    def best_of_grid(self, z: FloatArray, places: FloatArray) -> FloatArray:
+        """Return the best of places of the oscillator, the model's coordinates being free.
+
+        They are found by Gauss-Newton steps from z, weighed by Cauchy's distribution.
+
+        Args:
+            z: coordinates of the model, shape (P,).
+            places: the oscillator's logarithms, shape (places, 2).
+
+        Returns:
+            Coordinates and logarithms, shape (P + 2,).
+        """
+        slopes = self.slopes(np.append(z, places[0]))[:, : len(z)]
+        errors = np.stack([self.errors(np.append(z, place)) for place in places])
+        steps = np.zeros((len(places), len(z)))
+        for _ in range(ROUGH_STEPS):
+            remaining = errors + steps @ slopes.T
+            weighted = slopes / (1.0 + (remaining / WILD) ** 2)[..., None]
+            normal = weighted.mT @ slopes
+            right_side = (weighted.mT @ errors[..., None])[..., 0]
+            steps = -np.einsum("kij,kj->ki", inverse_where_shown(normal), right_side)
+        costs = np.sum(np.log1p(((errors + steps @ slopes.T) / WILD) ** 2), axis=1)
+        best = int(np.argmin(costs))
+        return np.append(z + steps[best], places[best])
+
+
+def _parts(values: ComplexArray) -> FloatArray:
+    """Return real and imaginary parts one after the other; what is not finite is very large."""
+    both = np.concatenate([values.real, values.imag], axis=-1)
+    return np.nan_to_num(both, nan=1e9, posinf=1e9, neginf=-1e9)
+
+
 def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     """Return natural frequency and damping of the oscillator that explains most; None of little.
 
@@ -81,53 +158,57 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     coordinates = fitted.estimate.coordinates
     adequacy = fitted.judgement.adequacy
     hz = adequacy.frequency_hz
-    quantity = fitted.evidence.quantity
     z = fitted.estimate.z
     lowest, highest = (
         float(part * end) for part, end in zip(REACH, (hz.min(), hz.max()), strict=True)
     )
-    limits = np.array([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
+    limits = np.log([[lowest, MIN_DAMPING], [highest, MAX_DAMPING]])
     bounds = [
-        np.append(np.full(len(z), sign * np.inf), np.log(limit))
+        np.append(np.full(len(z), sign * np.inf), limit)
         for sign, limit in zip((-1, 1), limits, strict=True)
     ]
+    inner_hz = np.geomspace(lowest, highest, PLACES + 2)[1:-1]
+    places = np.log(list(itertools.product(inner_hz, DAMPINGS)))
+    points = fitted.evidence.quantity, hz, adequacy.measured, adequacy.relative_deviation
     ends = []
-    for above in (True, False):
-
-        def residual(x: FloatArray, above: bool = above) -> FloatArray:
-            values = coordinates.values(x[: len(z)])
-            response = np.asarray(coordinates.model.frequency_response(values, hz, quantity))
-            ratio = adequacy.measured * _oscillator(hz, x[len(z) :], above=above) / response
-            error = np.log(ratio) / adequacy.relative_deviation
-            return np.nan_to_num(
-                np.concatenate([error.real, error.imag]), nan=1e9, posinf=1e9, neginf=-1e9
-            )
-
-        def descended(
-            x: FloatArray, rounds: int, residual: Callable[[FloatArray], FloatArray] = residual
-        ) -> Any:
-            with np.errstate(all="ignore"):
-                return least_squares(
-                    residual, x, loss="cauchy", f_scale=WILD, bounds=bounds, max_nfev=rounds
+    with np.errstate(all="ignore"):
+        for above in (True, False):
+            points_beside = _Beside(coordinates, *points, above)
+            ends.append(
+                least_squares(
+                    points_beside.errors,
+                    points_beside.best_of_grid(z, places),
+                    points_beside.slopes,
+                    loss="cauchy",
+                    f_scale=WILD,
+                    bounds=bounds,
+                    max_nfev=MAX_EVALUATIONS,
                 )
-
-        places = itertools.product(np.geomspace(lowest, highest, PLACES + 2)[1:-1], DAMPINGS)
-        starts = [descended(np.append(z, np.log(place)), MAX_ROUGH_EVALUATIONS) for place in places]
-        starts.sort(key=lambda fit: fit.cost)
-        ends += [descended(fit.x, MAX_EVALUATIONS) for fit in starts[:FINAL_STARTS]]
+            )
     best = min(ends, key=lambda fit: fit.cost)
-    model = np.asarray(coordinates.model.frequency_response(fitted.values, hz, quantity))
-    before = np.log(adequacy.measured / model) / adequacy.relative_deviation
-    parts = np.concatenate([before.real, before.imag]) / WILD
-    if not best.cost < MAX_REMAINING_SHARE * 0.5 * WILD**2 * float(np.sum(np.log1p(parts**2))):
+    model = np.asarray(
+        coordinates.model.frequency_response(fitted.values, hz, fitted.evidence.quantity)
+    )
+    before = _parts(np.log(adequacy.measured / model) / adequacy.relative_deviation) / WILD
+    if not best.cost < MAX_REMAINING_SHARE * 0.5 * WILD**2 * float(np.sum(np.log1p(before**2))):
         return None
     natural_hz, damping = np.exp(best.x[len(z) :])
     return float(natural_hz), float(damping)
 
 
-def _oscillator(hz: FloatArray, logarithms: FloatArray, *, above: bool) -> ComplexArray:
-    """Return K by the logarithms of its parameters: one below resonance, or above its corner."""
+def _oscillator(
+    hz: FloatArray, logarithms: FloatArray, *, above: bool
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return K by the logarithms of its parameters, and the derivatives of ln K with these.
+
+    It is that of one below resonance, or above its corner. Shapes: (K,) and (2, K).
+    """
     natural_hz, damping = np.exp(np.clip(logarithms, -60.0, 60.0))
     place = hz / natural_hz
     denominator = 1.0 - place**2 + 2j * damping * place
-    return np.asarray((1.0 if above else -(place**2)) / denominator, dtype=complex)
+    slopes = np.stack([2.0 * (1j * damping * place - place**2), -2j * damping * place])
+    slopes = slopes / denominator
+    if above:
+        return 1.0 / denominator, slopes
+    slopes[0] -= 2.0
+    return -(place**2) / denominator, slopes

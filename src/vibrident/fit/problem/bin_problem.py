@@ -18,7 +18,7 @@ from vibrident.fit.bins import (
     unbroken,
     usable_steps,
 )
-from vibrident.fit.group.group import Grid, Group
+from vibrident.fit.group.group import Grid, Group, in_batches
 from vibrident.fit.group.network import Step, predict
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.network_problem import Frame, NetworkProblem
@@ -124,16 +124,17 @@ class BinProblem(NetworkProblem):
         """
         values = coordinates.values(z)
         responses = [np.full(record.samples, np.nan) for record in self.records]
-        steps: dict[tuple[float, float], Step] = {}
-        for number, segment in enumerate(self.segments):
-            grid = self.grid_of(number)
-            if grid.step not in steps:
-                steps[grid.step] = Step(
-                    self.trained.transfer(values, *grid.step, self.frame.delay_s)
-                )
-            group = Group.from_segments(grid, [number], [segment])
-            segment.transforms.forget_inputs()
-            responses[segment.record][segment.span] = predict(group, steps[grid.step])[0]
+        alike: dict[Grid, list[int]] = {}
+        for number in range(len(self.segments)):
+            alike.setdefault(self.grid_of(number), []).append(number)
+        for grid, numbers in alike.items():
+            step = Step(self.trained.transfer(values, *grid.step, self.frame.delay_s))
+            for rows in in_batches(len(numbers), grid.bins):
+                segments = [self.segments[number] for number in numbers[rows]]
+                predicted = predict(Group.from_segments(grid, numbers[rows], segments), step)
+                for segment, series in zip(segments, predicted, strict=True):
+                    segment.transforms.forget_inputs()
+                    responses[segment.record][segment.span] = series
         return responses
 
     def lowest_ringing_hz(self, values: dict[str, float]) -> float:

@@ -34,9 +34,6 @@ POWER_FLOOR = 1e-3
 MIN_RELATIVE_PEAK = 0.9
 #: A longer record is analysed in blocks: no response comes so many samples late.
 BLOCK_SAMPLES = 1 << 18
-#: A filtered or moved record loses at most this fraction at its end, for a length that transforms
-#: fast.
-MAX_CUT_FRACTION = 0.01
 TINY = float(np.finfo(float).tiny)
 
 
@@ -55,7 +52,7 @@ def whitened(record: Record) -> Record | None:
     valid = np.convolve(~used, np.ones(ORDER + 1))[ORDER : record.samples] < 0.5
     if valid.sum() < MIN_SAMPLES_PER_COEFFICIENT * ORDER:
         return None
-    selection = slice(0, fast_below(valid.size, MAX_CUT_FRACTION))
+    selection = slice(0, fast_below(valid.size))
     reference, response = (
         np.convolve(v, coefficients, mode="valid")[selection] for v in (reference, response)
     )
@@ -137,7 +134,7 @@ def aligned(record: Record, delay: int) -> Record:
     if delay == 0:
         return record
     assert record.reference is not None
-    n = fast_below(record.samples - abs(delay), MAX_CUT_FRACTION)
+    n = fast_below(record.samples - abs(delay))
     in_reference = slice(max(-delay, 0), max(-delay, 0) + n)
     in_response = slice(max(delay, 0), max(delay, 0) + n)
     return replace(

@@ -8,6 +8,7 @@ A model that explains nothing may well be adequate in its own noise; the shares 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,9 @@ MAX_UNEXPLAINED = 0.01
 #: … or this many times what is incoherent, or what chance leaves with this probability.
 MAX_INCOHERENT_RATIO = 4.0
 MIN_PROBABILITY = 1e-6
+#: A change of the sensor leaves as much incoherent with the motion as the best model of it all
+#: leaves unexplained; a fit that ran away leaves some times more.
+MIN_INCOHERENT_MISFIT = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,15 @@ class Shares:
             return False
         ratio = unexplained / max(incoherent, np.finfo(float).eps)
         return f_tail(self.freedom, self.freedom, ratio) <= MIN_PROBABILITY
+
+    @property
+    def is_of_steady_sensor(self) -> bool:
+        """Return whether a sensor that stays, and one clock, explain what the model does not.
+
+        Of a motion that goes on alike, less than MIN_INCOHERENT_MISFIT of what the model leaves is
+        incoherent then. A sweep shows another time at each frequency, and does not tell.
+        """
+        return 1.0 - self.coherent < MIN_INCOHERENT_MISFIT * (1.0 - self.explained)
 
     def __str__(self) -> str:
         """Return the sentence on a model that explains too little."""
@@ -127,11 +140,16 @@ def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
 
     The drift leaks from the ends of the record.
     """
-    shifted = shifted_lines(samples, slice(0, lines.size))
-    drift = np.divide(1.0 + shifted, shifted, out=np.zeros_like(shifted), where=shifted != 0.0)
-    share = float(np.vdot(drift, lines).real) / max(
-        float(np.vdot(drift, drift).real), np.finfo(float).tiny
-    )
+    drift, power = _drift(samples, lines.size)
+    share = float(np.vdot(drift, lines).real) / power
     detrended = lines - share * drift
     detrended[:1] = 0.0
     return detrended
+
+
+@functools.lru_cache(maxsize=8)
+def _drift(samples: int, lines: int) -> tuple[ComplexArray, float]:
+    """Return the lines of a straight drift, shape (lines,), and their power."""
+    shifted = shifted_lines(samples, slice(0, lines))
+    drift = np.divide(1.0 + shifted, shifted, out=np.zeros_like(shifted), where=shifted != 0.0)
+    return drift, max(float(np.vdot(drift, drift).real), float(np.finfo(float).tiny))

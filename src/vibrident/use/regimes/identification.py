@@ -14,6 +14,7 @@ from vibrident.base.errors import VibridentError
 from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
+from vibrident.fit.uncertainty.explained import Shares
 from vibrident.fit.uncertainty.parameters import parameter_units
 from vibrident.physics.models import model_of
 from vibrident.physics.naming import in_words
@@ -32,7 +33,7 @@ from vibrident.use.regimes.shared import share
 #: Motion that may be alike throughout, as a train of pulses or of short sweeps.
 TRAINS = ("shock", "sweep")
 #: Warnings of a fit that may be of a sensor that changed.
-DOUBTS = {"lack_of_fit", "regimes", "weakly_determined"}
+DOUBTS = {"lack_of_fit", "regimes"}
 #: Digits of values in words.
 DIGITS = 6
 
@@ -143,6 +144,8 @@ def _may_have_changed(calibration: Calibration, result: Result) -> bool:
     if len(records) != 1 or records[0].optical is not None:
         return False
     if not DOUBTS & set(result.warning_codes):
+        return False
+    if Shares(result.fit.explained, result.fit.coherent).is_of_steady_sensor:
         return False
     excitation = records[0].excitation
     return excitation in STATIONARY_EXCITATIONS or (

@@ -21,6 +21,7 @@ from vibrident.fit.estimators import choose
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.optimise import silent
 from vibrident.fit.problem import Evidence
+from vibrident.fit.response.bands import uncorrelated_records
 from vibrident.physics.models import SensorModel
 
 #: Pieces of a record: regimes of two of them are found.
@@ -155,6 +156,8 @@ def _explained_pieces(
             return
         try:
             evidence = Evidence.gather(cut(calibration, span), model)
+            if evidence.bands is None or uncorrelated_records(evidence.bands):
+                continue
             estimator, _ = choose(evidence)
             fitted = Fitted.from_evidence(replace(evidence, start=near), estimator, silent)
             if not fitted.adequate:

@@ -164,7 +164,7 @@ class Hdf5File(ArrayFile):
 
     def length(self, position: int) -> int:
         """Return the number of samples of a column; nothing is read."""
-        return int(max(self._file[self._channels[position].handle.array].shape))
+        return int(max(self._datasets[self._channels[position].handle.array].shape))
 
     def block(self, positions: Sequence[int], start: int, stop: int) -> FloatArray:
         """Return samples of columns from ``start`` up to ``stop``; nothing else is read.
@@ -178,7 +178,7 @@ class Hdf5File(ArrayFile):
                 self._roomy = len(columns) * (stop - start)
             exact = all(self._is_exact_in_single_precision(column.array) for column in columns)
             block: Any = np.empty((len(columns), stop - start), np.float32 if exact else np.float64)
-            self._read(self._file, columns, block, start, stop)
+            self._read(self._datasets, columns, block, start, stop)
             return block
 
     def reads_parts(self, position: int) -> bool:
@@ -186,12 +186,12 @@ class Hdf5File(ArrayFile):
         return self._time_axis(position) is None
 
     @cached_property
-    def _file(self) -> Any:
-        """Return the file, kept open from the first block on."""
+    def _datasets(self) -> _Datasets:
+        """Return the datasets of the file, kept open from the first block on."""
         import h5py
 
         with reading(self._path, _EXPECTED):
-            return h5py.File(self._path, "r")
+            return _Datasets(h5py.File(self._path, "r"))
 
     def _time_axis(self, position: int) -> int | None:
         """Return the position of the time axis that is attached to a column; None if none is."""
@@ -214,13 +214,13 @@ class Hdf5File(ArrayFile):
         return times * (seconds_per_unit(self, axis) or 1.0)
 
     def _is_exact_in_single_precision(self, array: str) -> bool:
-        dtype = self._file[array].dtype
+        dtype = self._datasets[array].dtype
         is_small = dtype.kind in "iu" and dtype.itemsize <= 2
         return is_small and array not in self._packing and array not in self._since
 
     def _read(
         self,
-        file: Any,
+        datasets: Any,
         columns: Sequence[ArrayColumn],
         targets: Sequence[FloatArray],
         start: int,
@@ -228,7 +228,7 @@ class Hdf5File(ArrayFile):
     ) -> None:
         """Read samples of columns into ``targets``, a piece at a time."""
         for array in {column.array for column in columns}:
-            dataset = file[array]
+            dataset = datasets[array]
             last = min(stop, max(dataset.shape))
             pairs = zip(columns, targets, strict=True)
             wanted = [(column, target) for column, target in pairs if column.array == array]
@@ -244,6 +244,18 @@ class Hdf5File(ArrayFile):
                         values *= self._since[array][0]
                     elif array in self._packing:
                         self._packing[array].unpack(values)
+
+
+class _Datasets(dict[str, Any]):
+    """Datasets of an open file by path: HDF5 takes as long to look one up as to read a block."""
+
+    def __init__(self, file: Any) -> None:
+        super().__init__()
+        self._file = file
+
+    def __missing__(self, path: str) -> Any:
+        dataset = self[path] = self._file[path]
+        return dataset
 
 
 def _first(dataset: Any, column: ArrayColumn) -> Any:

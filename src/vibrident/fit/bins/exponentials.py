@@ -1,0 +1,79 @@
+"""Bins of exponentials, tones and free motion, in closed form: no transform is taken."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibrident.data.records import BoolArray
+from vibrident.fit.bins.segments import shifted_lines
+from vibrident.fit.response.response import ComplexArray
+
+#: A tone is on a bin where it turns from sample to sample by less than this otherwise, in radians:
+#: there the sum of the geometric series is the number of its terms.
+MAX_BIN_ANGLE = 1e-11
+
+
+def wave_bins(exponents: ComplexArray, used: BoolArray, bins: int) -> ComplexArray:
+    """Return the bins of e^{st}, t = 0, 1 … in samples, shape (m, bins).
+
+    Args:
+        exponents: s, a sample, shape (m,).
+        used: samples that are used; the waves are zero elsewhere, shape (N,).
+        bins: number of bins, from 0 on.
+    """
+    if not used.all():
+        waves = np.exp(exponents[:, None] * np.arange(used.size)) * used
+        return np.asarray(np.fft.fft(waves, axis=1)[:, :bins])
+    _ratio, remainder, on_bin = _series(exponents, used.size, bins)
+    total = -np.expm1(used.size * exponents)[:, None] / np.where(on_bin, 1.0, remainder)
+    return np.where(on_bin, float(used.size), total)
+
+
+def motion_bins(
+    exponents: ComplexArray, used: BoolArray, bins: int, *, growing: bool
+) -> ComplexArray:
+    """Return the bins of Re e^{st} and Im e^{st}, shape (columns, bins).
+
+    The imaginary part of a real exponent is zero and left out.
+
+    Args:
+        exponents: s, a sample, shape (m,).
+        used: samples that are used; the motion is zero elsewhere, shape (N,).
+        bins: number of bins, from 0 on.
+        growing: whether t times each of these follows, too.
+    """
+    turning = exponents.imag != 0.0
+    both = np.concatenate([exponents, np.conj(exponents[turning])])
+    waves = [wave_bins(both, used, bins)]
+    if growing:
+        waves.append(_growing_bins(both, used, bins))
+    columns = list[ComplexArray]()
+    for rows in waves:
+        ahead = rows[: exponents.size]
+        behind = ahead.copy()
+        behind[turning] = rows[exponents.size :]
+        columns += [0.5 * (ahead + behind), (-0.5j * (ahead - behind))[turning]]
+    return np.concatenate(columns)
+
+
+def _growing_bins(exponents: ComplexArray, used: BoolArray, bins: int) -> ComplexArray:
+    """Return the bins of t e^{st} / N, shape (m, bins); arguments as of :func:`wave_bins`."""
+    samples = used.size
+    if not used.all():
+        time = np.arange(samples)
+        waves = np.exp(exponents[:, None] * time) * (time / samples * used)
+        return np.asarray(np.fft.fft(waves, axis=1)[:, :bins])
+    ratio, remainder, on_bin = _series(exponents, samples, bins)
+    divisor = np.where(on_bin, 1.0, remainder)
+    last = np.exp(samples * exponents)[:, None]
+    total = (ratio * (1.0 - last) / (samples * divisor) - last) / divisor
+    return np.where(on_bin, 0.5 * (samples - 1.0), total)
+
+
+def _series(
+    exponents: ComplexArray, samples: int, bins: int
+) -> tuple[ComplexArray, ComplexArray, BoolArray]:
+    """Return the ratio q of the geometric series at each bin, 1 − q, and whether that is zero."""
+    ratio = np.exp(exponents)[:, None] * np.conj(1.0 + shifted_lines(samples, slice(0, bins)))
+    remainder = 1.0 - ratio
+    return ratio, remainder, np.abs(remainder) < MAX_BIN_ANGLE
