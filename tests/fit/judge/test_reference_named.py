@@ -7,6 +7,9 @@ import pytest
 from tests.support.known_channels import Motion, seismometer
 
 from vibrident import Calibration, identify
+from vibrident.fit.judge.reference import Beside
+from vibrident.fit.problem import Coordinates
+from vibrident.physics.models import parse
 
 
 @pytest.mark.parametrize("corner_hz", [1.0 / 120.0, 1.0 / 30.0], ids=["120-s", "30-s"])
@@ -31,3 +34,18 @@ def test_a_huddle_test_without_the_broadbands_response_names_the_reference(corne
     found = re.search(r"an oscillator of about (\S+) Hz with damping \S+: if it is a sensor, state its known", message)
     assert found is not None
     assert 0.4 * corner_hz < float(found[1]) < 2.5 * corner_hz
+
+
+@pytest.mark.parametrize("above", [True, False])
+def test_slopes_beside_an_oscillator_are_those_of_the_deviations(above):
+    """Against central differences, for the model's coordinates and for the oscillator's logarithms."""
+    hz = np.geomspace(10.0, 1000.0, 12)
+    values = {"sensitivity": 0.1, "natural_frequency": 300.0, "damping_ratio": 0.3}
+    model = parse("accelerometer")
+    coordinates = Coordinates.at(model, values, (10.0, 1000.0))
+    measured = 0.9 * model.frequency_response(values, hz, "acceleration")
+    points = Beside(coordinates, "acceleration", hz, measured, np.full(hz.size, 1e-3), above)
+    x = np.append(coordinates.first, np.log([700.0, 0.2]))
+    steps = 1e-6 * np.eye(x.size)
+    differences = np.stack([(points.errors(x + step) - points.errors(x - step)) / 2e-6 for step in steps], axis=1)
+    assert points.slopes(x) == pytest.approx(differences, rel=1e-5, abs=1e-2)

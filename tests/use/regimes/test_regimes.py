@@ -160,3 +160,16 @@ def test_a_hundred_drawn_records():
             right += units < 4.0 and periods < 2.0
     assert not silent
     assert right >= 95
+
+
+def test_a_model_that_lacks_a_delay_is_not_sought_in_pieces(rng, monkeypatch):
+    """What it leaves is coherent with the motion: a sensor that stays explains the record, and no piece is fitted."""
+
+    def no_pieces(*_):
+        raise AssertionError("pieces are fitted")
+
+    monkeypatch.setattr("vibrident.use.regimes.identification.find_regimes", no_pieces)
+    (whole,) = calibration(rng, [Life(0, 600.0, 0.1, 0.1)], SAMPLES, 1e-3).records
+    channels = whole.reference[3:], whole.response[:-3]
+    late = Calibration.from_arrays(*channels, RATE_HZ, quantity="acceleration", excitation="random")
+    assert "lack_of_fit" in identify(late, "accelerometer").warning_codes
