@@ -71,9 +71,9 @@ def test_what_the_physics_leaves_is_learned(sensor, estimator, learned):
     # What was learned moves nothing: only that the physics alone does not explain the data is said.
     assert whole.warning_codes == ("lack_of_fit",)
     assert not whole.findings
-    # Without the network at least one of them is out by far more than it says, though it weighs the misfit as noise.
+    # Without the network at least one of them is wrong (beyond 4 u), though the misfit is weighed as noise.
     scores = [abs(plain.parameters[n].value - truth[n]) / plain.parameters[n].standard_uncertainty for n in PHYSICS]
-    assert max(scores) > 20.0
+    assert max(scores) > 4.0
 
 
 def test_its_share_of_the_output_is_reported():
