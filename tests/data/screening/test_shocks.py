@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 from scipy.signal import lfilter
 
 from vibrident.data.records import Record
@@ -37,6 +38,22 @@ def test_no_sample_of_a_short_shock_is_wild(seed: int) -> None:
     (screened,), findings = screen([record], {})
     assert findings == ()
     assert screened.mask.all()
+
+
+@pytest.mark.parametrize(
+    ("name", "run"),
+    [
+        ("clean/in-damped+delay/shock/hum 1 %", 79),
+        ("clean/above-sharp/shock/hum 1 %", 80),
+        ("clean/below-light/shock/12 bit", 80),
+    ],
+)
+def test_a_shock_that_the_response_hardly_foretells_is_not_wild(name: str, run: int) -> None:
+    """Of some twenty samples, in a record that rests before: no prediction is fitted to any motion but the shock."""
+    records = BY_NAME[name].trial(run).calibration().records
+    screened, findings = screen(records, {})
+    assert findings == ()
+    assert all(record.mask.all() for record in screened)
 
 
 @pytest.mark.parametrize("seed", range(20))

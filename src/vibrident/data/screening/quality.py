@@ -353,8 +353,9 @@ def _longest_part(
 def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any.
 
-    Where the other channel moves as oddly, the samples are motion. But in a motion that goes on,
-    one or two odd samples in both channels at once are wild: a sensor answers for longer.
+    Where the other channel moves as oddly, the samples are motion, and so is a shock itself, where
+    both channels are largest. But in a motion that goes on, one or two odd samples in both channels
+    at once are wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
@@ -366,6 +367,9 @@ def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str,
             continue
         moved = moves(channels[label], other_channel, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
+            if record.excitation == "shock" and _is_largest_in(channels, wild, first, end):
+                wild[label][first:end] = False
+                continue
             at_once = [
                 event.may_be_short_wild
                 for event in other_channel.events
@@ -386,6 +390,27 @@ def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str,
             ):
                 wild[label][first:end] = False
     return {label: bad for label, bad in wild.items() if bad.any()}
+
+
+def _is_largest_in(
+    channels: Mapping[str, PredictedChannel], wild: Mapping[str, BoolArray], first: int, end: int
+) -> bool:
+    """Return whether both channels are largest in a run, or as long beside it as it lasts.
+
+    Other wild samples do not count. One or two samples are no shock that a sensor follows.
+    """
+    length = end - first
+    around = slice(max(first - length, 0), end + length)
+    largest = list[int]()
+    for label, channel in channels.items():
+        size = np.abs(channel.series)
+        elsewhere = wild[label].copy()
+        elsewhere[around] = False
+        size[elsewhere] = 0.0
+        largest.append(int(np.argmax(size)))
+    return length > MAX_SHORT_RUN_SAMPLES and all(
+        around.start <= place < around.stop for place in largest
+    )
 
 
 def _without(
