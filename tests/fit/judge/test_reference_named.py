@@ -7,7 +7,7 @@ import pytest
 from tests.support.known_channels import Motion, seismometer
 
 from vibrident import Calibration, identify
-from vibrident.fit.judge.reference import Beside
+from vibrident.fit.judge.reference import BesideOscillator
 from vibrident.fit.problem import Coordinates
 from vibrident.physics.models import parse
 
@@ -44,7 +44,7 @@ def test_slopes_beside_an_oscillator_are_those_of_the_deviations(above):
     model = parse("accelerometer")
     coordinates = Coordinates.at(model, values, (10.0, 1000.0))
     measured = 0.9 * model.frequency_response(values, hz, "acceleration")
-    points = Beside(coordinates, "acceleration", hz, measured, np.full(hz.size, 1e-3), above)
+    points = BesideOscillator(coordinates, "acceleration", hz, measured, np.full(hz.size, 1e-3), above)
     x = np.append(coordinates.first, np.log([700.0, 0.2]))
     steps = 1e-6 * np.eye(x.size)
     differences = np.stack([(points.errors(x + step) - points.errors(x - step)) / 2e-6 for step in steps], axis=1)

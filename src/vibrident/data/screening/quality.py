@@ -40,6 +40,8 @@ REACH = 40
 MIN_INTACT_SHARE = 0.05
 #: … and at least this number of samples.
 MIN_INTACT_SAMPLES = 128
+#: A shock is where both channels exceed this share of their largest size: their half width.
+MIN_SHOCK_SIZE = 0.5
 #: Stationary motions; others may end within the record.
 STEADY = ("sine", *STATIONARY_EXCITATIONS)
 #: Motions throughout which the response follows the reference linearly.
@@ -353,9 +355,9 @@ def _longest_part(
 def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any.
 
-    Where the other channel moves as oddly, the samples are motion, and so is a shock itself, where
-    both channels are largest. But in a motion that goes on, one or two odd samples in both channels
-    at once are wild: a sensor answers for longer.
+    Where the other channel moves as oddly, the samples are motion, and so is a shock, where both
+    channels are large. But in a motion that goes on, one or two odd samples in both channels at
+    once are wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
     if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
@@ -367,7 +369,10 @@ def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str,
             continue
         moved = moves(channels[label], other_channel, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
-            if record.excitation == "shock" and _is_largest_in(channels, wild, first, end):
+            run = slice(first, end)
+            if record.excitation == "shock" and any(
+                _is_shock(channels, wild, label, run, answer.delay) for answer in answers
+            ):
                 wild[label][first:end] = False
                 continue
             at_once = [
@@ -392,25 +397,36 @@ def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str,
     return {label: bad for label, bad in wild.items() if bad.any()}
 
 
-def _is_largest_in(
-    channels: Mapping[str, PredictedChannel], wild: Mapping[str, BoolArray], first: int, end: int
+def _is_shock(
+    channels: Mapping[str, PredictedChannel],
+    wild: Mapping[str, BoolArray],
+    label: str,
+    run: slice,
+    delay: int,
 ) -> bool:
-    """Return whether both channels are largest in a run, or as long beside it as it lasts.
+    """Return whether both channels are about as large as ever in a run, or as long beside it.
 
     Other wild samples do not count. One or two samples are no shock that a sensor follows.
+
+    Args:
+        channels: reference and response.
+        wild: their wild samples.
+        label: of the channel of the run.
+        run: its samples.
+        delay: samples by which the response is late.
     """
-    length = end - first
-    around = slice(max(first - length, 0), end + length)
-    largest = list[int]()
-    for label, channel in channels.items():
+    length = run.stop - run.start
+    ratios = list[float]()
+    for name, channel in channels.items():
+        late = delay * ((name == "response") - (label == "response"))
+        around = slice(max(run.start + late - length, 0), max(run.stop + late + length, 0))
         size = np.abs(channel.series)
-        elsewhere = wild[label].copy()
+        elsewhere = wild[name].copy()
         elsewhere[around] = False
         size[elsewhere] = 0.0
-        largest.append(int(np.argmax(size)))
-    return length > MAX_SHORT_RUN_SAMPLES and all(
-        around.start <= place < around.stop for place in largest
-    )
+        largest = max(float(np.max(size)), np.finfo(float).tiny)
+        ratios.append(float(np.max(size[around], initial=0.0)) / largest)
+    return length > MAX_SHORT_RUN_SAMPLES and min(ratios) > MIN_SHOCK_SIZE
 
 
 def _without(

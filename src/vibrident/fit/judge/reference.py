@@ -71,7 +71,7 @@ def _explanation(fitted: Fitted) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class BesideOscillator:
     """Points of a fit, explained by its model and an oscillator of the reference.
 
     Attributes:
@@ -173,7 +173,7 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
     ends = []
     with np.errstate(all="ignore"):
         for above in (True, False):
-            points_beside = Beside(coordinates, *points, above)
+            points_beside = BesideOscillator(coordinates, *points, above)
             ends.append(
                 least_squares(
                     points_beside.errors,
