@@ -166,7 +166,11 @@ def _fit_drive(
         near = plain.values if plain.judgement.explained > 0.5 else None
         held = Fitted.from_evidence(replace(evidence, start=near), held_network, progress)
         held = fit_held_drive(replace(held, evidence=evidence))
-        return held if held.adequate else plain
+        if not held.adequate:
+            return plain
+        # A hold is half a sample of delay: where no stairs are seen, none explains as well.
+        near_held = Fitted.from_evidence(replace(evidence, start=held.values), chosen, progress)
+        return replace(near_held, evidence=evidence) if near_held.adequate else held
     held = fit_held_drive(Fitted.from_evidence(evidence, held_network, progress))
     if held.adequate or chosen is held_network:
         return held

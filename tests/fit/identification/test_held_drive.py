@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
 from scipy import signal
 from scipy.stats import chi2
 
@@ -89,3 +90,11 @@ def test_only_a_drive_in_stairs_is_held():
         assert not is_stairs(moving)
     for hold in (2, 5, 40):
         assert is_stairs(noise.repeat(hold)[:SAMPLES] + 1e-3 * rng.normal(size=SAMPLES))
+
+
+@pytest.mark.parametrize("run", [80, 82])
+def test_a_delay_is_not_half_a_sample_short_where_no_stairs_are_seen(run):
+    """A hold stands in for half a sample of delay: it explained a swept drive whose first fit had run away."""
+    trial = BY_NAME["clean/below-light+delay=300/sweep/growing 0.5 %"].trial(run)
+    delay = vibrident.identify(trial.calibration(), model=trial.model).parameters["delay"]
+    assert abs(delay.value - trial.truth["delay"]) < 4.0 * delay.standard_uncertainty

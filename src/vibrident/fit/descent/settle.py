@@ -45,6 +45,8 @@ FINAL_TOLERANCE = 1e-3
 MAX_START_COST = 1.5
 #: V of an estimate over the least there beyond which it is rejected, in the noise without a model.
 MAX_COST_RATIO = 2.0
+#: Ratio of the likelihoods below which the likelier of two places is the estimate (Royall 1997).
+MAX_CHANCE_OF_LIKELIER = 1e-4
 #: Least fraction of the information that remains beside that of noise of the reference.
 MIN_INFORMATION = 0.2
 
@@ -262,8 +264,8 @@ def settle(
     """Return the estimate: descents continue from the best until noise and estimate stay.
 
     A wrong model produces noise where the motion is, and the weights then follow quiet bins. An
-    estimate whose V is far larger in the noise known without a model is rejected, unless it is the
-    likelier, each in its own noise.
+    estimate whose V is far larger in the noise known without a model is rejected, unless it is far
+    likelier than the start that is left, each in its own noise.
 
     Args:
         starts: ends of the descents from start values in that noise.
@@ -290,7 +292,7 @@ def settle(
         settled = round_number > 0 and shift < MAX_SHIFT
         if settled:
             break
-        rounds.append((_minus_log_likelihood(end.at), end))
+        rounds.append((_minus_two_log_likelihood(end.at), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, end = min(rounds, key=lambda scored: scored[0])
     if not settled:  # else the noise is that of this estimate but for MAX_SHIFT
@@ -299,8 +301,9 @@ def settle(
     in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
     if explains and not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
         noise_of_best, best = _in_own_noise(best, observed)
-        # Steep noise is not known well without a model: the likelier of the two is the estimate.
-        if not _minus_log_likelihood(end.at) < _minus_log_likelihood(best.at):
+        # Steep noise is not known well without a model: what is far likelier is the estimate.
+        gain = _minus_two_log_likelihood(best.at) - _minus_two_log_likelihood(end.at)
+        if not gain > -2.0 * np.log(MAX_CHANCE_OF_LIKELIER):
             weighting = noise_of_best
             end = best
             trace = best.trace
@@ -320,7 +323,7 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
-def _minus_log_likelihood(point: Iterate) -> float:
+def _minus_two_log_likelihood(point: Iterate) -> float:
     """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
     total = 0.0
     for place in point.groups:
