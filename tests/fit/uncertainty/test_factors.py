@@ -179,7 +179,7 @@ def test_channels_that_have_nothing_in_common_have_no_coherent_share(rng):
 
 def test_a_fit_that_explains_nothing_of_a_shock_is_not_adequate():
     """The response comes 30 samples late and the model has no delay: its own residual was taken for the noise."""
-    trial = BY_NAME["lacking/delay/in-light+delay=30/shock/0.1 %"].trial()
+    trial = BY_NAME["lacking/delay/in-light+delay=30/shock/0.1 %"].trial(2)
     result = vibrident.identify(trial.calibration(), model=trial.model)
     assert not result.fit.adequate
     assert "lack_of_fit" in result.warning_codes
