@@ -74,6 +74,7 @@ def _series(
     exponents: ComplexArray, samples: int, bins: int
 ) -> tuple[ComplexArray, ComplexArray, BoolArray]:
     """Return the ratio q of the geometric series at each bin, 1 − q, and whether that is zero."""
-    ratio = np.exp(exponents)[:, None] * np.conj(1.0 + shifted_lines(samples, slice(0, bins)))
-    remainder = 1.0 - ratio
+    turns = np.conj(1.0 + shifted_lines(samples, slice(0, bins)))
+    ratio = np.asarray(np.exp(exponents)[:, None] * turns, dtype=complex)
+    remainder = np.asarray(1.0 - ratio, dtype=complex)
     return ratio, remainder, np.abs(remainder) < MAX_BIN_ANGLE

@@ -178,11 +178,13 @@ def _parts_of_sines(
             motion = motion_used - mean * used
             residual = np.where(used, record.response[span] - series[span], 0.0)
             wave = motion_bins(_exponents([turns]), used, bins, growing=False)
+            residual_bins, motion_at_bins = _bins_of((residual, motion), bins)
             yield Part(
                 record,
                 span,
                 used,
-                *_bins_of((residual, motion), bins),
+                residual_bins,
+                motion_at_bins,
                 motion,
                 np.array([[cosine, sine], [sine, -cosine]]) @ wave,
                 _nuisance_bins(evidence, estimate, record, used, bins, rings=False),

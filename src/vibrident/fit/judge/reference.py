@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -142,7 +143,7 @@ class BesideOscillator:
         return np.append(z + steps[best], places[best])
 
 
-def _parts(values: ComplexArray) -> FloatArray:
+def _parts(values: Any) -> FloatArray:
     """Return real and imaginary parts one after the other; what is not finite is very large."""
     both = np.concatenate([values.real, values.imag], axis=-1)
     return np.nan_to_num(both, nan=1e9, posinf=1e9, neginf=-1e9)
@@ -178,7 +179,7 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
                 least_squares(
                     points_beside.errors,
                     points_beside.best_of_grid(z, places),
-                    points_beside.slopes,
+                    points_beside.slopes,  # type: ignore[arg-type]  # SciPy's stubs know names
                     loss="cauchy",
                     f_scale=WILD,
                     bounds=bounds,
