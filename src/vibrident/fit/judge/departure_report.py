@@ -267,6 +267,8 @@ class _Report:
         shift_sizes = self.sizes(shift)
         name = evidence.model.parameter_names[int(np.argmax(shift_sizes))]
         shift_in_u = f"{plain(float(np.max(shift_sizes)), 2)} u"
+        if departure.kind.own_columns and not np.any(shift):
+            return "By how much the parameters are off no band by itself shows."
         if np.max(shift_sizes) < MIN_STATED_SHIFT:
             return f"No parameter moves by {MIN_STATED_SHIFT:g} u."
         index = int(np.argmax(shift_sizes))
