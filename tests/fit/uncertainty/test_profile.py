@@ -8,8 +8,8 @@ import pytest
 import vibrident
 from vibrident.data.records import Calibration, ResponseTable
 from vibrident.fit.problem import Coordinates, FrequencyProblem
-from vibrident.fit.uncertainty.parameters import deviations
-from vibrident.fit.uncertainty.profile import needs_profile, profile_of
+from vibrident.fit.uncertainty.parameters import deviations, fields_of_units, parameter_table
+from vibrident.fit.uncertainty.profile import Profile, needs_profile, profile_of, with_profile
 from vibrident.physics.models import parse
 
 MODEL = parse("accelerometer")
@@ -29,6 +29,21 @@ def table_of(rng, phase: bool, above: float, damping: float, noise: float, point
 def covers(parameter, value: float) -> bool:
     low, high = parameter.interval_95
     return (low is None or low <= value) and (high is None or value <= high)
+
+
+@pytest.mark.parametrize(("half_width", "is_weak"), [(1e-3, False), (0.05, True)])
+def test_a_skew_interval_is_a_warning_where_it_is_wide(half_width, is_weak):
+    """An interval of 0.05 % was called hardly determined, nine of thirty false alarms of 876 clean cases."""
+    values = {"sensitivity": 0.1, "natural_frequency": 1e4, "damping_ratio": 0.1}
+    coordinates = Coordinates.at(MODEL, values, (20.0, 5000.0))
+    z = coordinates.place(values)
+    narrow = np.diag((1e-5 * z) ** 2)
+    table = parameter_table(coordinates, z, narrow, np.inf, fields_of_units("V", "m/s^2", drive=False), {})
+    ends = np.tile(z, (3, 2, 1))
+    ends[0, :, 0] = z[0] * np.array([1.0 - 0.1 * half_width, 1.0 + half_width])
+    stated, sentences = with_profile(table, Profile(z, ends), coordinates, np.zeros((3, 3)), 1.96)
+    assert list(sentences) == (["sensitivity"] if is_weak else [])
+    assert stated["sensitivity"].interval_95 == pytest.approx((0.1 - 0.01 * half_width, 0.1 + 0.1 * half_width))
 
 
 @pytest.mark.parametrize("phase", [False, True])

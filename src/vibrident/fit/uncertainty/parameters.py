@@ -24,6 +24,8 @@ from vibrident.result import Correlation, Parameter, ResultWarning
 
 #: Relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter.
 WEAK_UNCERTAINTY = 0.1
+#: That of one which trades against another, or whose χ² is skew.
+WEAK_TRADED_UNCERTAINTY = 0.01
 #: Beyond this relative standard uncertainty (delay: rad) nothing is known.
 MAX_RELATIVE_UNCERTAINTY = 1e3
 COVERAGE = 0.95
@@ -57,7 +59,7 @@ def weakly_determined(
         # Fixing that other parameter would shrink it by five.
         trades_off = (
             1.0 / np.sqrt(max(1.0 - strongest_correlation**2, 1e-12)) > 5.0
-            and relative_u > 0.1 * WEAK_UNCERTAINTY
+            and relative_u > WEAK_TRADED_UNCERTAINTY
         )
         if relative_u > MAX_RELATIVE_UNCERTAINTY:
             weak[spec.name] = ""

@@ -18,7 +18,13 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.frequency_domain import FrequencyProblem
-from vibrident.fit.uncertainty.parameters import WEAK_UNCERTAINTY, at_end, deviations, sizes_of
+from vibrident.fit.uncertainty.parameters import (
+    WEAK_TRADED_UNCERTAINTY,
+    WEAK_UNCERTAINTY,
+    at_end,
+    deviations,
+    sizes_of,
+)
 from vibrident.physics.naming import in_words
 from vibrident.result import Parameter
 
@@ -111,7 +117,7 @@ def with_profile(
     systematic_covariance: FloatArray,
     coverage: float,
 ) -> tuple[dict[str, Parameter], dict[str, str]]:
-    """Return the parameters, with the profile's intervals where wider, and a sentence of each such.
+    """Return the parameters with the profile's intervals where wider, and sentences on weak ones.
 
     Args:
         table: of the parameters, by the covariance.
@@ -124,6 +130,8 @@ def with_profile(
     parameters = dict(table)
     sentences = dict[str, str]()
     corners = [coordinates.values(point) for point in profile.points]
+    slopes = np.abs(coordinates.slopes(profile.z))
+    weak_u = WEAK_TRADED_UNCERTAINTY * slopes * sizes_of(model, profile.z)
     for index, spec in enumerate(model.parameters):
         stated = table[spec.name]
         ends = [
@@ -133,11 +141,11 @@ def with_profile(
         if ends[0] is not None and ends[1] is not None and ends[0] > ends[1]:  # of a negative gain
             ends.reverse()
         systematic_half_width = coverage * float(
-            np.abs(coordinates.slopes(profile.z)[index])
-            * np.sqrt(max(systematic_covariance[index, index], 0.0))
+            slopes[index] * np.sqrt(max(systematic_covariance[index, index], 0.0))
         )
         parameters[spec.name] = widened = _widen(stated, ends, systematic_half_width, coverage)
-        if widened is not stated:
+        u = widened.standard_uncertainty
+        if widened is not stated and (u is None or u > weak_u[index]):
             sentences[spec.name] = _describe_interval(spec.name, widened)
     for quantity in model.derived(coordinates.values(profile.z)):
         values = [complex(quantity.value(corner)).real for corner in corners]  # no resonance: zero
