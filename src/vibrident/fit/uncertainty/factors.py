@@ -17,7 +17,6 @@ from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from vibrident.base.tails import chi2_tail
 from vibrident.data.records import FloatArray
 from vibrident.data.records.basis import distinct
 from vibrident.fit.descent.weighted_bins import WeightedBins
@@ -38,8 +37,6 @@ MIN_EIGENVALUE_RATIO = 1e-3
 FREE_SHARE = 0.875
 #: Half-overlapping stretches of a record over which the motion of its bands is followed.
 STRETCHES = 15
-#: Noise changes with time where chance makes it as uneven with less than this probability.
-MIN_STEADY_PROBABILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +184,7 @@ def _band_of(edges: NDArray[np.int_], lines: int) -> NDArray[np.int_]:
 
 def _unsteady_noise(
     bins: WeightedBins, residual: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
-) -> tuple[FloatArray | float, float]:
+) -> tuple[FloatArray, float]:
     """Return the noise power while each band moves over its mean, and how even it is in time.
 
     The first is of shape (bands,), at least one; the second is at most one. A sweep passes a band
@@ -202,11 +199,6 @@ def _unsteady_noise(
     samples = bins.samples
     used = bins.used
     noise_power = slow_profile(fft.irfft(residual, samples), used)
-    levels = noise_power[:: max(samples // (STRETCHES + 1), 1)]
-    freedom = 2.0 * float(np.count_nonzero(residual)) / len(levels)
-    chi2 = 0.5 * freedom * float(np.sum((levels / np.mean(levels) - 1.0) ** 2))
-    if chi2_tail(len(levels) - 1, chi2) > MIN_STEADY_PROBABILITY:
-        return 1.0, 1.0
     length = 2 * (samples // (STRETCHES + 1))
     begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
     padded_motion = np.pad(fft.irfft(motion, samples), length // 2 + 1)
