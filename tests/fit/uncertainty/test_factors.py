@@ -213,3 +213,16 @@ def test_shares_are_in_the_result():
     fit = vibrident.identify(made).fit
     assert fit.explained == pytest.approx(fit.coherent, abs=0.03)
     assert 0.85 < fit.explained < 0.99
+
+
+def test_of_a_sine_only_bins_with_motion_are_looked_at(rng):
+    """Beside hum near its frequency nuisances were of any size elsewhere, and a right model explained 0 %."""
+    t = np.arange(1000) / 10e3
+    tone = np.sin(2 * np.pi * 400.0 * t)
+    record = Record("s", tone, tone + 0.01 * rng.standard_normal(1000), 10e3, "sine")
+    bins = weighed(record, tone)
+    near = np.abs(np.arange(bins.residual.size) - 40) < 4
+    garbage = np.where(near, 0.0, 1e6 / (1.0 + np.arange(bins.residual.size)))
+    bins = replace(bins, residual=bins.residual + garbage, spectrum=replace(bins.spectrum, excited=1.0 * near))
+    parts = powers(bins, tone, 0.0, slice(1, 400), where_excited=True)
+    assert shares_of([parts]).explained > 0.99

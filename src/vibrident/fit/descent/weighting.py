@@ -13,7 +13,7 @@ from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
-from vibrident.fit.noise.tones import with_tones
+from vibrident.fit.noise.tones import common_tones, with_tones
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.transform import power_of, reference_colour
 
@@ -73,11 +73,25 @@ class Weighting:
         return weights
 
     def with_nuisances(self, band: Band) -> Band:
-        """Return the band with tones of hum, and leakage in steep noise, as nuisances."""
-        numbers = range(len(band.problem.segments))
-        spectra = [self.of_segment(number).spectrum for number in numbers]
-        steep = any(is_steep(spectrum) for spectrum in spectra)
-        return band.with_nuisances([spectrum.tones for spectrum in spectra], edges=steep)
+        """Return the band with tones of hum, and leakage in steep noise, as nuisances.
+
+        Mains have one frequency: a tone of two segments is in all.
+        """
+        problem = band.problem
+        noises = [self.of_segment(number) for number in range(len(problem.segments))]
+        steep = any(is_steep(noise.spectrum) for noise in noises)
+        if not any(noise.spectrum.tones for noise in noises):
+            return band.with_nuisances([()] * len(noises), edges=steep)
+        bins_hz = [
+            problem.records[segment.record].sampling_rate_hz / noise.samples
+            for segment, noise in zip(problem.segments, noises, strict=True)
+        ]
+        common = common_tones([noise.spectrum.tones for noise in noises], bins_hz)
+        tones = []
+        for noise, bin_hz in zip(noises, bins_hz, strict=True):
+            within = (hz / bin_hz for hz in common if hz / bin_hz < noise.samples // 2)
+            tones.append(with_tones(noise.spectrum.tones, tuple(within)))
+        return band.with_nuisances(tones, edges=steep)
 
 
 def resampled_bins(values: FloatArray, samples: int, grid: Grid) -> FloatArray:

@@ -181,7 +181,8 @@ def _powers(evidence: Evidence, record: Record, bins: WeightedBins, delay_s: flo
     low, high = (int(hz * bins.samples / record.sampling_rate_hz) for hz in evidence.band_hz)
     band = slice(max(low, 1), high + 2)
     reference = about_mean(record.reference[bins.span], used)
-    return powers(bins, reference, delay_s * record.sampling_rate_hz, band)
+    delay = delay_s * record.sampling_rate_hz
+    return powers(bins, reference, delay, band, where_excited=record.excitation == "sine")
 
 
 def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:

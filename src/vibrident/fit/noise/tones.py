@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,6 +58,29 @@ def with_tones(known: tuple[float, ...], candidates: tuple[float, ...]) -> tuple
         tone for tone in candidates if all(abs(tone - k) >= MIN_DISTANCE_BINS for k in known)
     )
     return (*known, *additional)[:MAX_TONES]
+
+
+def common_tones(tones: Sequence[tuple[float, ...]], bins_hz: Sequence[float]) -> tuple[float, ...]:
+    """Return the frequencies in Hz of tones that two records or more have.
+
+    Args:
+        tones: of each record, in its bins.
+        bins_hz: width of a bin of each record, Hz.
+    """
+    remaining = sorted(
+        (width, width * place, record)
+        for record, (places, width) in enumerate(zip(tones, bins_hz, strict=True))
+        for place in places
+    )
+    common = list[float]()
+    while remaining:
+        width, hz, _ = remaining[0]  # of a longest record, which locates it best
+        alike = [tone for tone in remaining if abs(tone[1] - hz) < MIN_DISTANCE_BINS * tone[0]]
+        remaining = [tone for tone in remaining if tone not in alike]
+        if len({record for _, _, record in alike}) > 1:
+            best = [tone_hz for tone_width, tone_hz, _ in alike if tone_width <= width]
+            common.append(float(np.median(best)))
+    return tuple(common)
 
 
 def _offsets(power: FloatArray, tops: NDArray[np.int_]) -> FloatArray:

@@ -94,7 +94,14 @@ def shares_of(parts: Sequence[FloatArray]) -> Shares:
     )
 
 
-def powers(bins: WeightedBins, reference: FloatArray, delay: float, band: slice) -> FloatArray:
+def powers(
+    bins: WeightedBins,
+    reference: FloatArray,
+    delay: float,
+    band: slice,
+    *,
+    where_excited: bool = False,
+) -> FloatArray:
     """Return powers of the response in a band, shape (4,): the summands of :func:`shares_of`.
 
     They are: of the response, of what the model leaves, of what is incoherent, and the sum of the
@@ -107,12 +114,16 @@ def powers(bins: WeightedBins, reference: FloatArray, delay: float, band: slice)
         reference: about its mean, zero where it is not used, shape (samples,).
         delay: of the model, in samples.
         band: bins, of which line 0 is none.
+        where_excited: whether only bins with motion are looked at, as of a sine: nuisances that the
+            fit has beside these may be of any size elsewhere.
     """
     lines = bins.residual.size
     samples = bins.samples
     delay_phase = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
     motion = _without_drift(fft.rfft(reference, samples)[:lines], samples) * delay_phase
-    response = _without_drift(bins.residual + bins.predicted, samples)
+    excited = bins.spectrum.excited > 0.5
+    looked_at = excited if where_excited and excited.any() else np.ones_like(excited)
+    response = _without_drift((bins.residual + bins.predicted) * looked_at, samples)
     deviation = np.sqrt(bins.spectrum.psd)
     incoherent_lines, freedom = without_common(response[None], [motion[None]], deviation[None])
     begins = block_edges(lines)[:-1]
@@ -123,7 +134,7 @@ def powers(bins: WeightedBins, reference: FloatArray, delay: float, band: slice)
     )
     unexplained = power_of(bins.residual + _noise_share(bins) * bins.predicted)
     bin_powers = power_of(response), unexplained, incoherent, incoherent**2
-    return np.array([np.sum(bin_power[band]) for bin_power in bin_powers])
+    return np.array([np.sum((bin_power * looked_at)[band]) for bin_power in bin_powers])
 
 
 def _noise_share(bins: WeightedBins) -> FloatArray:
