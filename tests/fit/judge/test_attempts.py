@@ -59,14 +59,17 @@ def least_uncertainty(calibration):
 @pytest.mark.parametrize("seed", [5, 6, 7, 8, 10])
 def test_noise_of_the_reference_does_not_lead_shocks_to_a_resonance_at_infinity(seed):
     """The bins that show motion do not tell initial states that ring above half the rate. Elsewhere these are no noise:
-    of four shocks with 2 % of noise in the reference the resonance at 600 Hz was stated at 8.7 kHz."""
+    of four shocks with 2 % of noise in the reference the resonance at 600 Hz was stated at 8.7 kHz. Where χ² rises by
+    3 towards infinity, its interval has no end there."""
     calibration = four_shocks(seed)
     result = identify(calibration)
     assert result.fit.adequate
     for name, value in TRUTH.items():
         found = result.parameters[name]
-        assert found.standard_uncertainty is not None
-        assert abs(found.value - value) < 4.0 * found.standard_uncertainty
+        low, high = found.interval_95
+        u = found.standard_uncertainty
+        assert low < value < (high or np.inf) if u is None else abs(found.value - value) < 4.0 * u
+        assert found.value < 1.5 * value
     stated = result.parameters["sensitivity"].standard_uncertainty or np.nan
     assert 0.7 < stated / least_uncertainty(calibration) < 1.5
 

@@ -35,6 +35,8 @@ from vibrident.fit.start.motion_and_noise import MotionAndNoise
 MAX_ROUNDS = 16
 #: … and of moving the inputs to the delay.
 MAX_MOVES = 4
+#: A delay so far from that of the inputs, in samples, moves these.
+MAX_DELAY_DISTANCE = 0.25
 #: The estimate stays where a round moves it by less, in standard uncertainties.
 MAX_SHIFT = 0.05
 #: Decrease of V that is not worth a step, while start values compete …
@@ -125,11 +127,9 @@ class InNoise:
         weighting = read_weighting(self.band, tuple(self.places(z, coordinates)), None)
         return InNoise(weighting.with_nuisances(self.band), weighting)
 
-    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
-        """Return V, its gradient and information at z."""
-        band = self.band.at_delay_of(coordinates.values(z))
-        point = iterate(band, coordinates, self.weighting.of_groups(band), z)
-        return Local(information(point), point.gradient, point.cost)
+    def likelihood(self) -> Likelihood:
+        """Return V of the records, with their noise as it is."""
+        return Likelihood(self)
 
 
 @dataclass
@@ -179,6 +179,28 @@ class Objective:
             self(z)
         assert self.last is not None
         return self.last[1]
+
+
+@dataclass
+class Likelihood:
+    """V of records in the noise of an estimate, near it and far from it.
+
+    Attributes:
+        in_noise: the records.
+        last: of the last call, with inputs at a delay nearby.
+    """
+
+    in_noise: InNoise
+    last: Objective | None = None
+
+    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
+        """Return V, its gradient and information at z."""
+        values = coordinates.values(z)
+        if self.last is None or self.last.band.problem.is_far(values, MAX_DELAY_DISTANCE):
+            band = self.in_noise.band.at_delay_of(values)
+            weights = self.in_noise.weighting.of_groups(band)
+            self.last = Objective(band, coordinates, weights)
+        return self.last(z)
 
 
 def information(point: Iterate) -> FloatArray:

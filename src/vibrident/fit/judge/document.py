@@ -37,7 +37,13 @@ from vibrident.fit.uncertainty.budget import (
 from vibrident.fit.uncertainty.curve import frequencies, with_resonances
 from vibrident.fit.uncertainty.floor import with_floor
 from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
-from vibrident.fit.uncertainty.profile import Profile, needs_profile, profile_of, with_profile
+from vibrident.fit.uncertainty.profile import (
+    Profile,
+    needs_profile,
+    profile_of,
+    tells_all,
+    with_profile,
+)
 from vibrident.physics.models import SensorModel
 from vibrident.physics.naming import in_words
 from vibrident.result import Curve, MeasuredCurve, Parameter, Result, ResultWarning, Training
@@ -177,9 +183,12 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
     )
     if not linear or not adequacy.adequate or not needs_profile(coordinates, estimate.z, by_data):
         return None
-    problem = evidence.first_look if evidence.calibration.table is not None else None
-    if problem is None:
+    if evidence.calibration.table is not None:
+        problem = evidence.first_look
+    else:
         problem = FrequencyProblem(evidence.model, evidence.quantity, adequacy.as_data)
+        if estimate.in_noise and not tells_all(problem, coordinates, estimate.z, by_data):
+            problem = estimate.in_noise.likelihood()
     rise = (coverage * (judgement.scatter or 1.0)) ** 2
     return profile_of(problem, coordinates, estimate.z, by_data, rise)
 

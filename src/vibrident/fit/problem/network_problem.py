@@ -155,17 +155,20 @@ class NetworkProblem(ABC):
 
         Itself where they differ by next to nothing.
         """
+        if not self.is_far(values, MAX_DELAY_CHANGE_SAMPLES):
+            return self
+        frame = self.frame
+        return self.build(self.records, frame.model, frame.method, frame.quantity, values)
+
+    def is_far(self, values: Mapping[str, float], samples: float) -> bool:
+        """Return whether the inputs are at another delay by so many samples, or other factors."""
         frame = self.frame
         shortest = min(record.sampling_interval_s for record in self.records)
         delay_change = abs(float(frame.model.delay_s(values)) - frame.delay_s)
-        delay_changed = delay_change > MAX_DELAY_CHANGE_SAMPLES * shortest
-        factors = frame.factor_values.items()
-        factors_changed = any(
-            abs(values[name] - value) > MAX_FACTOR_CHANGE * abs(value) for name, value in factors
+        return delay_change > samples * shortest or any(
+            abs(values[name] - value) > MAX_FACTOR_CHANGE * abs(value)
+            for name, value in frame.factor_values.items()
         )
-        if not delay_changed and not factors_changed:
-            return self
-        return self.build(self.records, frame.model, frame.method, frame.quantity, values)
 
     def idle(self) -> Self:
         """Return the problem with less memory, for rare use."""

@@ -9,7 +9,8 @@ damping, whose square counts.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from vibrident.base.amounts import pretty
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates
-from vibrident.fit.problem.frequency_domain import FrequencyProblem
+from vibrident.fit.problem.frequency_domain import FrequencyProblem, Local
 from vibrident.fit.uncertainty.parameters import (
     WEAK_TRADED_UNCERTAINTY,
     WEAK_UNCERTAINTY,
@@ -29,14 +30,20 @@ from vibrident.physics.naming import in_words
 from vibrident.result import Parameter
 
 #: Steps of a descent beside the held coordinate.
-MAX_STEPS = 30
+MAX_STEPS = 12
 #: Optima on the way outward until χ² has risen enough, and of the search for the end between two.
 MAX_OUTWARD = 14
 MAX_INWARD = 8
 #: Factor from one step outward to the next.
 STEP_GROWTH = 1.6
 #: χ² at an end is right within this part of its rise.
-RISE_TOLERANCE = 0.02
+RISE_TOLERANCE = 0.1
+#: A step of a descent that gains less of the rise is none.
+GAIN_TOLERANCE = 1e-3
+#: Points stand for the data where no parameter's standard uncertainty by these is larger by more.
+MAX_LOSS = 1.2
+#: Rounds in which ends are sought again where another search met a place beyond them.
+MAX_PASSES = 2
 #: From zero a ratio does not move, as its square counts: it is tried from here, too.
 NONZERO_START = 0.3
 #: The profile's interval is taken where it is wider than that of the covariance by this factor.
@@ -76,8 +83,19 @@ def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArra
     )
 
 
+def tells_all(
+    problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray, covariance: FloatArray
+) -> bool:
+    """Return whether points have the covariance of the data.
+
+    They know nothing of free motion, nor of a motion that the records begin in.
+    """
+    by_points = deviations(inverse_normal(problem.normal(z, coordinates).matrix))
+    return bool(np.all(deviations(covariance) < MAX_LOSS * by_points))
+
+
 def profile_of(
-    problem: FrequencyProblem,
+    problem: Likelihood,
     coordinates: Coordinates,
     z: FloatArray,
     covariance: FloatArray,
@@ -85,24 +103,25 @@ def profile_of(
 ) -> Profile:
     """Return the ends of the intervals of all parameters.
 
+    Where the variance is larger than the curvature of χ² says, as beside noise of the reference, χ²
+    counts by so much less (Rotnitzky & Jewell 1990).
+
     Args:
-        problem: the response that is fitted, in units of its noise.
+        problem: the fit of the data, in units of their noise.
         coordinates: the map from z to parameters.
         z: the estimate, shape (p,).
         covariance: of z, shape (p, p); of the first step outward.
         rise: of χ² at the ends.
     """
     z = np.where(_positive(coordinates), np.abs(z), z)  # reflected at zero
-    search = _EndSearch(problem, coordinates, z, rise)
-    count = len(z)
-    ends = np.full((count, 2, count), np.nan)
+    local = problem.normal(z, coordinates)
+    estimate = _Optimum(z, 0.0, np.asarray(local.matrix))
+    by_curvature = np.diag(inverse_normal(estimate.matrix))
+    variance = np.maximum(np.diag(covariance), np.finfo(float).tiny)
+    shares = np.clip(np.nan_to_num(by_curvature / variance, nan=1.0), np.finfo(float).eps, 1.0)
+    search = _EndSearch(problem, coordinates, estimate, float(local.cost), shares, rise)
     deviation = np.clip(deviations(covariance), 1e-12, 0.5)
-    for k in range(count):
-        for column, sign in enumerate((-1.0, 1.0)):
-            end = search.end(k, sign * deviation[k] * np.sqrt(rise))
-            if end is not None:
-                ends[k, column] = end
-    return Profile(z, ends)
+    return Profile(z, search.ends(np.sqrt(rise) * deviation))
 
 
 def _positive(coordinates: Coordinates) -> BoolArray:
@@ -201,80 +220,160 @@ def _describe_interval(name: str, parameter: Parameter) -> str:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _EndSearch:
-    """The search for the ends of intervals around an estimate."""
+class Likelihood(Protocol):
+    """What a profile is of: χ² of the data, with gradient and information."""
 
-    problem: FrequencyProblem
-    coordinates: Coordinates
+    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
+        """Return the equations of the fit at z, shape (p,)."""
+        ...
+
+
+class _Optimum(NamedTuple):
+    """The optimum of the other coordinates with one held.
+
+    Attributes:
+        z: coordinates, shape (p,).
+        rise: of χ² over that of the estimate, as it counts beside the held coordinate.
+        matrix: information, shape (p, p).
+    """
+
     z: FloatArray
     rise: float
+    matrix: FloatArray
 
-    def end(self, k: int, step: float) -> FloatArray | None:
+
+@dataclass(frozen=True, eq=False)
+class _EndSearch:
+    """The search for the ends of intervals around an estimate.
+
+    Attributes:
+        problem: the likelihood.
+        coordinates: the map from z to parameters.
+        estimate: the optimum of all coordinates.
+        least_cost: χ² there.
+        shares: by which χ² counts beside each held coordinate, shape (p,).
+        rise: of χ² at an end.
+        places: optima that were met on the way.
+    """
+
+    problem: Likelihood
+    coordinates: Coordinates
+    estimate: _Optimum
+    least_cost: float
+    shares: FloatArray
+    rise: float
+    places: list[_Optimum] = field(default_factory=list)
+
+    def ends(self, deviation: FloatArray) -> FloatArray:
+        """Return the coordinates at both ends of each, shape (p, 2, p), NaN where there is none.
+
+        What is met inside on the way to another end is inside of all intervals: where that lies
+        beyond an end, the search goes on from there. A valley is curved.
+
+        Args:
+            deviation: standard deviations of z, shape (p,): of the first steps.
+        """
+        count = len(deviation)
+        ends: dict[tuple[int, int], FloatArray | None] = {}
+        sides = [(k, sign) for k in range(count) for sign in (-1, 1)]
+        for _ in range(MAX_PASSES):
+            outdated = [side for side in sides if self._is_outdated(*side, ends)]
+            for k, sign in outdated:
+                ends[k, sign] = self._end(k, sign * deviation[k], self._furthest_inside(k, sign))
+            if not outdated:
+                break
+        open_end = np.full(count, np.nan)
+        return np.array(
+            [
+                [open_end if (end := ends[k, sign]) is None else end for sign in (-1, 1)]
+                for k in range(count)
+            ]
+        )
+
+    def _furthest_inside(self, k: int, sign: int) -> _Optimum:
+        """Return the place inside that lies furthest on one side of a coordinate."""
+        inside = [place for place in self.places if place.rise < self.rise]
+        return max([self.estimate, *inside], key=lambda place: sign * place.z[k])
+
+    def _is_outdated(
+        self, k: int, sign: int, ends: Mapping[tuple[int, int], FloatArray | None]
+    ) -> bool:
+        """Return whether an end is not sought yet, or a place inside lies clearly beyond it."""
+        if (k, sign) not in ends:
+            return True
+        end = ends[k, sign]
+        if end is None:
+            return False
+        width = abs(float(end[k] - self.estimate.z[k]))
+        beyond = sign * float(self._furthest_inside(k, sign).z[k] - end[k])
+        return beyond > RISE_TOLERANCE * width
+
+    def _end(self, k: int, step: float, inner: _Optimum) -> FloatArray | None:
         """Return the coordinates where χ² has risen enough, or None if it has not within the range.
 
         A positive coordinate ends at zero.
         """
         low, high = (float(edge[k]) for edge in self.coordinates.edges)
         low = 0.0 if _positive(self.coordinates)[k] else low
-        least_cost = self._cost(self.z)
-        inner = self.z
-        rise = 0.0
         for _ in range(MAX_OUTWARD):
-            target = float(np.clip(inner[k] + step, low, high))
-            if target == inner[k]:
-                return inner if low == 0.0 and target == 0.0 else None
-            outer, outer_cost = self._optimum_beside(k, target, inner)
-            if outer_cost - least_cost >= self.rise:
-                return self._end_between(
-                    k, least_cost, (inner, rise), (outer, outer_cost - least_cost)
-                )
+            target = float(np.clip(inner.z[k] + step, low, high))
+            if target == inner.z[k]:
+                return inner.z if low == 0.0 and target == 0.0 else None
+            outer = self._optimum_beside(k, target, inner)
+            if outer.rise >= self.rise:
+                return self._end_between(k, inner, outer)
             inner = outer
-            rise = max(outer_cost - least_cost, 0.0)
             step = STEP_GROWTH * step
         return None
 
-    def _end_between(
-        self,
-        k: int,
-        least_cost: float,
-        inner: tuple[FloatArray, float],
-        outer: tuple[FloatArray, float],
-    ) -> FloatArray:
-        """Return the end between two places, each of z and its rise of χ².
+    def _end_between(self, k: int, inner: _Optimum, outer: _Optimum) -> FloatArray:
+        """Return the end between two places.
 
         It is searched by the root of the rise, which is straight where χ² is a parabola.
         """
         for trial in range(MAX_INWARD):
-            root_rises = [np.sqrt(max(place[1], 0.0)) for place in (inner, outer)]
+            root_rises = [np.sqrt(max(optimum.rise, 0.0)) for optimum in (inner, outer)]
             share = (np.sqrt(self.rise) - root_rises[0]) / max(
                 root_rises[1] - root_rises[0], 1e-300
             )
             share = 0.5 if trial % 3 == 2 else float(np.clip(share, 0.05, 0.95))
-            target = inner[0][k] + share * (outer[0][k] - inner[0][k])
-            z, cost = self._optimum_beside(k, float(target), inner[0])
-            middle = z, cost - least_cost
-            if abs(middle[1] - self.rise) < RISE_TOLERANCE * self.rise:
-                return z
-            inner, outer = (middle, outer) if middle[1] < self.rise else (inner, middle)
-        return outer[0]
+            target = inner.z[k] + share * (outer.z[k] - inner.z[k])
+            middle = self._optimum_beside(k, float(target), inner)
+            if abs(middle.rise - self.rise) < RISE_TOLERANCE * self.rise:
+                return middle.z
+            inner, outer = (middle, outer) if middle.rise < self.rise else (inner, middle)
+        return outer.z
 
-    def _optimum_beside(self, k: int, target: float, start: FloatArray) -> tuple[FloatArray, float]:
-        """Return the optimum of the other coordinates with one held, and its χ²."""
-        free = np.arange(len(start)) != k
-        begins = [np.where(free, start, target)]
+    def _optimum_beside(self, k: int, target: float, inner: _Optimum) -> _Optimum:
+        """Return the optimum of the other coordinates with one held, from an optimum nearby."""
+        free = np.arange(len(inner.z)) != k
+        begins = [self._followed(k, target, inner, free)]
         positive = _positive(self.coordinates)
-        if np.any(positive & free & (np.abs(start) < NONZERO_START)):
-            begins.append(
-                np.where(positive & free, np.maximum(np.abs(start), NONZERO_START), begins[0])
-            )
-        return min((self._descend(begin, free) for begin in begins), key=lambda optimum: optimum[1])
+        if np.any(positive & free & (np.abs(inner.z) < NONZERO_START)):
+            nonzero = np.maximum(np.abs(inner.z), NONZERO_START)
+            begins.append(np.where(positive & free, nonzero, np.where(free, inner.z, target)))
+        optimum = min(
+            (self._descend(begin, k) for begin in begins), key=lambda optimum: optimum.rise
+        )
+        self.places.append(optimum)
+        return optimum
 
-    def _descend(self, z: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
-        """Return the optimum of the free coordinates, by Levenberg and Marquardt, and its χ²."""
+    def _followed(self, k: int, target: float, inner: _Optimum, free: BoolArray) -> FloatArray:
+        """Return where the other coordinates follow a held one to, along the valley's tangent."""
+        step = target - inner.z[k]
+        inverse = inverse_normal(inner.matrix[free][:, free])
+        z = np.array(inner.z)
+        z[free] -= np.clip(inverse @ inner.matrix[free, k] * step, -1.0, 1.0)
+        z[k] = target
+        return np.clip(z, *self.coordinates.edges)
+
+    def _descend(self, z: FloatArray, k: int) -> _Optimum:
+        """Return the optimum of the coordinates but one, by Levenberg and Marquardt."""
+        free = np.arange(len(z)) != k
+        share = float(self.shares[k])
+        small_gain = GAIN_TOLERANCE * self.rise / share
         damping = 1e-3
         low, high = self.coordinates.edges
-        small_gain = 1e-3 * RISE_TOLERANCE * self.rise
         current = self.problem.normal(z, self.coordinates)
         for _ in range(MAX_STEPS):
             matrix = current.matrix[free][:, free]
@@ -301,9 +400,5 @@ class _EndSearch:
                 break
             else:
                 damping *= 10.0
-        return z, current.cost
-
-    def _cost(self, z: FloatArray) -> float:
-        """Return χ² at z."""
-        residual = self.problem.residual(z, self.coordinates)
-        return float(residual @ residual)
+        rise = share * (float(current.cost) - self.least_cost)
+        return _Optimum(z, rise, np.asarray(current.matrix))
