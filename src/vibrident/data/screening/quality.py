@@ -461,9 +461,12 @@ def _aliasing_findings(record: Record) -> list[ScreeningFinding]:
     values = record.reference
     if not mask.all():  # a gap filled with zeros would be two steps
         values = np.interp(np.arange(record.samples), np.flatnonzero(mask), values[mask])
-    lines = fft.rfft((values - values.mean()) * _window(record.samples))
+    values = values - values.mean()
+    window = _window(record.samples)
+    lines = fft.rfft(values * window)
     power = np.square(lines.real) + np.square(lines.imag)
-    total = float(power.sum())
+    # A shock at the ends has no power under the window.
+    total = max(float(power.sum()), 0.5 * float(np.sum(values**2)) * float(np.sum(window**2)))
     above = float(power[int(ALIAS_BAND * power.shape[0]) :].sum())
     if above <= MIN_ALIAS_POWER * total:
         return []

@@ -56,9 +56,10 @@ def at_one_clock(fitted: Fitted) -> Fitted:
         return _with_statement(best, offset, u) if has_offset else fitted
     # Of ringing alone, two clocks and another natural frequency are one: one clock suffices there.
     at_no_offset = _fit_at_offset(best, 0.0)
+    may_state = math.isfinite(u) and not best.judgement.shares.lacking
     if at_no_offset is None:
-        return _with_statement(best, offset, u) if math.isfinite(u) else fitted
-    if math.isfinite(u) and not _suffices(at_no_offset, best, has_offset):
+        return _with_statement(best, offset, u) if may_state else fitted
+    if may_state and not _suffices(at_no_offset, best, has_offset):
         return _with_statement(best, offset, u)
     return at_one_clock(at_no_offset)
 

@@ -198,6 +198,8 @@ def _unsteady_noise(
     """
     samples = bins.samples
     used = bins.used
+    if samples <= STRETCHES:  # too short to follow
+        return np.ones(len(edges) - 1), 1.0
     noise_power = slow_profile(fft.irfft(residual, samples), used)
     length = 2 * (samples // (STRETCHES + 1))
     begins = np.arange(STRETCHES + 2) * (length // 2)  # from half a stretch before the record on
