@@ -27,9 +27,9 @@ def test_there_are_no_more_than_are_looked_for():
     assert with_tones(many[:1], many[1:]) == many[:MAX_TONES]
 
 
-def test_a_tone_of_two_records_is_of_all():
-    """Its frequency is that of the longest record; a tone of one record is that record's alone."""
-    tones = (5.02, 20.0), (50.1,), (), (4.97,)
+def test_a_tone_of_most_records_is_of_all():
+    """Its frequency is that of the longest record; a tone of fewer than most is theirs alone."""
+    tones = (5.02, 20.0), (50.1, 30.0), (300.0,), (4.97,)
     assert common_tones(tones, (10.0, 1.0, 1.0, 10.0)) == pytest.approx((50.1,))
 
 

@@ -75,7 +75,7 @@ class Weighting:
     def with_nuisances(self, band: Band) -> Band:
         """Return the band with tones of hum, and leakage in steep noise, as nuisances.
 
-        Mains have one frequency: a tone of two segments is in all.
+        Mains have one frequency: a tone of most segments is in all.
         """
         problem = band.problem
         noises = [self.of_segment(number) for number in range(len(problem.segments))]

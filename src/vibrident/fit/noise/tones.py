@@ -61,7 +61,7 @@ def with_tones(known: tuple[float, ...], candidates: tuple[float, ...]) -> tuple
 
 
 def common_tones(tones: Sequence[tuple[float, ...]], bins_hz: Sequence[float]) -> tuple[float, ...]:
-    """Return the frequencies in Hz of tones that two records or more have.
+    """Return the frequencies in Hz of tones that most of two records or more have.
 
     Args:
         tones: of each record, in its bins.
@@ -77,7 +77,7 @@ def common_tones(tones: Sequence[tuple[float, ...]], bins_hz: Sequence[float]) -
         width, hz, _ = remaining[0]  # of a longest record, which locates it best
         alike = [tone for tone in remaining if abs(tone[1] - hz) < MIN_DISTANCE_BINS * tone[0]]
         remaining = [tone for tone in remaining if tone not in alike]
-        if len({record for _, _, record in alike}) > 1:
+        if 2 * len({record for _, _, record in alike}) > len(tones) > 1:
             best = [tone_hz for tone_width, tone_hz, _ in alike if tone_width <= width]
             common.append(float(np.median(best)))
     return tuple(common)
