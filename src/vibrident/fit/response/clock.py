@@ -85,7 +85,7 @@ def _tone(record: Record, stated_hz: float) -> float | None:
     mask = record.mask
     rate = record.sampling_rate_hz
     motion = _without_trend(np.asarray(record.reference), mask)
-    start = spectral_peak(motion, mask, rate, None)
+    start = spectral_peak([motion], mask, rate, None)
     if start * record.duration_s < MIN_PERIODS:
         return None
     tone_hz = tone_frequency(record, start) if start < rate / 2 else start
@@ -93,7 +93,7 @@ def _tone(record: Record, stated_hz: float) -> float | None:
     if np.sum(remainder**2) > MAX_OTHER_POWER * np.sum(motion**2):
         return None
     if abs(tone_hz / stated_hz - 1.0) > MIN_OFFSET:
-        near = spectral_peak(remainder, mask, rate, stated_hz)
+        near = spectral_peak([remainder], mask, rate, stated_hz)
         if _without_tone(remainder, mask, rate, near)[0] > 0.05 * amplitude:  # harmonics are less
             return None
     return tone_hz

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -56,7 +57,9 @@ def response_sine(record: Record) -> FloatArray:
 
 
 def sine_fit(record: Record, near: float | None = None) -> SineFit:
-    """Return the fit of a sine record, started at the spectral peak of its reference.
+    """Return the fit of a sine record, started at the spectral peak that its channels share.
+
+    A sensor on a shaking table feels slow motion whose displacement is larger than the sine's.
 
     Args:
         record: sine record with a reference.
@@ -65,9 +68,8 @@ def sine_fit(record: Record, near: float | None = None) -> SineFit:
     near = record.frequency_hz if near is None else near
     fits = _FITS.setdefault(record, {})
     if near not in fits:
-        start_hz = spectral_peak(
-            np.asarray(record.reference), record.mask, record.sampling_rate_hz, near
-        )
+        channels = [np.asarray(record.reference), record.response]
+        start_hz = spectral_peak(channels, record.mask, record.sampling_rate_hz, near)
         same_start = (fit for fit in fits.values() if fit[0] == start_hz)
         fits[near] = next(same_start, None) or (start_hz, _fit_from(record, start_hz))
     return fits[near][1]
@@ -123,18 +125,24 @@ def _fit_from(record: Record, start_hz: float) -> SineFit:
     return SineFit(float(omega) / (2.0 * np.pi), amplitudes, variances)
 
 
-def spectral_peak(signal: FloatArray, mask: BoolArray, rate: float, near: float | None) -> float:
-    """Return the frequency of the interpolated peak of the Hann-windowed spectrum, Hz.
+def spectral_peak(
+    signals: Sequence[FloatArray], mask: BoolArray, rate: float, near: float | None
+) -> float:
+    """Return the frequency of the interpolated peak of Hann-windowed spectra, Hz.
 
     Args:
-        signal: shape (samples,).
+        signals: each of shape (samples,); of several the product of the spectra counts.
         mask: samples that are used, shape (samples,).
         rate: sampling rate, Hz.
         near: frequency in Hz within a factor 1.3 of which the peak is sought; None for any.
     """
-    n = signal.shape[0]
+    n = mask.size
     size = fast_length(n)
-    magnitude = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
+    magnitude = np.ones(size // 2 + 1)
+    for signal in signals:
+        lines = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
+        if np.any(lines):  # a channel that rests tells nothing
+            magnitude *= lines / np.max(lines)
     bins_hz = np.arange(magnitude.shape[0]) * rate / size
     allowed = bins_hz > 0.25 * rate / n
     if near is not None:
