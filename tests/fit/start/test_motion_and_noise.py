@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench.adversary.cases import BY_NAME
+from bench.adversary.judge import judged
 
 from vibrident.data.records import BoolArray, Record
 from vibrident.fit.problem.band import Band
@@ -82,3 +84,11 @@ def test_clipped_peaks_hide_no_motion() -> None:
     gaps = motion_and_noise_of(record, np.abs(record.response) < 0.4 * np.max(np.abs(record.response)))
     assert 0.5 < noise_between(gaps, 200.0, 1200.0) / noise_between(whole, 200.0, 1200.0) < 2.0
     assert gaps.count > 0.8 * whole.count
+
+
+@pytest.mark.parametrize(
+    ("case", "run"), [("decay/with sines/pickup-in-light/12 bit", 91), ("clean/in-light/mixed/12 bit", 80)]
+)
+def test_a_rounded_sine_tells_of_the_bins_around_it_alone(case: str, run: int) -> None:
+    """Elsewhere the rounding of its reference was taken for motion: a generator constant 171 times too small, χ²/ν 60."""
+    assert judged(BY_NAME[case].trial(run))["class"] == "right"

@@ -18,6 +18,8 @@ from vibrident.fit.response.transform import power_of
 
 #: A bin shows motion where the power of the response is so many times the noise.
 MIN_MOTION_RATIO = 10.0
+#: Bins on either side of a sine that are of the sine.
+MAX_TONE_DISTANCE = 4
 #: Fraction of its weight that a bin without motion keeps, so that the equations stay regular.
 MIN_WEIGHT = 1e-9
 
@@ -89,6 +91,7 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
             heard &= measured.moving
             # Few bins only bound the noise by the power of everything.
             heard |= ~measured.has_enough_bins[:, None]
+            heard &= _near_tones(band, group)
         heard &= group.grid.counts > 0.0
         samples = group.grid.samples
         heard_bins |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
@@ -115,6 +118,23 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     return MotionAndNoise(
         levels, heard_bins, (float(np.min(span)), float(np.max(span))), filled=filled
     )
+
+
+def _near_tones(band: Band, group: Group) -> BoolArray:
+    """Return the bins of a group that tell of the motion, shape (R, K): of a sine those around it.
+
+    Elsewhere a sine leaks, and what the reference is rounded by is larger than that.
+    """
+    records = [band.problem.records[owner] for owner in band.owners(group)]
+    near = np.ones(group.response.shape, dtype=bool)
+    sines = [row for row, record in enumerate(records) if record.excitation == "sine"]
+    if sines:
+        reference, response = (
+            power_of(windowed(rows)) for rows in (group.inputs[sines, 0], group.response[sines])
+        )
+        tops = 1 + np.argmax(reference * response, axis=1)
+        near[sines] = np.abs(np.arange(group.grid.bins) - tops[:, None]) <= MAX_TONE_DISTANCE
+    return near
 
 
 def loud_bins(band: Band) -> dict[int, BoolArray]:
