@@ -90,5 +90,5 @@ def test_clipped_peaks_hide_no_motion() -> None:
     ("case", "run"), [("decay/with sines/pickup-in-light/12 bit", 91), ("clean/in-light/mixed/12 bit", 80)]
 )
 def test_a_rounded_sine_tells_of_the_bins_around_it_alone(case: str, run: int) -> None:
-    """Elsewhere the rounding of its reference was taken for motion: a generator constant 171 times too small, χ²/ν 60."""
+    """Elsewhere the rounding of its reference was taken for motion: a generator constant 171 times too small."""
     assert judged(BY_NAME[case].trial(run))["class"] == "right"
