@@ -127,6 +127,10 @@ class InNoise:
         weighting = read_weighting(self.band, tuple(self.places(z, coordinates)), None)
         return InNoise(weighting.with_nuisances(self.band), weighting)
 
+    def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
+        """Return V, its gradient and information at z."""
+        return self.likelihood().normal(z, coordinates)
+
     def likelihood(self) -> Likelihood:
         """Return V of the records, with their noise as it is."""
         return Likelihood(self)

@@ -185,6 +185,7 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
         return None
     if evidence.calibration.table is not None:
         problem = evidence.first_look
+        assert problem is not None
     else:
         problem = FrequencyProblem(evidence.model, evidence.quantity, adequacy.as_data)
         if estimate.in_noise and not tells_all(problem, coordinates, estimate.z, by_data):

@@ -95,7 +95,7 @@ def tells_all(
 
 
 def profile_of(
-    problem: Likelihood,
+    problem: ChiSquared,
     coordinates: Coordinates,
     z: FloatArray,
     covariance: FloatArray,
@@ -220,8 +220,8 @@ def _describe_interval(name: str, parameter: Parameter) -> str:
     )
 
 
-class Likelihood(Protocol):
-    """What a profile is of: χ² of the data, with gradient and information."""
+class ChiSquared(Protocol):
+    """χ² of the data at any coordinates, with gradient and information."""
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
         """Return the equations of the fit at z, shape (p,)."""
@@ -256,7 +256,7 @@ class _EndSearch:
         places: optima that were met on the way.
     """
 
-    problem: Likelihood
+    problem: ChiSquared
     coordinates: Coordinates
     estimate: _Optimum
     least_cost: float
