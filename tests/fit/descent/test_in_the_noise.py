@@ -148,7 +148,8 @@ def test_free_motion_above_half_the_sampling_rate_tells_nothing() -> None:
 def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_reference(seed):
     """Twenty times above the band: each full step led back to where it came from, and equal weights were rejected.
 
-    Where χ² does not rise enough up to a sensor without resonance, its interval is open and no u is stated.
+    In the first draw χ² of the points rises by 3.5 up to a sensor without resonance, and 95 % take 3.9: that of all
+    data rises by more, and the interval ends.
     """
     stiff = {"sensitivity": 0.1, "natural_frequency": 44e3, "damping_ratio": 0.01}
     clean = simulate(
@@ -161,5 +162,6 @@ def test_a_sensor_of_which_little_is_seen_reaches_its_optimum_in_noise_of_the_re
     for name, true in stiff.items():
         found = result.parameters[name]
         low, high = found.interval_95
-        assert (high is None) == (found.standard_uncertainty is None), name
-        assert low < true if high is None else abs(found.value - true) < 4.0 * found.standard_uncertainty, name
+        assert high is not None, name
+        assert low < true < high, name
+        assert abs(found.value - true) < 4.0 * found.standard_uncertainty, name

@@ -28,6 +28,18 @@ def table_of(rng, phase: bool, above: float, damping: float, noise: float, point
     return truth, Calibration(table=ResponseTable(frequency, size, turn, noise * np.abs(h), turn_u))
 
 
+def fitted_table(rng):
+    """Coordinates, problem and optimum of a well-determined table."""
+    truth, calibration = table_of(rng, True, 0.6, 0.1, 1e-4)
+    coordinates = Coordinates.at(MODEL, truth, (20.0, 5000.0))
+    problem = FrequencyProblem.of_table(calibration.table, MODEL, "acceleration")
+    z = coordinates.first
+    for _ in range(5):
+        local = problem.normal(z, coordinates)
+        z = z + np.linalg.solve(local.matrix, local.gradient)
+    return coordinates, problem, z
+
+
 def covers(parameter, value: float) -> bool:
     low, high = parameter.interval_95
     return (low is None or low <= value) and (high is None or value <= high)
@@ -68,13 +80,7 @@ def test_intervals_cover_the_truth_with_damping_near_its_bound_and_a_band_far_be
 
 def test_a_parabola_has_the_ends_of_its_covariance(rng):
     """A well-determined sensor needs no profile, and would have the same ends."""
-    truth, calibration = table_of(rng, True, 0.6, 0.1, 1e-4)
-    coordinates = Coordinates.at(MODEL, truth, (20.0, 5000.0))
-    problem = FrequencyProblem.of_table(calibration.table, MODEL, "acceleration")
-    z = coordinates.first
-    for _ in range(5):
-        local = problem.normal(z, coordinates)
-        z = z + np.linalg.solve(local.matrix, local.gradient)
+    coordinates, problem, z = fitted_table(rng)
     covariance = np.linalg.inv(problem.normal(z, coordinates).matrix)
     assert not needs_profile(coordinates, z, covariance)
     profile = profile_of(problem, coordinates, z, covariance, 4.0)
@@ -93,13 +99,7 @@ def test_what_the_profile_widens_is_said():
 
 def test_a_variance_larger_than_the_curvature_of_chi2_moves_the_ends_as_far(rng):
     """Points do not know of free motion, nor V of noise of the reference: the covariance does."""
-    truth, calibration = table_of(rng, True, 0.6, 0.1, 1e-4)
-    coordinates = Coordinates.at(MODEL, truth, (20.0, 5000.0))
-    problem = FrequencyProblem.of_table(calibration.table, MODEL, "acceleration")
-    z = coordinates.first
-    for _ in range(5):
-        local = problem.normal(z, coordinates)
-        z = z + np.linalg.solve(local.matrix, local.gradient)
+    coordinates, problem, z = fitted_table(rng)
     covariance = 9.0 * np.linalg.inv(problem.normal(z, coordinates).matrix)
     ends = profile_of(problem, coordinates, z, covariance, 1.96**2).ends
     for k in range(3):

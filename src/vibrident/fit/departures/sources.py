@@ -34,7 +34,7 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.group.network import Nuisances
 from vibrident.fit.noise.leakage import beside_leakage
 from vibrident.fit.noise.spectrum import NoiseSpectrum, PredictedMotion, noise_spectra
-from vibrident.fit.noise.tones import with_tones
+from vibrident.fit.noise.tones import MAX_TONE_DISTANCE, with_tones
 from vibrident.fit.problem import Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import (
@@ -52,8 +52,6 @@ from vibrident.physics.models.slopes import response_and_slopes
 
 #: Bands of like information.
 BANDS = 8
-#: Bins on either side of a sine's tone that are of the tone.
-MAX_TONE_DISTANCE = 4
 
 
 def groups_of(

@@ -80,8 +80,6 @@ class Weighting:
         problem = band.problem
         noises = [self.of_segment(number) for number in range(len(problem.segments))]
         steep = any(is_steep(noise.spectrum) for noise in noises)
-        if not any(noise.spectrum.tones for noise in noises):
-            return band.with_nuisances([()] * len(noises), edges=steep)
         bins_hz = [
             problem.records[segment.record].sampling_rate_hz / noise.samples
             for segment, noise in zip(problem.segments, noises, strict=True)

@@ -268,7 +268,7 @@ class _Report:
         name = evidence.model.parameter_names[int(np.argmax(shift_sizes))]
         shift_in_u = f"{plain(float(np.max(shift_sizes)), 2)} u"
         if departure.kind.own_columns and not np.any(shift):
-            return "By how much the parameters are off no band by itself shows."
+            return "No single band shows by how much the parameters are off."
         if np.max(shift_sizes) < MIN_STATED_SHIFT:
             return f"No parameter moves by {MIN_STATED_SHIFT:g} u."
         index = int(np.argmax(shift_sizes))

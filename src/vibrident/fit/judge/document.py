@@ -40,8 +40,8 @@ from vibrident.fit.uncertainty.parameters import coverage_factor, unit_fields
 from vibrident.fit.uncertainty.profile import (
     Profile,
     needs_profile,
+    points_suffice,
     profile_of,
-    tells_all,
     with_profile,
 )
 from vibrident.physics.models import SensorModel
@@ -188,7 +188,7 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
         assert problem is not None
     else:
         problem = FrequencyProblem(evidence.model, evidence.quantity, adequacy.as_data)
-        if estimate.in_noise and not tells_all(problem, coordinates, estimate.z, by_data):
+        if estimate.in_noise and not points_suffice(problem, coordinates, estimate.z, by_data):
             problem = estimate.in_noise.likelihood()
     rise = (coverage * (judgement.scatter or 1.0)) ** 2
     return profile_of(problem, coordinates, estimate.z, by_data, rise)

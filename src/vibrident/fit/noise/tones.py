@@ -18,6 +18,8 @@ TONE_RATIO = 25.0
 MAX_TONES = 16
 #: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
 MIN_DISTANCE_BINS = 1.0
+#: Bins on either side of a sine's tone that are of the tone.
+MAX_TONE_DISTANCE = 4
 
 
 def tones_of(

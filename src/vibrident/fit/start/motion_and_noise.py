@@ -12,14 +12,13 @@ from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import Group
 from vibrident.fit.noise.averages import windowed
 from vibrident.fit.noise.local import BLOCK_BINS, SmoothColumns
+from vibrident.fit.noise.tones import MAX_TONE_DISTANCE
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
 #: A bin shows motion where the power of the response is so many times the noise.
 MIN_MOTION_RATIO = 10.0
-#: Bins on either side of a sine that are of the sine.
-MAX_TONE_DISTANCE = 4
 #: Fraction of its weight that a bin without motion keeps, so that the equations stay regular.
 MIN_WEIGHT = 1e-9
 

@@ -122,8 +122,8 @@ def powers(
     delay_phase = np.exp(-2j * np.pi * delay / samples * np.arange(lines))
     motion = _without_drift(fft.rfft(reference, samples)[:lines], samples) * delay_phase
     excited = bins.spectrum.excited > 0.5
-    looked_at = excited if where_excited and excited.any() else np.ones_like(excited)
-    response = _without_drift((bins.residual + bins.predicted) * looked_at, samples)
+    counted = excited if where_excited and excited.any() else np.ones_like(excited)
+    response = _without_drift((bins.residual + bins.predicted) * counted, samples)
     deviation = np.sqrt(bins.spectrum.psd)
     incoherent_lines, freedom = without_common(response[None], [motion[None]], deviation[None])
     begins = block_edges(lines)[:-1]
@@ -134,7 +134,7 @@ def powers(
     )
     unexplained = power_of(bins.residual + _noise_share(bins) * bins.predicted)
     bin_powers = power_of(response), unexplained, incoherent, incoherent**2
-    return np.array([np.sum((bin_power * looked_at)[band]) for bin_power in bin_powers])
+    return np.array([np.sum((bin_power * counted)[band]) for bin_power in bin_powers])
 
 
 def _noise_share(bins: WeightedBins) -> FloatArray:

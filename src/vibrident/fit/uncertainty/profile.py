@@ -83,12 +83,12 @@ def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArra
     )
 
 
-def tells_all(
+def points_suffice(
     problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray, covariance: FloatArray
 ) -> bool:
-    """Return whether points have the covariance of the data.
+    """Return whether the measured points have the covariance of the data.
 
-    They know nothing of free motion, nor of a motion that the records begin in.
+    They have a smaller one where the data must tell free motion from the response, too.
     """
     by_points = deviations(inverse_normal(problem.normal(z, coordinates).matrix))
     return bool(np.all(deviations(covariance) < MAX_LOSS * by_points))
@@ -347,7 +347,7 @@ class _EndSearch:
     def _optimum_beside(self, k: int, target: float, inner: _Optimum) -> _Optimum:
         """Return the optimum of the other coordinates with one held, from an optimum nearby."""
         free = np.arange(len(inner.z)) != k
-        begins = [self._followed(k, target, inner, free)]
+        begins = [self._along_valley(k, target, inner, free)]
         positive = _positive(self.coordinates)
         if np.any(positive & free & (np.abs(inner.z) < NONZERO_START)):
             nonzero = np.maximum(np.abs(inner.z), NONZERO_START)
@@ -358,7 +358,7 @@ class _EndSearch:
         self.places.append(optimum)
         return optimum
 
-    def _followed(self, k: int, target: float, inner: _Optimum, free: BoolArray) -> FloatArray:
+    def _along_valley(self, k: int, target: float, inner: _Optimum, free: BoolArray) -> FloatArray:
         """Return where the other coordinates follow a held one to, along the valley's tangent."""
         step = target - inner.z[k]
         inverse = inverse_normal(inner.matrix[free][:, free])
