@@ -259,8 +259,8 @@ class ClockSearch:
             [measured.response / size for measured, size in zip(responses, sizes, strict=True)]
         )
         response = response * np.exp(2j * np.pi * delay_s * basis.hz)
-        residual = response - _rational(basis, motion, response) * motion
-        explained = float(np.sum(power_of(response)) - np.sum(power_of(residual)))
+        explained = float(np.sum(power_of(response)))
+        explained -= _residual_power(basis, motion, response)
         return max(1.0 - explained / len(responses), np.finfo(float).tiny)
 
     def _basis(self, samples: int) -> _Basis:
@@ -314,13 +314,17 @@ class ClockSearch:
         return places[lowest] if gain > MIN_GAIN else 0.0
 
 
-def _rational(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> ComplexArray:
-    """Return the least-squares transfer function at all bins, shape (K,)."""
+def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> float:
+    """Return the power that the best of the linearised fits of a transfer function leaves.
+
+    With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel move
+    anywhere.
+    """
     pole_powers = basis.powers[1 : basis.poles + 1]
     zero_powers = basis.powers[: basis.zeros + 1]
     denominator = np.ones(len(motion), dtype=complex)
-    numerator = denominator
     rows = np.concatenate([pole_powers * response, -zero_powers * motion])
+    least = np.inf
     for _ in range(ITERATIONS):
         weight = 1.0 / denominator
         columns = (rows * weight).view(float)
@@ -331,4 +335,6 @@ def _rational(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> Co
         factors = -solution / size
         denominator = 1.0 + factors[: basis.poles] @ pole_powers
         numerator = factors[basis.poles :] @ zero_powers
-    return np.asarray(numerator / denominator, dtype=complex)
+        residual = response - numerator / denominator * motion
+        least = min(least, float(np.sum(power_of(residual))))
+    return least
