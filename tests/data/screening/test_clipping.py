@@ -175,6 +175,16 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             assert not PredictedChannel.from_samples(ChannelSamples(moved, ALL)).wild.any()
 
 
+@pytest.mark.parametrize("turns", [3, 40])
+@pytest.mark.parametrize("power", [2, 8])
+def test_a_motion_from_rest_to_one_side_is_at_no_rail(turns: int, power: int) -> None:
+    """Displacement of a sweep that begins softly: its first samples are equal within rounding, at the extreme."""
+    acceleration = np.sin(2.0 * np.pi * turns * (T / N) ** 2) * np.minimum(20.0 * T / N, 1.0) ** power
+    displacement = np.cumsum(np.cumsum(acceleration))
+    for values in (displacement, displacement[::-1], -displacement):
+        assert not clipped(ChannelSamples(values, ALL))[0].any()
+
+
 @pytest.mark.parametrize("steps", [2, 8, 30])
 @pytest.mark.parametrize("noise", [0.0, 1e-3, 3e-2])
 def test_stairs_are_told_from_a_motion_that_jumps(steps: int, noise: float, rng: np.random.Generator) -> None:

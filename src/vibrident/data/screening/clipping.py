@@ -275,9 +275,9 @@ def _is_synchronous(inside: BoolArray) -> bool:
 
 
 def _is_rest_level(inside: BoolArray, valid: BoolArray) -> bool:
-    """Return whether the signal rests at the level."""
+    """Return whether the signal rests at the level, if only before or after a motion to one side."""
     share = float(np.sum(inside)) / float(np.sum(valid))
-    if share > REST_SHARE_IN_ALL:
+    if share > REST_SHARE_IN_ALL or (_run_lengths(inside).size == 1 and (inside[0] or inside[-1])):
         return True
     # Noise may leave the level for a few samples.
     width = 9
