@@ -144,11 +144,10 @@ def white_both(rng, n):
     return 0.3 * rng.standard_normal(n), 0.02 * rng.standard_normal(n)
 
 
-def falling(rng, n):
-    """Noise power ∝ 1/f² on the response."""
-    spectrum = (rng.standard_normal(4 * n + 1) + 1j * rng.standard_normal(4 * n + 1)) / np.maximum(
-        np.arange(4 * n + 1), 1
-    )
+def falling(rng, n, exponent=2.0):
+    """Noise power ∝ 1/f^exponent on the response."""
+    order = np.maximum(np.arange(4 * n + 1), 1.0)
+    spectrum = (rng.standard_normal(4 * n + 1) + 1j * rng.standard_normal(4 * n + 1)) * order ** (-0.5 * exponent)
     spectrum[0] = 0.0
     return np.zeros(n), 300.0 * np.fft.irfft(spectrum, 8 * n)[:n]
 
@@ -185,6 +184,19 @@ def test_noise_that_falls_with_frequency_is_weighed_where_the_tone_is(rng, draws
     scatter = np.mean(np.abs(values) ** 2) / 2
     own = np.std(stated) / np.mean(stated) / np.sqrt(draws)
     assert np.mean(stated) / scatter == pytest.approx(1.0, abs=3 * np.hypot(1 / np.sqrt(draws), own))
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+@pytest.mark.parametrize("periods", [2.3, 3.2, 5.3, 8.7])
+@pytest.mark.draws(60, 300)
+def test_a_slow_tone_is_as_uncertain_as_slow_noise_makes_it(exponent, periods, rng, draws):
+    """Of few periods, the square over the stated variance was 3 to 21 on average: harmonics hid the lines near by."""
+    samples = 1000
+    values, stated = monte_carlo(
+        periods * RATE / samples, samples, lambda rng, n: falling(rng, n, exponent), rng, draws
+    )
+    squares = np.abs(values) ** 2 / 2 / stated
+    assert 0.5 < np.mean(squares) < 2.5  # a variance of few lines scatters, and its inverse has a larger mean
 
 
 @pytest.mark.draws(100, 300)

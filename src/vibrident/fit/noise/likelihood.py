@@ -97,7 +97,7 @@ def amounts_of(
         np.matmul(values, shapes, out=fitted)
         fitted += known
     information = ((counts / fitted**2) @ pairs).reshape(groups, spectra, count, count)
-    dispersion = np.sum(counts * (level / fitted - 1.0) ** 2, axis=-1) / (bins - count)
+    dispersion = np.sum(counts * (level / fitted - 1.0) ** 2, axis=-1) / max(bins - count, 1)
     information /= np.maximum(dispersion, 1.0)[..., None, None]
     scale = size / unit[:, None]
     product = scale[..., :, None] * scale[..., None, :]

@@ -70,12 +70,7 @@ def noise_lines(
     low = max(1, min(int(centre / BAND_FACTOR), int(centre) - reach))
     high = min(last, max(int(centre * BAND_FACTOR) + 1, int(centre) + reach))
     bins = np.arange(low, max(high, low + 1))
-    # In few periods, harmonics are so close that the lines between two of them are all there is
-    # near the tone.
-    guard = min(GUARD_BINS, MAX_GUARD_FRACTION * centre)
-    allowed = np.ones(bins.shape, dtype=bool)
-    for h in range(1, harmonics + 1):
-        allowed &= np.abs(bins - h * centre) >= guard
+    allowed = np.abs(bins - centre) >= min(GUARD_BINS, MAX_GUARD_FRACTION * centre)
     fraction = np.minimum(*(channel[bins] for channel in fractions))
     allowed &= fraction >= MIN_NOISE_FRACTION
     candidates = bins[allowed] if allowed.any() else bins[fraction >= np.sort(fraction)[-3:][0]]
