@@ -37,6 +37,16 @@ def inverse_root(matrix: FloatArray) -> FloatArray:
     return np.asarray(root / scale[..., :, None])
 
 
+def laplace_score(cost: float, matrix: FloatArray) -> float:
+    """Return −2 log of the likelihood of data over all parameters, by Laplace's approximation.
+
+    Args:
+        cost: weighted sum of squares at the best parameters.
+        matrix: JᵀWJ by coordinates whose prior width is one, shape (p, p).
+    """
+    return cost + float(np.linalg.slogdet(np.eye(len(matrix)) + matrix)[1])
+
+
 def sandwich_covariance(
     root: FloatArray, middle: FloatArray, information: FloatArray
 ) -> FloatArray:

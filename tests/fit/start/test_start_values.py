@@ -289,3 +289,19 @@ def test_a_shock_is_found_where_whitening_hides_its_low_frequencies(samples, see
     found = result.parameters["natural_frequency"]
     assert abs(found.value - 651.966) < 4.0 * found.standard_uncertainty < 0.4
     assert result.warning_codes == ()
+
+
+@pytest.mark.parametrize("place", [0.4, 0.8, 1.3])
+def test_a_second_mode_of_one_percent_is_found_behind_a_resonance_above_the_band(place, rng):
+    """In hardly any noise the grid of both modes led to a place where they had changed their roles (χ²/ν 130)."""
+    truth = {"sensitivity": 3.0, "natural_frequency": 4000.0, "damping_ratio": 0.04}
+    truth |= {"mode2_frequency": place * 2000.0, "mode2_damping": 0.03, "mode2_gain": 0.01}
+    calibration = vibrident.simulate(
+        ("accelerometer+mode2", truth), excitation="random", frequencies_hz=(5.0, 2000.0), sampling_rate_hz=10e3,
+        samples=8000, response_noise=1e-6, seed=int(rng.integers(1000)),
+    )  # fmt: skip
+    result = vibrident.identify(calibration, model="accelerometer+mode2")
+    assert result.warning_codes == ()
+    for name, value in truth.items():
+        parameter = result.parameters[name]
+        assert abs(parameter.value - value) < 4.0 * parameter.standard_uncertainty

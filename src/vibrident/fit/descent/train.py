@@ -166,8 +166,8 @@ class _Descents:
 
     @property
     def best(self) -> Descended:
-        """Return the descent of least cost."""
-        return min(self.ends, key=lambda end: end.at.cost)
+        """Return the likeliest descent."""
+        return min(self.ends, key=lambda end: end.score)
 
     @property
     def cost_per_number(self) -> float:
@@ -319,8 +319,9 @@ def _descended(
 ) -> list[Descended]:
     """Return the ends of descents from starts in a noise.
 
-    Unless ``all_starts``, up to one that explains everything.
+    Unless ``all_starts``, up to one that explains everything; of two modes, several may.
     """
+    all_starts = all_starts or bool(evidence.model.shares)
     ends: list[Descended] = []
     reason: Exception = NotConverged(NOT_FINITE)
     count = survey.observed.count
@@ -351,7 +352,7 @@ def _different(ends: Sequence[Descended]) -> list[dict[str, float]]:
     so two that end at one bottom are apart by two such steps at most.
     """
     chosen: list[Descended] = []
-    for end in sorted(ends, key=lambda descended: descended.at.cost):
+    for end in sorted(ends, key=lambda descended: descended.score):
         if not any(_squared_distance(end, better) <= 4.0 * START_TOLERANCE for better in chosen):
             chosen.append(end)
     return [end.values for end in chosen]

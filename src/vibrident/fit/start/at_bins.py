@@ -17,7 +17,7 @@ from vibrident.fit.problem.band import Band
 from vibrident.fit.start.coarse import coarse_rows
 from vibrident.fit.start.grid_search import GridSearch, StartCandidate
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
-from vibrident.fit.start.refinement import refined
+from vibrident.fit.start.refinement import CoarseDescent
 from vibrident.physics.models import ParameterSpec
 
 #: Number of natural frequencies of the grid …
@@ -41,6 +41,7 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     """
     model = band.model
     search = GridSearch(band, observed.band_hz, tuple(coarse_rows(band, observed)))
+    descent = CoarseDescent(band, observed.band_hz, search.rows)
     core = [spec for spec in model.core.parameters if spec.grid]
     # In a free decay a frequency cannot be separated from its image above half the sampling rate.
     rates = [group.grid.rate_hz for group in band.groups if not group.grid.driven]
@@ -56,12 +57,18 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     core_has_starts = any(spec.start is not None for spec in core)
     count = REFINED_PLACES if core_has_starts else max(most, MIN_PLACES)
     front = search.best(places, max(count, MAX_PLACES // len(guesses) if added else 0))
+    first_modes = front[:MIN_PLACES]
     if added and front:
         core_values = [{spec.name: place.values[spec.name] for spec in core} for place in front]
         combined = [values | guess for values in core_values for guess in guesses]
         front = search.best(combined, REFINED_PLACES)
+    if first_modes and model.shares:
+        of_mode = [spec for add_on in model.add_ons if add_on.share for spec in add_on.parameters]
+        of_mode = [spec for spec in of_mode if spec.name not in model.shares]
+        modes = _places(of_mode, [_guesses(spec, observed.band_hz) for spec in of_mode])
+        front = [*front, *descent.with_second_mode(first_modes, modes)[:REFINED_PLACES]]
     if front and (added or core_has_starts):
-        front = refined(band, observed.band_hz, search.rows, front)
+        front = descent.refined(front)
     if not front:
         raise NotConverged("No start value gives a finite fit: are the columns and units right?")
     return front[:most]

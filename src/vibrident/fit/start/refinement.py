@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.group.network import Step, evaluate, products
+from vibrident.fit.information import inverse_where_shown, laplace_score
 from vibrident.fit.optimise import levenberg_marquardt
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
@@ -23,58 +24,125 @@ TOLERANCE = 0.5
 MAX_EVALUATIONS = 15
 
 
-def refined(
-    band: Band,
-    band_hz: tuple[float, float],
-    rows: Sequence[CoarseRows],
-    front: Sequence[StartCandidate],
-) -> list[StartCandidate]:
-    """Return where candidates descend to at the coarse bins, the best first.
+@dataclass(frozen=True, eq=False)
+class CoarseDescent:
+    """Descent at the coarse bins.
 
-    Args:
+    Attributes:
         band: the network.
         band_hz: lowest and highest frequency of the motion.
         rows: the coarse bins.
-        front: the candidates.
     """
-    ends = [_descended(band, band_hz, rows, candidate) for candidate in front]
-    return sorted(ends, key=lambda candidate: candidate.cost)
 
+    band: Band
+    band_hz: tuple[float, float]
+    rows: Sequence[CoarseRows]
 
-def _descended(
-    band: Band, band_hz: tuple[float, float], rows: Sequence[CoarseRows], candidate: StartCandidate
-) -> StartCandidate:
-    """Return where a candidate descends to, with the response turned by its delay."""
-    model = band.model
-    delay_s = float(band.problem.frame.delay_s)
-    times = [spec.name for spec in model.parameters if spec.kind == "time"]
-    excess_s = sum(candidate.values[name] for name in times) - (delay_s if times else 0.0)
-    start = candidate.values | dict.fromkeys(times, delay_s)
-    coordinates = Coordinates.at(model, start, band_hz)
-    turned = [
-        replace(
-            coarse,
-            bins=replace(
-                coarse.bins,
-                response=coarse.bins.response * np.exp(2j * np.pi * excess_s * coarse.frequency_hz),
-            ),
-        )
-        for coarse in rows
-    ]
+    def refined(
+        self, front: Sequence[StartCandidate], held: Sequence[str] = ()
+    ) -> list[StartCandidate]:
+        """Return where candidates descend to, the likeliest first, each end once.
 
-    def objective(z: FloatArray, _: None) -> Local:
-        return _local(band, turned, coordinates, z)
+        Args:
+            front: the candidates.
+            held: parameters that stay as they are.
+        """
+        ends: list[StartCandidate] = []
+        descended = [self._descended(candidate, held) for candidate in front]
+        for end in sorted(descended, key=lambda candidate: candidate.cost):
+            # Two descents to one bottom end within their tolerance of it.
+            if not ends or end.cost > ends[-1].cost + 2.0 * TOLERANCE:
+                ends.append(end)
+        return ends
 
-    try:
-        trace = levenberg_marquardt(
-            objective, coordinates.first, None, tolerance=TOLERANCE, max_evaluations=MAX_EVALUATIONS
-        )
-    except (NotConverged, np.linalg.LinAlgError):
-        return candidate
-    values = coordinates.values(trace.last)
-    return StartCandidate(
-        trace.costs[-1], values | {name: values[name] + excess_s for name in times}
-    )
+    def with_second_mode(
+        self, front: Sequence[StartCandidate], modes: Sequence[Mapping[str, float]]
+    ) -> list[StartCandidate]:
+        """Return where one step from the model without second mode leads, the best mode first.
+
+        A mode of little share hides in the misfit of a first mode that is not exact. From the best
+        fit without it, its share and the change of the other parameters are linear (score test;
+        Rao 1948).
+
+        Args:
+            front: places of the first mode.
+            modes: frequency and damping of the second, by name.
+        """
+        shares = self.band.model.shares
+        first_modes = [
+            replace(place, values=place.values | dict.fromkeys(shares, 0.0)) for place in front
+        ]
+        smaller = self.refined(first_modes, held=shares)[0]
+        turned = self._turned(smaller)
+        scanned = []
+        for mode in modes:
+            coordinates = self._coordinates({**smaller.values, **mode})
+            z = coordinates.first
+            local = _local(self.band, turned, coordinates, z)
+            step = inverse_where_shown(local.matrix) @ local.gradient
+            values = self._with_excess(coordinates.values(coordinates.moved(z, step)), smaller)
+            scanned.append(StartCandidate(local.cost - float(step @ local.gradient), values))
+        return sorted(scanned, key=lambda place: place.cost)
+
+    def _descended(self, candidate: StartCandidate, held: Sequence[str]) -> StartCandidate:
+        """Return where a candidate descends to, with the response turned by its delay."""
+        coordinates = self._coordinates(candidate.values)
+        turned = self._turned(candidate)
+        free = np.array([name not in held for name in self.band.model.parameter_names], dtype=float)
+
+        def objective(z: FloatArray, _: None) -> Local:
+            local = _local(self.band, turned, coordinates, z)
+            return Local(local.matrix * np.outer(free, free), local.gradient * free, local.cost)
+
+        try:
+            trace = levenberg_marquardt(
+                objective,
+                coordinates.first,
+                None,
+                tolerance=TOLERANCE,
+                max_evaluations=MAX_EVALUATIONS,
+            )
+        except (NotConverged, np.linalg.LinAlgError):
+            return candidate
+        end = objective(trace.last, None)
+        values = coordinates.values(trace.last)
+        score = laplace_score(end.cost, end.matrix)
+        return StartCandidate(score, self._with_excess(values, candidate))
+
+    def _coordinates(self, values: Mapping[str, float]) -> Coordinates:
+        """Return coordinates around values, with the delay of the inputs."""
+        delays = dict.fromkeys(self._times, float(self.band.problem.frame.delay_s))
+        return Coordinates.at(self.band.model, {**values, **delays}, self.band_hz)
+
+    def _turned(self, candidate: StartCandidate) -> list[CoarseRows]:
+        """Return the rows with the response turned by what a candidate's delay exceeds theirs."""
+        angle = 2j * np.pi * self._excess_s(candidate)
+        return [
+            replace(
+                rows,
+                bins=replace(
+                    rows.bins, response=rows.bins.response * np.exp(angle * rows.frequency_hz)
+                ),
+            )
+            for rows in self.rows
+        ]
+
+    def _with_excess(
+        self, values: Mapping[str, float], candidate: StartCandidate
+    ) -> dict[str, float]:
+        """Return values at the rows that :meth:`_turned` gives as those at the rows themselves."""
+        excess_s = self._excess_s(candidate)
+        return {**values, **{name: values[name] + excess_s for name in self._times}}
+
+    def _excess_s(self, candidate: StartCandidate) -> float:
+        """Return by how much a candidate's delay exceeds that of the inputs, s."""
+        delay_s = float(self.band.problem.frame.delay_s)
+        return sum(candidate.values[name] - delay_s for name in self._times)
+
+    @property
+    def _times(self) -> list[str]:
+        """Return the names of the delays, at most one."""
+        return [spec.name for spec in self.band.model.parameters if spec.kind == "time"]
 
 
 def _local(

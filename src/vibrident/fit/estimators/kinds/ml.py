@@ -235,7 +235,9 @@ def _descend(
     coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress
 ) -> Trace:
     """Return the descent of a residual by Levenberg and Marquardt, from z."""
-    return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
+    return levenberg_marquardt(
+        problem.normal, z, coordinates, moved=coordinates.moved, progress=progress
+    )
 
 
 def _covariance(problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray) -> FloatArray:
