@@ -99,7 +99,7 @@ def test_clean_motion_against_a_displacement_is_no_misfit(excitation):
         ("accelerometer", truth), excitation=excitation, frequencies_hz=frequencies_hz.tolist(),
         sampling_rate_hz=10e3, samples=16000, response_noise=1e-5, quantity="displacement", seed=3,
     )  # fmt: skip
-    result = identify(calibration, model="accelerometer")
+    result = vibrident.identify(calibration, model="accelerometer")
     assert result.warning_codes == ()
     for name, value in truth.items():
         parameter = result.parameters[name]

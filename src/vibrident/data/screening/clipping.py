@@ -275,7 +275,7 @@ def _is_synchronous(inside: BoolArray) -> bool:
 
 
 def _is_rest_level(inside: BoolArray, valid: BoolArray) -> bool:
-    """Return whether the signal rests at the level, if only before or after a motion to one side."""
+    """Return whether the signal rests at the level, be it before or after a one-sided motion."""
     share = float(np.sum(inside)) / float(np.sum(valid))
     if share > REST_SHARE_IN_ALL or (_run_lengths(inside).size == 1 and (inside[0] or inside[-1])):
         return True

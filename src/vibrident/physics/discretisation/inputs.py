@@ -38,7 +38,7 @@ HALF_WIDTH = 40
 #: Kaiser β for the half width above: interpolation error below 1e-11 up to 0.4 of the sampling
 #: rate, and below 1e-4 up to 0.43.
 KAISER_BETA = 24.0
-#: Highest degree of the polynomials that are interpolated exactly: a second derivative is then right
+#: Highest degree of polynomials that are interpolated exactly: a second derivative is then right
 #: to 1e-6 of a tone of a thousandth of the sampling rate …
 MAX_DEGREE = 5
 #: … and by how much it is less than the half width at least: with all taps no choice would be left.
