@@ -16,13 +16,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrident.data.records import FloatArray
+from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.noise.likelihood import amounts_of
 
 ComplexArray = NDArray[np.complex128]
 
 #: Exponents of the frequency in the noise of a channel.
 EXPONENTS = np.array([0.0, -1.0, -2.0])
+#: Lines within this ratio of the tone show no colour that matters there.
+MIN_COLOUR_RATIO = 1.2
 #: Log-likelihood by which colour must exceed white noise (two more parameters: Akaike 1974).
 MIN_COLOUR_GAIN = 2.0
 #: Neighbouring lines of a windowed spectrum are correlated, which widens statistics by this factor.
@@ -59,7 +61,7 @@ def level_by_channel(
     at_tone: ComplexArray,
     ratio: FloatArray,
     weight: FloatArray,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Return the mean noise power of Y − H X by the noise of each channel, and where that holds.
 
     Args:
@@ -104,11 +106,11 @@ def _levels(
     :func:`level_at_tone`.
     """
     is_line = weight > 0.0
-    at_lines = np.where(is_line, ratio, 1.0)
     lowest = np.min(np.where(is_line, ratio, np.inf), axis=1)
     highest = np.max(np.where(is_line, ratio, 0.0), axis=1)
-    shapes = at_lines[:, None] ** EXPONENTS[:, None]
-    at_tone = np.clip(1.0, lowest, highest)[:, None] ** EXPONENTS
+    exponents = np.broadcast_to(EXPONENTS, (len(ratio), EXPONENTS.size))
+    at_tone = np.clip(1.0, lowest, highest)[:, None] ** exponents
+    shapes = np.where(is_line, ratio, 1.0)[:, None] ** exponents[:, :, None]
     is_coloured = EXPONENTS != 0.0
     if through is not None and through_tone is not None:
         size = np.maximum(np.max(weight * through, axis=1, keepdims=True), 1e-300)
@@ -119,17 +121,25 @@ def _levels(
     means = np.mean(shapes, axis=2, keepdims=True, where=is_line[:, None])
     shapes = np.where(is_line[:, None], shapes, means)
 
-    def likeliest(used: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-        amounts = amounts_of(shapes[:, used], power[:, None], weight[:, None]).values
-        return (amounts @ shapes[:, used])[:, 0], np.sum(amounts[:, 0] * at_tone[:, used], axis=1)
+    def likeliest(rows: BoolArray, used: BoolArray) -> tuple[FloatArray, FloatArray]:
+        rows_shapes = shapes[np.ix_(rows, used)]
+        if rows_shapes.shape[1] == 1:
+            total = np.sum(weight[rows], axis=1, keepdims=True)
+            amounts = np.sum(weight[rows] * power[rows], axis=1, keepdims=True) / total
+        else:
+            amounts = amounts_of(rows_shapes, power[rows, None], weight[rows, None]).values[:, 0]
+        level = (amounts[:, None] @ rows_shapes)[:, 0]
+        return level, np.sum(amounts * at_tone[np.ix_(rows, used)], axis=1)
 
-    white, white_at_tone = likeliest(~is_coloured)
-    coloured, coloured_at_tone = likeliest(np.ones_like(is_coloured))
-    better = _gain(power, coloured, white, weight) > MIN_COLOUR_GAIN
-    return (
-        np.where(better[:, None], coloured, white),
-        np.where(better, coloured_at_tone, white_at_tone),
-    )
+    level, level_at_tone = likeliest(np.ones(len(ratio), dtype=bool), ~is_coloured)
+    wide = np.maximum(highest, 1.0 / lowest) > MIN_COLOUR_RATIO
+    if np.any(wide):
+        coloured, coloured_at_tone = likeliest(wide, np.ones_like(is_coloured))
+        gain = _gain(power[wide], coloured, level[wide], weight[wide])
+        better = gain > MIN_COLOUR_GAIN
+        level[wide] = np.where(better[:, None], coloured, level[wide])
+        level_at_tone[wide] = np.where(better, coloured_at_tone, level_at_tone[wide])
+    return level, level_at_tone
 
 
 def _gain(power: FloatArray, mean: FloatArray, rival: FloatArray, weight: FloatArray) -> FloatArray:
