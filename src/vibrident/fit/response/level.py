@@ -23,8 +23,9 @@ ComplexArray = NDArray[np.complex128]
 
 #: Exponents of the frequency in the noise of a channel.
 EXPONENTS = np.array([0.0, -1.0, -2.0])
-#: Lines within this ratio of the tone show no colour that matters there.
-MIN_COLOUR_RATIO = 1.2
+#: Of lines within this ratio of the tone, on either side, the mean is right for each of the colours
+#: to 3 %.
+MIN_COLOUR_RATIO = 1.6
 #: Log-likelihood by which colour must exceed white noise (two more parameters: Akaike 1974).
 MIN_COLOUR_GAIN = 2.0
 #: Neighbouring lines of a windowed spectrum are correlated, which widens statistics by this factor.
@@ -37,32 +38,13 @@ MAX_CORRELATION_DEVIATIONS = 3.0
 
 
 def level_at_tone(
-    power: FloatArray,
-    ratio: FloatArray,
-    weight: FloatArray,
-    through: FloatArray | None = None,
-    through_tone: FloatArray | None = None,
-) -> FloatArray:
-    """Return the mean noise power at each tone, shape (n,).
-
-    Args:
-        power: |line|², shape (n, K).
-        ratio: frequency of each line over the tone's, shape (n, K).
-        weight: one for a line, zero for padding, shape (n, K).
-        through: |H|² at the lines, shape (n, K); None without a model.
-        through_tone: |H|² at the tones, shape (n,).
-    """
-    return _levels(power, ratio, weight, through, through_tone)[1]
-
-
-def level_by_channel(
     lines: tuple[ComplexArray, ComplexArray],
     gain: ComplexArray,
     at_tone: ComplexArray,
     ratio: FloatArray,
     weight: FloatArray,
-) -> tuple[FloatArray, BoolArray]:
-    """Return the mean noise power of Y − H X by the noise of each channel, and where that holds.
+) -> FloatArray:
+    """Return the mean noise power of Y − H X at each tone, by that of the channels if it fits.
 
     Args:
         lines: of the reference X and of the response Y, each of shape (n, K).
@@ -72,15 +54,15 @@ def level_by_channel(
         weight: one for a line, zero for padding, shape (n, K).
 
     Returns:
-        Both of shape (n,).
+        Shape (n,).
     """
     (reference, reference_at_tone), (response, response_at_tone) = (
-        _levels(np.abs(line) ** 2, ratio, weight) for line in lines
+        levels(np.abs(line) ** 2, ratio, weight) for line in lines
     )
     through = np.abs(gain) ** 2
     through_tone = np.abs(at_tone) ** 2
     power = np.abs(lines[1] - gain * lines[0]) ** 2
-    likeliest, _ = _levels(power, ratio, weight, through, through_tone)
+    likeliest, likeliest_at_tone = levels(power, ratio, weight, through, through_tone)
     fits = _gain(power, likeliest, response + reference * through, weight) < MAX_MISFIT
     common = np.real(np.conj(gain * lines[0]) * lines[1]) / np.maximum(np.abs(gain), 1e-300)
     for slope in (0.0, 2.0):  # motion of one velocity or acceleration stands out at low frequencies
@@ -90,10 +72,10 @@ def level_by_channel(
         fits &= np.sum(
             emphasis * common, axis=1
         ) < MAX_CORRELATION_DEVIATIONS * CORRELATION_FACTOR * np.maximum(spread, 1e-300)
-    return response_at_tone + reference_at_tone * through_tone, fits
+    return np.where(fits, response_at_tone + reference_at_tone * through_tone, likeliest_at_tone)
 
 
-def _levels(
+def levels(
     power: FloatArray,
     ratio: FloatArray,
     weight: FloatArray,
@@ -102,8 +84,14 @@ def _levels(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the likeliest level at the lines, shape (n, K), and at the tones, shape (n,).
 
-    A tone below or above all its lines gets the colour of the nearest of them. Arguments as of
-    :func:`level_at_tone`.
+    A tone below or above all its lines gets the colour of the nearest of them.
+
+    Args:
+        power: |line|², shape (n, K).
+        ratio: frequency of each line over the tone's, shape (n, K).
+        weight: one for a line, zero for padding, shape (n, K).
+        through: |H|² at the lines, shape (n, K); None without a model.
+        through_tone: |H|² at the tones, shape (n,).
     """
     is_line = weight > 0.0
     lowest = np.min(np.where(is_line, ratio, np.inf), axis=1)

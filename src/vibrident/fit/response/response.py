@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.response.level import level_at_tone, level_by_channel
+from vibrident.fit.response.level import level_at_tone, levels
 
 #: Smallest deviation over the amplitude: interpolation between samples is not better.
 MIN_RELATIVE_DEVIATION = 1e-7
@@ -81,26 +81,16 @@ class MeasuredResponse:
             model: complex sensitivity H at frequencies in Hz; None takes the measured ratio at each
                 point, which is right where H hardly changes between a tone and its noise lines.
         """
-        h = (
-            self.ratio[:, None]
-            if model is None
-            else model(self.line_hz.ravel()).reshape(self.line_hz.shape)
-        )
-        error = np.abs(self.line_response - h * self.line_reference) ** 2
-        gains = (
-            (None, None)
-            if model is None
-            else (np.abs(h) ** 2, np.abs(model(self.frequency_hz)) ** 2)
-        )
         ratio = self.line_hz / self.frequency_hz[:, None]
-        variance = level_at_tone(error, ratio, self.line_weight, *gains)
-        if model is not None:
+        h_at_tone = self.ratio if model is None else model(self.frequency_hz)
+        if model is None:
+            error = np.abs(self.line_response - h_at_tone[:, None] * self.line_reference) ** 2
+            _, variance = levels(error, ratio, self.line_weight)
+        else:
+            h = model(self.line_hz.ravel()).reshape(self.line_hz.shape)
             lines = (self.line_reference, self.line_response)
-            h_at_tone = model(self.frequency_hz)
-            by_channel, is_known = level_by_channel(lines, h, h_at_tone, ratio, self.line_weight)
-            variance = np.where(is_known, by_channel, variance)
+            variance = level_at_tone(lines, h, h_at_tone, ratio, self.line_weight)
         if self.rounding is not None:
-            h_at_tone = self.ratio if model is None else model(self.frequency_hz)
             variance = variance + self.rounding[:, 1] + np.abs(h_at_tone) ** 2 * self.rounding[:, 0]
         floor = (MIN_RELATIVE_DEVIATION * np.abs(self.response)) ** 2 + np.finfo(float).tiny
         return np.sqrt(np.maximum(variance, floor))
