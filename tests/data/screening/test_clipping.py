@@ -426,6 +426,17 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
     assert kept.mask[: at - 4].all()
 
 
+@pytest.mark.draws(20, 100)
+def test_a_converter_that_flickers_before_the_motion_has_lost_nothing(draws: int, rng: np.random.Generator) -> None:
+    """A sweep of 16 bit "stood still" before it began: its first run of equal codes was not at the very begin."""
+    late = np.maximum(T - 20.0, 0.0)
+    moved = 16e3 * np.sin(1e-2 * late**2) * np.minimum(late / 100.0, 1.0)
+    for _ in range(draws):
+        codes = np.rint(moved - 234.7 + 0.15 * rng.standard_normal(N))
+        for values in (codes, codes[::-1]):
+            assert not lost_samples(ChannelSamples(values, ALL)).any()
+
+
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
     for noise in (1e-6, 1e-3):
         channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]

@@ -63,8 +63,10 @@ def lost_samples(channel: ChannelSamples) -> BoolArray:
     rare = candidate & ~jumps & (values.size * returning ** (lengths - 1.0) < MAX_FALSE_FINDINGS)
     step = smallest_step(values) if rare.any() else 0.0
     for index in np.flatnonzero(rare):
-        chance = _chance_of_equal(values, int(begins[index]), int(ends[index]), step)
-        rare[index] = values.size * chance ** (lengths[index] - 1.0) < MAX_FALSE_FINDINGS
+        run = int(begins[index]), int(ends[index])
+        chance = _chance_of_equal(values, *run, step)
+        unlikely = values.size * chance ** (lengths[index] - 1.0) < MAX_FALSE_FINDINGS
+        rare[index] = unlikely and not _rests_beside(values, *run, step)
     candidate = jumps | rare
     for first, last in zip(begins[candidate], ends[candidate], strict=True):
         flags[first : last + 1] = True
@@ -84,6 +86,17 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     # Numbers of a fixed number of digits have coarser steps where they are large.
     step = max(step, converter_step(here))
     return min(1.0, step / usual) if usual > 0.0 else 1.0
+
+
+def _rests_beside(values: FloatArray, first: int, last: int, step: float) -> bool:
+    """Return whether a channel is within a step of a run from the first sample, or to the last.
+
+    The motion has not begun then, or is over.
+    """
+    level = values[first]
+    return any(
+        bool(np.all(np.abs(side - level) < 1.5 * step)) for side in (values[:first], values[last:])
+    )
 
 
 def _levels_of_rest(values: FloatArray, begins: np.ndarray, ends: np.ndarray) -> FloatArray:
