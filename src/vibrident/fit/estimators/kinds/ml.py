@@ -235,9 +235,7 @@ def _descend(
     coordinates: Coordinates, z: FloatArray, problem: FrequencyProblem, progress: Progress
 ) -> Trace:
     """Return the descent of a residual by Levenberg and Marquardt, from z."""
-    return levenberg_marquardt(
-        problem.normal, z, coordinates, moved=coordinates.moved, progress=progress
-    )
+    return levenberg_marquardt(problem.normal, z, coordinates, progress=progress)
 
 
 def _covariance(problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray) -> FloatArray:
