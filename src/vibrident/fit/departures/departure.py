@@ -30,6 +30,7 @@ class Scale:
         narrow: whether the noise of a sine is an interferometer's light.
         mass: at frequencies in Hz, velocity of the sensor's mass in its case for an acceleration of
             one, and response to that; None where the sensor is no oscillator.
+        add_ons: names of those of the model, whose parameters are no departures.
     """
 
     motion: float
@@ -37,6 +38,7 @@ class Scale:
     records: int
     narrow: bool
     mass: Callable[[FloatArray], tuple[ComplexArray, ComplexArray]] | None = None
+    add_ons: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)

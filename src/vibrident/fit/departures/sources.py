@@ -108,6 +108,7 @@ def scale_of(evidence: Evidence, predicted: Sequence[FloatArray], linear: Linear
         len(evidence.records),
         any(evidence.records[index].optical is not None for index in tones),
         _mass_of(evidence.model.linear, linear.coordinates.values(linear.z)),
+        frozenset(add_on.name for add_on in evidence.model.add_ons),
     )
 
 

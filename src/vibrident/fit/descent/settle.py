@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.in_noise import (
     GroupAt,
@@ -199,10 +200,16 @@ class Likelihood:
     last: Objective | None = None
 
     def normal(self, z: FloatArray, coordinates: Coordinates) -> Local:
-        """Return V, its gradient and information at z."""
+        """Return V, its gradient and information at z.
+
+        V is infinite where a delay leaves no samples.
+        """
         values = coordinates.values(z)
         if self.last is None or self.last.band.problem.is_far(values, MAX_DELAY_DISTANCE):
-            band = self.in_noise.band.at_delay_of(values)
+            try:
+                band = self.in_noise.band.at_delay_of(values)
+            except InputError:
+                return Local(np.zeros((len(z), len(z))), np.zeros(len(z)), np.inf)
             weights = self.in_noise.weighting.of_groups(band)
             self.last = Objective(band, coordinates, weights)
         return self.last(z)

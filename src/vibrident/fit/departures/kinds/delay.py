@@ -24,7 +24,7 @@ class Delay(Departure):
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the slope of the motion, per second of delay; a sine has one frequency."""
-        if group.pull is None:
+        if group.pull is None and "delay" not in scale.add_ons:
             yield "", (-1j * group.rate_hz * group.radians * group.likely)[:, None]
 
     def at_points(self, points: PointsPart) -> list[Point]:

@@ -23,7 +23,7 @@ class HighPass(Departure):
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the motion's integral, per hertz of corner frequency; a sine has one frequency."""
-        if group.pull is None:
+        if group.pull is None and "highpass" not in scale.add_ons:
             yield "", (2j * np.pi / group.rate_hz / group.radians * group.likely)[:, None]
 
     def at_points(self, points: PointsPart) -> list[Point]:
