@@ -19,6 +19,7 @@ from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.departure_report import departures_of
 from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.clock_ratio import nearby_offset
+from vibrident.fit.response.clock_search import MAX_OFFSET
 from vibrident.fit.response.transform import power_of
 from vibrident.fit.uncertainty.parameters import deviations
 
@@ -116,10 +117,12 @@ def _improved(fitted: Fitted, change: float) -> Fitted | None:
 
 
 def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
-    """Return the fit at another ε, or None where it leads to none.
+    """Return the fit at another ε, or None where it leads to none, or no clock goes so wrong.
 
     A fit that was rejected is no start: its parameters stand in for ε.
     """
+    if abs(offset) > MAX_OFFSET:
+        return None
     try:
         evidence = fitted.evidence.at_clock(offset)
         return fitted.anew(evidence) if fitted.adequate else fitted.once(evidence)
