@@ -105,11 +105,11 @@ def scaled(unit: str, size: float) -> UnitScale:
         return UnitScale(1.0, pretty(unit))
     decade = math.floor(math.log10(abs(size)) + 1e-9) + present
     lowest, highest = _NATURAL[symbol]
-    wanted = min(max(3 * math.floor(decade / 3), lowest), highest)
+    exponent = min(max(3 * math.floor(decade / 3), lowest), highest)
     if symbol == "Hz" and 0 <= decade < 4:  # 4096 Hz reads better than 4.096 kHz
-        wanted = 0
+        exponent = 0
     return UnitScale(
-        10.0 ** (present - wanted), pretty(_PREFIXES[wanted] + symbol + unit[lead.end() :])
+        10.0 ** (present - exponent), pretty(_PREFIXES[exponent] + symbol + unit[lead.end() :])
     )
 
 

@@ -33,7 +33,7 @@ def _with_remedy(flags: str, version: str) -> str:
     """
     faulty = (
         FIRST_FAULTY
-        <= tuple(int(part) for part in version.split(".") if part.isdigit())
+        <= tuple(int(number) for number in version.split(".") if number.isdigit())
         <= LAST_FAULTY
     )
     return f"{flags} {_REMEDY_FLAG}".strip() if faulty and _REMEDY_FLAG not in flags else flags
@@ -80,9 +80,9 @@ def cache_folder() -> Path | None:
 
     None if the variable is empty.
     """
-    chosen = os.environ.get("VIBRIDENT_CACHE")
-    if chosen is not None:
-        return Path(chosen) if chosen else None
+    folder = os.environ.get("VIBRIDENT_CACHE")
+    if folder is not None:
+        return Path(folder) if folder else None
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "vibrident" / f"jax-{_installed}"
 

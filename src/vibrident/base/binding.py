@@ -10,17 +10,17 @@ import pkgutil
 from collections.abc import Callable
 from typing import Any
 
-_PLACES: dict[str, str] = {}
+_ADDRESSES: dict[str, str] = {}
 
 
-def bind(**places: str) -> None:
+def bind(**addresses: str) -> None:
     """Bind names to functions, given as "module:function".
 
     A module is loaded when its function is first called.
     """
-    _PLACES.update(places)
+    _ADDRESSES.update(addresses)
 
 
 def bound(name: str) -> Callable[..., Any]:
     """Return the function that a name is bound to."""
-    return pkgutil.resolve_name(_PLACES[name])
+    return pkgutil.resolve_name(_ADDRESSES[name])

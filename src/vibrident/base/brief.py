@@ -38,7 +38,7 @@ _short.maxstring = _short.maxother = 80
 
 def brief(self: Any) -> str:
     """Return a representation of a dataclass: every field that is not empty, each cut short."""
-    parts = []
+    shown_fields = []
     for each in fields(self):
         value = getattr(self, each.name)
         empty = value is None or (isinstance(value, str | tuple | Mapping) and not value)
@@ -46,6 +46,6 @@ def brief(self: Any) -> str:
             text = _short.repr(value)
             if len(text) > MAX_FIELD_LENGTH:
                 text = text[: MAX_FIELD_LENGTH - 1] + "…"
-            parts.append(f"{each.name}={text}")
-    text = f"{type(self).__name__}({', '.join(parts)})"
+            shown_fields.append(f"{each.name}={text}")
+    text = f"{type(self).__name__}({', '.join(shown_fields)})"
     return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 2] + "…)"

@@ -44,9 +44,9 @@ def connect(where: str, setting: str, patience_s: float = PATIENCE_S) -> Any:
         and not where.rpartition(":")[2].isdigit()
     ):
         raise _unreachable(where, setting, "no port")  # Dask would wait for it at the end
-    place = {"scheduler_file": where} if in_file else {"address": where}
+    scheduler = {"scheduler_file": where} if in_file else {"address": where}
     try:
-        return distributed.Client(**place, timeout=patience_s, set_as_default=False)
+        return distributed.Client(**scheduler, timeout=patience_s, set_as_default=False)
     except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
         raise _unreachable(where, setting, f"{type(error).__name__}: {error}") from error
 
@@ -143,24 +143,26 @@ class Cluster:
         """Refuse workers that could compute other digits."""
         with contextlib.suppress(Exception):
             self._client.wait_for_workers(1, timeout=PATIENCE_S)
-        here = versions()
+        needed = versions()
         try:
             by_worker = self._client.run(versions)
         except ImportError as error:
             by_worker = {"worker": {"vibrident": f"not installed ({error})"}}
         if not by_worker:
             raise self._unequal("no workers")
-        for address, there in by_worker.items():
-            different = [f"{k} {there.get(k)}" for k, v in here.items() if there.get(k) != v]
-            if different:
-                raise self._unequal(f"{', '.join(different)} on {address}")
+        for address, installed in by_worker.items():
+            differences = [
+                f"{k} {installed.get(k)}" for k, v in needed.items() if installed.get(k) != v
+            ]
+            if differences:
+                raise self._unequal(f"{', '.join(differences)} on {address}")
 
-    def _unequal(self, theirs: str) -> InputError:
-        stated = ", ".join(f"{name} {number}" for name, number in versions().items())
+    def _unequal(self, difference: str) -> InputError:
+        needed = ", ".join(f"{name} {number}" for name, number in versions().items())
         return InputError(
             "The workers of the scheduler cannot share this identification.",
-            expected=f"workers with {stated}, as here",
-            found=theirs,
+            expected=f"workers with {needed}, as here",
+            found=difference,
             where=self._where,
             remedy="install these versions where the workers run, and start the workers again",
         )

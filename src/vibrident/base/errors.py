@@ -103,9 +103,9 @@ class InputError(VibridentError):
         """Return the error with another place."""
         return type(self)(**{**vars(self), "where": where})
 
-    def within(self, place: str) -> InputError:
+    def within(self, outer: str) -> InputError:
         """Return the error with its place inside another one."""
-        return self.at(f"{place}, {vars(self)['where']}")
+        return self.at(f"{outer}, {vars(self)['where']}")
 
     def in_words(self, word: Word) -> InputError:
         """Return the error with a surface's words for the settings that it names."""
@@ -117,13 +117,13 @@ class InputError(VibridentError):
 
 def did_you_mean(
     name: str,
-    known: Iterable[str],
+    names: Iterable[str],
     otherwise: str = "choose one of the expected",
     *,
     likeness: float = 0.6,
 ) -> str:
     """Return the remedy for an unknown name: the most similar known one, else ``otherwise``."""
-    by_lower = {each.lower(): each for each in known}
+    by_lower = {each.lower(): each for each in names}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=likeness)
     return f"did you mean {by_lower[near[0]]!r}?" if near else otherwise
 
@@ -144,7 +144,7 @@ class ModelError(InputError):
 def unknown(
     problem: str,
     name: object,
-    known: Iterable[str],
+    valid_names: Iterable[str],
     where: str,
     otherwise: str = "choose one of the expected",
     kind: type[InputError] = InputError,
@@ -153,7 +153,7 @@ def unknown(
 
     The remedy names the most similar known one, else ``otherwise``.
     """
-    names = tuple(known)
+    names = tuple(valid_names)
     remedy = did_you_mean(str(name), names, otherwise)
     return kind(problem, expected=" | ".join(names), found=repr(name), where=where, remedy=remedy)
 

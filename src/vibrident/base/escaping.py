@@ -113,5 +113,5 @@ def csv_cell(text: object) -> str:
 def terminal(text: object) -> str:
     """Escape text for a terminal: line ends and tabs, and no other control character."""
     return "\n".join(
-        "\t".join(_visible(part) for part in line.split("\t")) for line in str(text).split("\n")
+        "\t".join(_visible(cell) for cell in line.split("\t")) for line in str(text).split("\n")
     )

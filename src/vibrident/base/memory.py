@@ -105,11 +105,11 @@ def max_bytes(file_bytes: int) -> float:
     Raises:
         ValueError: the environment variable holds no number above 0.
     """
-    stated = os.environ.get(VARIABLE)
-    if stated is not None:
-        limit = float(stated) * _MEGABYTE
+    setting = os.environ.get(VARIABLE)
+    if setting is not None:
+        limit = float(setting) * _MEGABYTE
         if not 0 < limit < math.inf:
-            raise ValueError(f"{VARIABLE} is {stated!r}")
+            raise ValueError(f"{VARIABLE} is {setting!r}")
         return limit
     return min(max(ALWAYS_BYTES, MAX_EXPANSION * file_bytes), _MAX_SHARE_OF_FREE * free_bytes())
 

@@ -125,9 +125,9 @@ def choose_reference(
             None,
             f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band",
         )
-    for number, wanted in enumerate(REFERENCES_HZ):
+    for number, usual_hz in enumerate(REFERENCES_HZ):
         for item in available:
-            if item.nominal_hz == wanted:
+            if item.nominal_hz == usual_hz:
                 outside = (
                     f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual "
                     "for seismometers"

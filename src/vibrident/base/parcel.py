@@ -85,13 +85,13 @@ class _Buffers:
 
     def __init__(self, content: memoryview) -> None:
         self._content = content
-        self._place = 0
+        self._offset = 0
 
     def take(self, length: int) -> memoryview:
-        piece = self._content[self._place : self._place + length]
+        piece = self._content[self._offset : self._offset + length]
         if length < 0 or len(piece) != length:
             raise ValueError("an array without its bytes")
-        self._place += length + -length % _ALIGNED
+        self._offset += length + -length % _ALIGNED
         return piece
 
 
@@ -151,16 +151,16 @@ def _value(tree: Any, buffers: _Buffers) -> Any:
     raise ValueError(f"no kind {kind!r} is known")
 
 
-def _array(stated: list[Any], buffers: _Buffers) -> Any:
-    dtype, shape, length = stated
+def _array(description: list[Any], buffers: _Buffers) -> Any:
+    dtype, shape, length = description
     kind = np.dtype(dtype)
     if kind.kind not in "iufcb":
         raise ValueError(f"an array of {dtype}")
     return np.frombuffer(buffers.take(length), kind).reshape(shape)
 
 
-def _dataclass(stated: list[Any], buffers: _Buffers) -> Any:
-    module, name, filled = stated
+def _dataclass(description: list[Any], buffers: _Buffers) -> Any:
+    module, name, filled = description
     if not module.startswith(_PACKAGE):
         raise ValueError(f"a class of {module}")
     loaded = getattr(importlib.import_module(module), name, None)

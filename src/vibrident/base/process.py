@@ -392,12 +392,12 @@ def set_limits(limits: Limits) -> None:
         )
     # Bytecode that is cut short would be loaded later.
     sys.dont_write_bytecode |= limits.file_bytes is not None
-    for resource_id, wanted in limits_by_resource.items():
+    for resource_id, limit in limits_by_resource.items():
         _, hard = resource.getrlimit(resource_id)
-        if wanted is not None:
+        if limit is not None:
             resource.setrlimit(
                 resource_id,
-                (math.ceil(wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)), hard),
+                (math.ceil(limit if hard == resource.RLIM_INFINITY else min(limit, hard)), hard),
             )
 
 

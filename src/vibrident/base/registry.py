@@ -80,7 +80,7 @@ class Registry(Generic[T]):
         self._error = error
         self._loaded: dict[str, T] = {}
         self._problems: dict[str, str] = {}
-        self._given: list[str] = []  # names of objects registered by Python
+        self._registered: list[str] = []  # names of objects registered by Python
 
     @functools.cached_property
     def _built_in(self) -> dict[str, str]:
@@ -115,7 +115,7 @@ class Registry(Generic[T]):
         """
         installed_names = (*self._built_in, *self._added)
         return tuple(
-            name for name in (*installed_names, *self._given) if name not in self._problems
+            name for name in (*installed_names, *self._registered) if name not in self._problems
         )
 
     def __contains__(self, name: object) -> bool:
@@ -140,7 +140,7 @@ class Registry(Generic[T]):
             ) from None
         if self.is_given(name) or not (name in self._built_in or name in self._added):
             self._loaded[name] = checked
-            self._given = list(dict.fromkeys([*self._given, name]))
+            self._registered = list(dict.fromkeys([*self._registered, name]))
         elif self._object(name) is not item:
             raise self._error(
                 f"The name {name!r} is taken.",
@@ -152,7 +152,7 @@ class Registry(Generic[T]):
 
     def is_given(self, name: str) -> bool:
         """Return whether the object of this name was given by Python."""
-        return name in self._given
+        return name in self._registered
 
     def __len__(self) -> int:
         return len(self.all())
@@ -204,7 +204,7 @@ class Registry(Generic[T]):
         Raises:
             InputError: its package cannot be loaded.
         """
-        is_known = name in self._built_in or name in self._added or name in self._given
+        is_known = name in self._built_in or name in self._added or name in self._registered
         return self[name] if is_known else None
 
     def _object(self, name: str) -> T | None:
@@ -233,9 +233,9 @@ class Registry(Generic[T]):
     def _checked(self, name: str, item: Any) -> T:
         classes = tuple(map(pkgutil.resolve_name, self._classes))
         if not isinstance(item, classes):
-            wanted = " or ".join(path.replace(":", ".") for path in self._classes)
+            expected_classes = " or ".join(path.replace(":", ".") for path in self._classes)
             raise _Unusable(
-                f"expected an object of {wanted}, found one of {type(item).__qualname__}"
+                f"expected an object of {expected_classes}, found one of {type(item).__qualname__}"
             )
         if item.name != name:
             raise _Unusable(f"its entry point is called {name!r}, the object {item.name!r}")

@@ -60,5 +60,5 @@ def plain(value: str) -> str:
         if isinstance(literal, str):
             return literal
     joint = ":" if value.startswith("(") else ","
-    parts = value.strip("()[]").replace("'", "").replace('"', "").split(",")
-    return joint.join(part.strip() for part in parts)
+    items = value.strip("()[]").replace("'", "").replace('"', "").split(",")
+    return joint.join(item.strip() for item in items)

@@ -176,14 +176,14 @@ def test_sacpz_lists_zeros_that_are_not_at_the_origin_alone(folder):
 @pytest.mark.needs("seismic")
 def test_stations_are_what_evalresp_computes():
     obspy = library("obspy", "seismic", "", "")
-    from vibrident.data.io.instrument_files import _known
+    from vibrident.data.io.instrument_files import _known_response
 
     at = np.geomspace(0.002, 8.0, 20)
     channels = [channel for network in obspy.read_inventory() for station in network for channel in station]
     for channel in channels:
         if channel.code.endswith("Z") and channel.sample_rate >= 20.0:
             truth = channel.response.get_evalresp_response_for_frequencies(at, output="VEL")
-            stated, unit = _known(channel.response, Path("inventory"))
+            stated, unit = _known_response(channel.response, Path("inventory"))
             assert unit == "counts/(m/s)"
             np.testing.assert_allclose(stated.value(at), truth, rtol=1e-9)
 

@@ -208,8 +208,8 @@ def _joined(
     main = _longest_piece(piece, usable)
     pieces = [p for p in np.unique(piece[usable]).tolist() if p != main]
     for number in sorted(pieces, key=lambda p: abs(p - main)):
-        known = usable & (piece == main)
-        sine = fit_sine(values, known, rate, near_hz)
+        in_main = usable & (piece == main)
+        sine = fit_sine(values, in_main, rate, near_hz)
         inside = usable & (piece == number)
         if sine is None or inside.sum() < 3:
             continue
@@ -283,18 +283,18 @@ def _slip_findings(
         return []
     lost = [gap for gap in path.gaps if not gap.jump]
     jumps = len(path.gaps) - len(lost)
-    parts = []
+    doubts = []
     if lost:
-        parts.append(f"the amplitude is lost in {len(lost)} stretch{'es' * (len(lost) > 1)}")
+        doubts.append(f"the amplitude is lost in {len(lost)} stretch{'es' * (len(lost) > 1)}")
     if jumps:
-        parts.append(
+        doubts.append(
             f"the phase jumps by nearly half a turn or more in {jumps} place{'s' * (jumps > 1)}"
         )
     if path.counted != path.by_phase:
-        parts.append(
+        doubts.append(
             f"{path.counted} half fringes are counted in the signal, {path.by_phase} in the phase"
         )
-    text = f"{name}: {' and '.join(parts)}; {100 * left_out:.2g} % of the displacement is left out"
+    text = f"{name}: {' and '.join(doubts)}; {100 * left_out:.2g} % of the displacement is left out"
     if open_gaps:
         text += (
             f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"

@@ -325,12 +325,15 @@ def _patterns(
 
 
 def _pattern(
-    source: str, kind: EffectKind, parts: Sequence[tuple[FloatArray, np.ndarray]], grid: FloatArray
+    source: str,
+    kind: EffectKind,
+    changes: Sequence[tuple[FloatArray, np.ndarray]],
+    grid: FloatArray,
 ) -> SystematicEffect:
     """Return an effect with a tabulated pattern: zero at the frequencies of other records."""
     values = np.zeros(grid.shape, dtype=complex)
     counts = np.zeros(grid.shape)
-    for frequency, change in parts:
+    for frequency, change in changes:
         at = np.searchsorted(grid, frequency)
         values[at] += change
         counts[at] += 1.0

@@ -157,12 +157,12 @@ def fit_circle(u: FloatArray) -> Ellipse:
     real = np.where(
         np.abs(np.imag(values)) < 1e-9 * np.abs(values) + 1e-15, np.real(values), np.inf
     )
-    chosen = int(np.argmin(np.where(real > -1e-12, real, np.inf)))
-    curvature, p, q, constant = np.real(vectors[:, chosen])
+    root = int(np.argmin(np.where(real > -1e-12, real, np.inf)))
+    curvature, p, q, constant = np.real(vectors[:, root])
     curvature = curvature if abs(curvature) > 1e-9 else 1e-9
     centre = -0.5 * np.array([p, q]) / curvature
     radius = float(np.sqrt(max(centre @ centre - constant / curvature, 1e-6)))
-    noise = max(float(real[chosen]), 1e-12 * radius**2) if np.isfinite(real[chosen]) else 1e-6
+    noise = max(float(real[root]), 1e-12 * radius**2) if np.isfinite(real[root]) else 1e-6
     return Ellipse(
         middle + size * centre, size * radius * np.eye(2), np.eye(5), np.full(2, noise * size**2)
     )

@@ -174,13 +174,13 @@ def _unwrapped_block(
         bend = np.abs(np.diff(change, prepend=previous))
         if start == 0 and bend.shape[0] > 1:
             bend[:2] = 0.0
-        places = np.arange(angle.shape[0]) if complete else np.flatnonzero(good)
-        adjacent = np.diff(places, prepend=places[0] - 1) == 1
+        usable_index = np.arange(angle.shape[0]) if complete else np.flatnonzero(good)
+        adjacent = np.diff(usable_index, prepend=usable_index[0] - 1) == 1
         adjacent[0] &= before is not None
         jump = adjacent & ((sizes > MAX_CHANGE_RAD) | (bend > MAX_BEND_RAD))
         jump[1:] &= adjacent[:-1] | (sizes[1:] > MAX_CHANGE_RAD)
         _add_gaps(path, good, start)
-        for jump_index in places[jump].tolist():
+        for jump_index in usable_index[jump].tolist():
             _add_gap(path, Gap(start + max(jump_index - 1, 0), start + jump_index + 1, True))
         top = float(np.max(np.where(jump | ~adjacent, 0.0, sizes)))
     path.fastest = max(path.fastest, top)
@@ -190,8 +190,8 @@ def _unwrapped_block(
     if complete:
         return phase, float(phase[-1]), float(change[-1])
     index = np.cumsum(good) - 1
-    held = np.where(index >= 0, phase[np.maximum(index, 0)], last)
-    return held, float(phase[-1]), float(change[-1]) if good[-1] else None
+    filled = np.where(index >= 0, phase[np.maximum(index, 0)], last)
+    return filled, float(phase[-1]), float(change[-1]) if good[-1] else None
 
 
 def _continued(angle: FloatArray, last: float) -> tuple[FloatArray, FloatArray]:
@@ -207,9 +207,11 @@ def _continued(angle: FloatArray, last: float) -> tuple[FloatArray, FloatArray]:
     np.multiply(change, 1.0 / TURN, out=turns)
     np.rint(turns, out=turns)
     turns[0] = 0.0
-    places = np.flatnonzero(turns)
-    counted = np.concatenate([[0.0], np.cumsum(turns[places], dtype=float)]) + round(first / TURN)
-    phase = np.repeat(-TURN * counted, np.diff(places, prepend=0, append=angle.size))
+    turn_index = np.flatnonzero(turns)
+    counted = np.concatenate([[0.0], np.cumsum(turns[turn_index], dtype=float)]) + round(
+        first / TURN
+    )
+    phase = np.repeat(-TURN * counted, np.diff(turn_index, prepend=0, append=angle.size))
     phase += angle
     turns *= TURN
     change -= turns

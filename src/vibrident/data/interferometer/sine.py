@@ -117,10 +117,10 @@ def peak_frequency(
 
     Within a factor 1.3 of ``near_hz``; without it, the largest line of the displacement's velocity.
     """
-    known = np.flatnonzero(valid)
-    index = np.arange(known[0], known[-1] + 1)
-    filled = np.interp(index, known, values[known])
-    line = np.polynomial.Polynomial.fit(known, values[known], 1)
+    valid_index = np.flatnonzero(valid)
+    index = np.arange(valid_index[0], valid_index[-1] + 1)
+    filled = np.interp(index, valid_index, values[valid_index])
+    line = np.polynomial.Polynomial.fit(valid_index, values[valid_index], 1)
     filled = (filled - line(index)) * np.hanning(index.shape[0])
     size = int(fft.next_fast_len(2 * index.shape[0], real=True) or 1)
     power = np.abs(np.asarray(fft.rfft(filled, size)))
@@ -150,17 +150,17 @@ def without_slow_motion(
     if sine is None:
         return values, None
     index = np.arange(values.shape[0])
-    known = np.flatnonzero(valid)
+    valid_index = np.flatnonzero(valid)
     time = index / rate_hz
     slow = np.zeros(values.shape)
     for _ in range(4):  # rounds of the joint fit
         wave = sine.amplitude * np.cos(2.0 * np.pi * sine.frequency_hz * time + sine.angle)
-        slow_and_noise = np.interp(index, known, (values - wave)[known])
-        parts = np.asarray(fft.dct(slow_and_noise, type=2))
-        parts[max(int(2.0 * SLOW_TO_SINE * sine.frequency_hz * values.shape[0] / rate_hz), 1) :] = (
-            0.0
-        )
-        slow = np.asarray(fft.idct(parts, type=2))
+        slow_and_noise = np.interp(index, valid_index, (values - wave)[valid_index])
+        spectrum = np.asarray(fft.dct(slow_and_noise, type=2))
+        spectrum[
+            max(int(2.0 * SLOW_TO_SINE * sine.frequency_hz * values.shape[0] / rate_hz), 1) :
+        ] = 0.0
+        slow = np.asarray(fft.idct(spectrum, type=2))
         refined = fit_sine(values - slow, valid, rate_hz, known_hz=sine.frequency_hz)
         if refined is None:
             break

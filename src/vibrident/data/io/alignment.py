@@ -21,7 +21,7 @@ from vibrident.data.records.basis import runs_of_true
 REPAIR = "repair the file, or leave that part out with start_s / stop_s"
 MIN_SAMPLES = 8  # of a record
 _START_ROUNDING_S = 2e-9  # of the difference of two starts, in whole nanoseconds each
-_PLACE_TOLERANCE = 1e-6  # in samples; limit of the arithmetic
+_MAX_OFF_RASTER_SAMPLES = 1e-6  # in samples; limit of the arithmetic
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +107,8 @@ def align(
         if rows != slice(0, size):
             notes.append(f"cut: samples {rows.start + 1} to {rows.stop} of {size}")
         return AlignedChannels(
-            _part(response.values, rows),
-            None if reference is None else _part(reference.values, rows),
+            _slice_rows(response.values, rows),
+            None if reference is None else _slice_rows(reference.values, rows),
             None,
             rate_hz,
             response.clock.begins_s + rows.start / rate_hz,
@@ -127,7 +127,7 @@ def align(
     return _on_one_raster(raster, _on_raster(reference), begin_s, end_s, (apart_s, timing_u_s))
 
 
-def _part(values: FloatArray, rows: slice) -> FloatArray:
+def _slice_rows(values: FloatArray, rows: slice) -> FloatArray:
     """Return some of the values; all of them as the array that was loaded."""
     return values if rows == slice(0, values.size) else values[rows]
 
@@ -139,10 +139,10 @@ def _require_finite_within(channel: ClockedChannel, begin_s: float, end_s: float
     bad = np.flatnonzero(~np.isfinite(channel.values))
     if not bad.size:
         return
-    places = bad
+    raster_index = bad
     if timeline is not None:
-        places = timeline.places[np.searchsorted(timeline.rows, bad, side="right") - 1]
-    time_s = places / channel.clock.clock.rate_hz
+        raster_index = timeline.raster_index[np.searchsorted(timeline.rows, bad, side="right") - 1]
+    time_s = raster_index / channel.clock.clock.rate_hz
     inside = bad[(time_s >= begin_s) & (time_s < end_s)]
     if inside.size:
         channel.require_finite(slice(int(inside[0]), int(inside[-1]) + 1))
@@ -170,7 +170,9 @@ def _share_raster(first: ClockedChannel, second: ClockedChannel) -> bool:
     if first_start is None or second_start is None or first_start.epoch != second_start.epoch:
         return True
     apart = (second_start.ns - first_start.ns) * 1e-9 * first_clock.clock.rate_hz
-    is_together = abs(apart) <= _PLACE_TOLERANCE + _START_ROUNDING_S * first_clock.clock.rate_hz
+    is_together = (
+        abs(apart) <= _MAX_OFF_RASTER_SAMPLES + _START_ROUNDING_S * first_clock.clock.rate_hz
+    )
     return is_together and first.values.size == second.values.size
 
 
@@ -196,15 +198,15 @@ def _on_raster(channel: ClockedChannel) -> _Raster:
     if timeline.doubled:
         _require_repeats(channel)
         notes.append(f"{timeline.doubled} rows repeat a time and its value: left out")
-    raster = np.full(int(timeline.places[-1]) + 1, np.nan)
-    raster[timeline.places] = values
+    raster = np.full(int(timeline.raster_index[-1]) + 1, np.nan)
+    raster[timeline.raster_index] = values
     if timeline.lost:
         notes.append(f"{timeline.lost} samples are missing by the times: left out")
     if timeline.is_uneven:
         from vibrident.data.resampling import DOUBTFUL_SAMPLES, PASS_BAND, evenly_resampled
 
         offsets = np.zeros(raster.size)
-        offsets[timeline.places] = timeline.offsets
+        offsets[timeline.raster_index] = timeline.offsets
         for first, last in zip(*runs_of_true(np.isfinite(raster)), strict=True):
             inner = slice(first + DOUBTFUL_SAMPLES, last - DOUBTFUL_SAMPLES)
             if last - first > 2 * DOUBTFUL_SAMPLES:
@@ -252,10 +254,10 @@ def _require_repeats(channel: ClockedChannel) -> None:
 
 def _cut_to(raster: _Raster, begin_s: float, end_s: float) -> AlignedChannels:
     rate_hz = raster.clock.rate_hz
-    first = math.ceil(begin_s * rate_hz - _PLACE_TOLERANCE)
+    first = math.ceil(begin_s * rate_hz - _MAX_OFF_RASTER_SAMPLES)
     last = raster.values.size
     if math.isfinite(end_s):
-        last = min(last, math.ceil(end_s * rate_hz - _PLACE_TOLERANCE))
+        last = min(last, math.ceil(end_s * rate_hz - _MAX_OFF_RASTER_SAMPLES))
     assert raster.channel.clock is not None
     start_s = raster.channel.clock.begins_s + first / rate_hz
     values = raster.values[first:last]
@@ -287,7 +289,7 @@ def _on_one_raster(
     ratio = 1.0 if is_same else faster.clock.rate_hz / rate_hz
     shift = faster_begins_s * faster.clock.rate_hz  # place of its first sample, in its own samples
     whole_shift = round(shift)
-    allowed = _PLACE_TOLERANCE + _START_ROUNDING_S * rate_hz
+    allowed = _MAX_OFF_RASTER_SAMPLES + _START_ROUNDING_S * rate_hz
     if is_same and abs(shift - whole_shift) <= allowed:
         first = max(whole_shift, 0)
         last = min(slower.values.size, faster.values.size + whole_shift)
@@ -306,9 +308,9 @@ def _on_one_raster(
         first = max(begin, slower_margin)
         last = min(end, slower.values.size - slower_margin)
         _require_overlap(first, last, response, reference, apart_s)
-        places = np.arange(first, last, dtype=np.float64)
-        at_slower = resampled(slower.values, places, 1.0)  # through the same filter
-        at_faster = resampled(faster.values, places * ratio - shift, ratio)
+        slower_index = np.arange(first, last, dtype=np.float64)
+        at_slower = resampled(slower.values, slower_index, 1.0)  # through the same filter
+        at_faster = resampled(faster.values, slower_index * ratio - shift, ratio)
         top = PASS_BAND * rate_hz
         moved = "" if is_same else f"from {faster.clock.rate_hz:.9g} Hz to {rate_hz:.9g} Hz, "
         notes.append(
@@ -317,10 +319,10 @@ def _on_one_raster(
         )
     # of the raster, from the response's first sample
     begins_s = 0.0 if slower is response else apart_s
-    low = max(first, math.ceil((begin_s - begins_s) * rate_hz - _PLACE_TOLERANCE))
+    low = max(first, math.ceil((begin_s - begins_s) * rate_hz - _MAX_OFF_RASTER_SAMPLES))
     high = last
     if math.isfinite(end_s):
-        high = min(last, math.ceil((end_s - begins_s) * rate_hz - _PLACE_TOLERANCE))
+        high = min(last, math.ceil((end_s - begins_s) * rate_hz - _MAX_OFF_RASTER_SAMPLES))
     _require_overlap(low, high, response, reference, apart_s)
     rows = slice(low - first, high - first)
     pair = (at_slower[rows], at_faster[rows])
@@ -377,19 +379,19 @@ def _without_holes(
     complete = np.isfinite(response)
     if reference is not None:
         complete &= np.isfinite(reference)
-    there = np.flatnonzero(complete)
-    if there.size < MIN_SAMPLES:
+    complete_index = np.flatnonzero(complete)
+    if complete_index.size < MIN_SAMPLES:
         source = raster.channel.source
         position = raster.channel.position
         source.require_finite(position, raster.channel.values, 0, REPAIR)
         raise InputError(
             "The record is too short.",
             expected=f"at least {MIN_SAMPLES} samples of both channels",
-            found=f"{there.size} samples",
+            found=f"{complete_index.size} samples",
             where=source.file,
             remedy="check the file and start_s / stop_s",
         )
-    rows = slice(int(there[0]), int(there[-1]) + 1)
+    rows = slice(int(complete_index[0]), int(complete_index[-1]) + 1)
     valid = complete[rows]
     filled = [None if v is None else _filled(v[rows], valid) for v in (response, reference)]
     assert filled[0] is not None
@@ -402,5 +404,5 @@ def _filled(values: FloatArray, valid: BoolArray) -> FloatArray:
     """Return the values with straight lines across the holes, which are not used."""
     if valid.all():
         return values
-    places = np.arange(values.size)
-    return np.interp(places, places[valid], values[valid])
+    index = np.arange(values.size)
+    return np.interp(index, index[valid], values[valid])

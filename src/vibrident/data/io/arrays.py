@@ -27,7 +27,7 @@ class ArrayColumn:
     name: str  # as a calibration file writes it
     column: int | None = None  # of a two-dimensional array, from 0; else None
     field: str = ""  # of a compound type; "" for plain numbers
-    part: str = ""  # "real" or "imag" of complex numbers; "" for real ones
+    component: str = ""  # "real" or "imag" of complex numbers; "" for real ones
 
     @property
     def without_part(self) -> str:
@@ -42,7 +42,7 @@ class ArrayColumn:
         values = array.reshape(-1) if self.column is None else array[:, self.column]
         if self.field:
             values = values[self.field]
-        return getattr(values, self.part) if self.part else values
+        return getattr(values, self.component) if self.component else values
 
 
 def samples_first(array: Any) -> Any:
@@ -65,11 +65,11 @@ def columns_of(
     if dtype.names:
         return _fields(array, name, dtype) if len(long_axes) == 1 else ()
     if len(long_axes) == 1:
-        return _parts(ArrayColumn(array, name), dtype)
+        return _real_columns(ArrayColumn(array, name), dtype)
     if min(shape) > MAX_COLUMNS:
         return ()
-    columns = (ArrayColumn(array, f"{name}:{place + 1}", place) for place in range(min(shape)))
-    return tuple(part for column in columns for part in _parts(column, dtype))
+    columns = (ArrayColumn(array, f"{name}:{number + 1}", number) for number in range(min(shape)))
+    return tuple(real for column in columns for real in _real_columns(column, dtype))
 
 
 def _fields(array: str, name: str, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]:
@@ -77,22 +77,23 @@ def _fields(array: str, name: str, dtype: np.dtype[Any]) -> tuple[ArrayColumn, .
     fields = dtype.names or ()
     for real, imag in _COMPLEX_FIELDS:
         if set(fields) == {real, imag}:
-            parts = (
+            field_columns = (
                 ArrayColumn(array, f"{name}.real", field=real),
                 ArrayColumn(array, f"{name}.imag", field=imag),
             )
-            return parts if all(dtype[field].kind in "iuf" for field in fields) else ()
+            return field_columns if all(dtype[field].kind in "iuf" for field in fields) else ()
     columns = (
         (ArrayColumn(array, f"{name}:{field}", field=field), dtype[field]) for field in fields
     )
-    return tuple(part for column, kind in columns for part in _parts(column, kind))
+    return tuple(real for column, kind in columns for real in _real_columns(column, kind))
 
 
-def _parts(column: ArrayColumn, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]:
+def _real_columns(column: ArrayColumn, dtype: np.dtype[Any]) -> tuple[ArrayColumn, ...]:
     """Return the column, the two parts of a complex one, or nothing for no numbers."""
     if dtype.kind == "c":
         return tuple(
-            replace(column, name=f"{column.name}.{part}", part=part) for part in ("real", "imag")
+            replace(column, name=f"{column.name}.{component}", component=component)
+            for component in ("real", "imag")
         )
     return (column,) if dtype.kind in "iufb" and dtype.shape == () else ()
 

@@ -97,17 +97,17 @@ def _by_axis(entries: Any, name: str, where: str) -> dict[str, dict[str, Any]]:
         )
     by_axis: dict[str, dict[str, Any]] = {}
     for number, entry in enumerate(entries, 1):
-        here = f"{where}, {name} entry {number}"
+        location = f"{where}, {name} entry {number}"
         fields = dict(entry)
         axis = fields.pop("axis", None)
         if axis not in AXES:
-            raise unknown(f"An entry of {name} has no axis.", str(axis), AXES, here)
+            raise unknown(f"An entry of {name} has no axis.", str(axis), AXES, location)
         if axis in by_axis:
             raise InputError(
                 f"Two entries of {name} have one axis.",
                 expected="a different axis each",
                 found=f"axis = {axis!r} twice",
-                where=here,
+                where=location,
                 remedy="correct one of them",
             )
         by_axis[axis] = fields

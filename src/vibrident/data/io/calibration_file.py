@@ -60,7 +60,9 @@ _File = Annotated[
 #: Lower end of a band that states the upper one alone: below every frequency that is measured.
 LOWEST_HZ = 1e-12
 _FULL_SCALE = "The most that the recorder holds, in units of the file."
-_KNOWN = "Of the channel; the column is then in the channel's own unit (unit, else V)."
+_ABOUT_KNOWN_RESPONSE = (
+    "Of the channel; the column is then in the channel's own unit (unit, else V)."
+)
 _SCALE = "Multiplies what is there after the unit that the file states."
 _STANDARD = "Standard uncertainty (k = 1)."
 
@@ -78,8 +80,8 @@ class SensorSection(FileSection):
     def free(self) -> dict[str, Any]:
         """Return the keys but the model, as far as they are stated."""
         declared = type(self).model_fields.keys() & self.model_fields_set - {"model"}
-        stated = {name: getattr(self, name) for name in sorted(declared)}
-        return {**stated, **(self.model_extra or {})}
+        declared_values = {name: getattr(self, name) for name in sorted(declared)}
+        return {**declared_values, **(self.model_extra or {})}
 
 
 class ReferenceSection(FileSection):
@@ -103,7 +105,7 @@ class ReferenceSection(FileSection):
         "Reference: u, relative", default=0.0, about="Systematic: of its calibration."
     )
     full_scale: Positive | None = key("Reference: full scale", about=_FULL_SCALE)
-    known_response: list[KnownResponseEntry] = expert(default=[], about=_KNOWN)
+    known_response: list[KnownResponseEntry] = expert(default=[], about=_ABOUT_KNOWN_RESPONSE)
 
 
 class ResponseSection(FileSection):
@@ -113,7 +115,7 @@ class ResponseSection(FileSection):
     scale: _Scale = basic("Response: scale", default=1.0, about=_SCALE)
     unit: Text = basic("Response: unit", default="V")
     full_scale: Positive | None = key("Response: full scale", about=_FULL_SCALE)
-    known_response: list[KnownResponseEntry] = expert(default=[], about=_KNOWN)
+    known_response: list[KnownResponseEntry] = expert(default=[], about=_ABOUT_KNOWN_RESPONSE)
 
 
 class SamplingSection(FileSection):
@@ -308,8 +310,8 @@ def _check_content(calibration: CalibrationFile, where: str) -> None:
         raise _missing("[reference] column", where)
     names = {"rate_hz": "rate_hz", "time_column": "time_column"}
     twice = "The sampling rate is given twice."
-    here = f"{where}, [sampling]"
-    require_one(calibration.sampling, names, twice, here, needed=False)
+    location = f"{where}, [sampling]"
+    require_one(calibration.sampling, names, twice, location, needed=False)
     for number, entry in enumerate(calibration.records, start=1):
         _check_entry(entry, f"{where}, [[records]] entry {number}")
 

@@ -218,7 +218,7 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
         InputError: a file cannot be read, is not TOML, names a file that is not there, or holds a
             key or value that is not allowed.
     """
-    stated: dict[str, Any] = {}
+    keys: dict[str, Any] = {}
     sensor: dict[str, str] = {}
     named: dict[str, Path] = {}
     for file in map(Path, files):
@@ -228,9 +228,9 @@ def certificate_data(files: Sequence[str | os.PathLike[str]]) -> CertificateData
         section = dict(document.certificate.stated())
         for kind in section.keys() & {"logo", "template", "before", "fonts"}:
             named[kind] = _existing(file.parent / section.pop(kind), kind, str(file))
-        stated |= section
+        keys |= section
         sensor |= {name: str(text) for name, text in (document.sensor.model_extra or {}).items()}
-    return CertificateData(stated, sensor, **named)
+    return CertificateData(keys, sensor, **named)
 
 
 def certificate_text(data: CertificateData) -> str:
@@ -255,8 +255,8 @@ def check_dates(certificate: Mapping[str, Any], where: str) -> None:
         InputError: a date cannot be read, comes before an earlier step, or an instrument was
             overdue.
     """
-    stated = [(key, _day(certificate[key], key, where)) for key in DATES if certificate.get(key)]
-    for (former, before), (latter, after) in itertools.pairwise(stated):
+    dated = [(key, _day(certificate[key], key, where)) for key in DATES if certificate.get(key)]
+    for (former, before), (latter, after) in itertools.pairwise(dated):
         if before > after:
             raise InputError(
                 "The dates of the certificate contradict each other.",
@@ -265,7 +265,7 @@ def check_dates(certificate: Mapping[str, Any], where: str) -> None:
                 where=f"{where}, [certificate]",
                 remedy="correct the wrong one",
             )
-    calibrated = dict(stated).get("date_of_calibration")
+    calibrated = dict(dated).get("date_of_calibration")
     for instrument in certificate.get("instruments") or ():
         until = instrument.get("calibrated_until") if isinstance(instrument, Mapping) else None
         if calibrated is None or not until:

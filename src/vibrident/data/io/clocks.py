@@ -79,15 +79,15 @@ class ClockReader:
         elif (stamps := source.stamps(position)) is not None:
             timeline = _timeline_of_stamps(source, position, stamps)
             clock = None
-        stated = None if self.stated_hz is None else stated_clock(self.stated_hz)
-        if stated is not None and source is not self.main and clock is None and timeline is None:
-            return ChannelClock(stated)
-        if stated is not None and source is not self.main:
-            stated = None  # the rate of the record's file; another file states its own
+        declared = None if self.stated_hz is None else stated_clock(self.stated_hz)
+        if declared is not None and source is not self.main and clock is None and timeline is None:
+            return ChannelClock(declared)
+        if declared is not None and source is not self.main:
+            declared = None  # the rate of the record's file; another file states its own
         by_stamps = None if timeline is None else timeline.clock
         agreed = agreed_clock(
             [
-                ("the calibration file", stated),
+                ("the calibration file", declared),
                 (source.file, clock),
                 (self._name(source, column), by_stamps),
             ],
@@ -96,9 +96,14 @@ class ClockReader:
         )
         if agreed is None:
             return None
-        if timeline is not None and timeline.is_uneven and not is_asked_for and stated is not None:
+        if (
+            timeline is not None
+            and timeline.is_uneven
+            and not is_asked_for
+            and declared is not None
+        ):
             raise self._uneven_beside_rate(source, column)
-        notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, stated)]
+        notes = [timeline.note if timeline is not None else "", _rounding_note(agreed, declared)]
         return ChannelClock(agreed, timeline, "; ".join(filter(None, notes)))
 
     def has_time_column(self, source: ColumnFile, position: int, channels: Sequence[int]) -> bool:
@@ -258,8 +263,8 @@ def _rounded_rate(rate_hz: float) -> float:
     return float(f"{rate_hz:.12g}")
 
 
-def _rounding_note(agreed: Clock, stated: Clock | None) -> str:
-    if stated is not None or agreed.rate_rounding <= SAME_RATE:
+def _rounding_note(agreed: Clock, declared: Clock | None) -> str:
+    if declared is not None or agreed.rate_rounding <= SAME_RATE:
         return ""
     rounding = f"{agreed.rate_rounding:.1g} (relative)"
     return f"sampling rate: {agreed.rate_hz!r} Hz, which the file states to {rounding}"

@@ -256,21 +256,21 @@ class ColumnFile(ABC):
         refused, or the name is not unique.
         """
         where = f"{self.file}, asked for by {key}"
-        wanted = self._plain_name(str(column))
-        if wanted in self._refused and wanted not in self.names:
+        column_name = self._plain_name(str(column))
+        if column_name in self._refused and column_name not in self.names:
             raise InputError(
                 f"The {self.word} {column!r} cannot be used.",
                 expected=f"a {self.word} of real numbers over time",
-                found=self._refused[wanted],
+                found=self._refused[column_name],
                 where=where,
                 remedy=f"choose another {self.word}, or store the signal as plain numbers",
             )
         if isinstance(column, int):
             return self._position_of_number(column, where)
-        matches = [position for position, name in enumerate(self.names) if name == wanted]
+        matches = [position for position, name in enumerate(self.names) if name == column_name]
         if not matches:  # "S" for "S [mV/g]"
             plain = [split_brackets(name)[0] for name in self.names]
-            matches = [position for position, name in enumerate(plain) if name == wanted]
+            matches = [position for position, name in enumerate(plain) if name == column_name]
         if len(matches) == 1:
             return matches[0]
         if matches:
@@ -291,7 +291,10 @@ class ColumnFile(ABC):
             found=repr(column),
             where=where,
             remedy=did_you_mean(
-                wanted, named, "give one of these names, or a column number from 1", likeness=0.4
+                column_name,
+                named,
+                "give one of these names, or a column number from 1",
+                likeness=0.4,
             ),
         )
 

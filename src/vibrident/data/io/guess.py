@@ -91,7 +91,7 @@ def guess_columns(path: Path) -> Columns:
     InputError for a file that cannot be opened, or without a column that can be chosen.
     """
     source = open_columns(path)
-    chosen = _choices(source)
+    choices = _choices(source)
     units = [source.stated_unit(p) for p in range(len(source.names))]
     names = [
         f"{name} [{unit}]" if unit else name for name, unit in zip(source.names, units, strict=True)
@@ -118,23 +118,23 @@ def guess_columns(path: Path) -> Columns:
     quantity = quantity_of(unit) or quantity or "acceleration"
     document = {
         "reference": {
-            "column": chosen.get(reference),
+            "column": choices.get(reference),
             "quantity": quantity,
             "scale": 1.0,
             "unit": unit,
         },
         "interferometer": {
             "kind": {1: "heterodyne", 2: "quadrature"}.get(len(detectors)),
-            "columns": [chosen[position] for position in detectors] or None,
+            "columns": [choices[position] for position in detectors] or None,
         },
-        "response": {"column": chosen.get(response), "scale": 1.0, "unit": response_unit or "V"},
-        "sampling": {"time_column": chosen.get(time)},
+        "response": {"column": choices.get(response), "scale": 1.0, "unit": response_unit or "V"},
+        "sampling": {"time_column": choices.get(time)},
         "records": {"excitation": next((e for e, w in _EXCITATIONS if w.search(path.stem)), None)},
-        "table": {key: chosen.get(position) for key, position in table.items()},
+        "table": {key: choices.get(position) for key, position in table.items()},
     }
     return Columns(
-        columns=tuple(chosen.values()),
-        labels=tuple(_label(names[p], c) for p, c in chosen.items() if p is not None),
+        columns=tuple(choices.values()),
+        labels=tuple(_label(names[p], c) for p, c in choices.items() if p is not None),
         rate_hz=None if clock is None else clock.rate_hz,
         document={
             section: {key: value for key, value in keys.items() if value is not None}
@@ -153,13 +153,13 @@ def _sensitivity(source: ColumnFile, position: int) -> tuple[str, str]:
 def _choices(source: ColumnFile) -> dict[int | None, int | str]:
     """Return position → name, or number where names are not unique, of what can be chosen."""
     names = source.names
-    chosen: dict[int | None, int | str] = {}
+    choices: dict[int | None, int | str] = {}
     for position, name in enumerate(names):
         if name and names.count(name) == 1:
-            chosen[position] = name
+            choices[position] = name
         elif position in source.numbered:
-            chosen[position] = source.numbered.index(position) + 1
-    if not chosen:
+            choices[position] = source.numbered.index(position) + 1
+    if not choices:
         raise InputError(
             "The file has no column that can be chosen.",
             expected="columns of numbers with unique names",
@@ -167,7 +167,7 @@ def _choices(source: ColumnFile) -> dict[int | None, int | str]:
             where=source.file,
             remedy="export the data with a header",
         )
-    return chosen
+    return choices
 
 
 def _label(name: str, column: int | str) -> str:
@@ -224,11 +224,11 @@ def _table(names: Sequence[str]) -> dict[str, int]:
     every = range(len(names))
     sure = [p for p in every if not (_UNCERTAIN.search(names[p]) or _EXPANDED.search(names[p]))]
     doubts = [p for p in every if _UNCERTAIN.search(names[p]) and not _EXPANDED.search(names[p])]
-    places = {
+    positions = {
         "frequency": next((p for p in sure if _FREQUENCY.match(names[p])), None),
         "magnitude": next((p for p in sure if _MAGNITUDE.match(names[p])), None),
         "phase": next((p for p in sure if _PHASE.match(names[p])), None),
         "magnitude_uncertainty": next((p for p in doubts if _MAGNITUDE.search(names[p])), None),
         "phase_uncertainty": next((p for p in doubts if _PHASE.search(names[p])), None),
     }
-    return {key: position for key, position in places.items() if position is not None}
+    return {key: position for key, position in positions.items() if position is not None}

@@ -54,8 +54,8 @@ def levels_of(
         if array not in groups:
             group = file[array or "/"]
             named = {name: _stated_value(group, name) for name in group if meaning_of(name)[0]}
-            held = {name: value for name, value in named.items() if value is not None}
-            groups[array] = {**statements(held), **_stated_by(group)}
+            group_values = {name: value for name, value in named.items() if value is not None}
+            groups[array] = {**statements(group_values), **_stated_by(group)}
         levels.append(groups[array])
     return levels
 
@@ -150,19 +150,22 @@ def _require_whole_heaps(path: str, changed_ns: int) -> None:
     and its size; its objects have an index, and their size at byte 8. ``changed_ns``: when the file
     changed.
     """
-    with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as held:
-        start = held.find(_HEAP)
+    with (
+        open(path, "rb") as stream,
+        mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content,
+    ):
+        start = content.find(_HEAP)
         while start >= 0:
-            end = start + int.from_bytes(held[start + 8 : start + 16], "little")
+            end = start + int.from_bytes(content[start + 8 : start + 16], "little")
             at = start + 16
             while at + 16 <= end:
-                index = int.from_bytes(held[at : at + 2], "little")
-                size = int.from_bytes(held[at + 8 : at + 16], "little")
+                index = int.from_bytes(content[at : at + 2], "little")
+                size = int.from_bytes(content[at + 8 : at + 16], "little")
                 step = size if index == 0 else 16 + -(-size // 8) * 8
-                if step == 0 or at + step > end or end > len(held):
+                if step == 0 or at + step > end or end > len(content):
                     raise ValueError(f"a damaged heap of texts at byte {at}")
                 at += step
-            start = held.find(_HEAP, start + 4)
+            start = content.find(_HEAP, start + 4)
 
 
 def _stated_value(group: Any, name: str) -> Any:

@@ -173,9 +173,9 @@ def file_unit(source: ColumnFile, position: int) -> tuple[str, bool]:
 
     A unit in a name is a guess: only known ones count. "" for none.
     """
-    stated = source.stated_unit(position)
-    if stated and not is_no_unit(stated):
-        return stated, True
+    header_unit = source.stated_unit(position)
+    if header_unit and not is_no_unit(header_unit):
+        return header_unit, True
     unit = unit_in_name(header(source, position))
     return (unit if parse_unit(unit) is not None else "", False)
 
@@ -200,16 +200,16 @@ def reference_conversion(
     ``[reference] unit`` may name the SI unit, which confirms it, or the unit in the file.
     """
     column = SourceColumn(source, position, "[reference]")
-    stated, sure = file_unit(source, position)
+    header_unit, sure = file_unit(source, position)
     if section.quantity == "drive":
-        return _convert(column, stated, unit, section)
-    declared = _declared_unit(section, stated, source)
-    text = declared or stated
+        return _convert(column, header_unit, unit, section)
+    declared = _declared_unit(section, header_unit, source)
+    text = declared or header_unit
     parsed = parse_unit(text)
     if not text:
-        return ChannelConversion(1.0, stated)
-    wanted = QUANTITY_UNITS[section.quantity]
-    if parsed is not None and parsed.dimension == wanted.dimension:
+        return ChannelConversion(1.0, header_unit)
+    quantity_unit = QUANTITY_UNITS[section.quantity]
+    if parsed is not None and parsed.dimension == quantity_unit.dimension:
         if declared:
             return ChannelConversion(declared_factor(section, source), text)
         _refuse_second_conversion(column, section, parsed.factor, text)
@@ -222,19 +222,19 @@ def reference_conversion(
         si = REFERENCE_UNITS[section.quantity]
         remedy = f'set scale to {si} per {text}, or quantity = "drive"; or correct the file'
         raise column.refused(f"a unit of {section.quantity}", text, remedy, "scale")
-    return ChannelConversion(1.0, stated)
+    return ChannelConversion(1.0, header_unit)
 
 
-def _declared_unit(section: ReferenceSection, stated: str, source: ColumnFile) -> str:
+def _declared_unit(section: ReferenceSection, header_unit: str, source: ColumnFile) -> str:
     """Return ``[reference] unit`` where it is the unit in the file; "" for SI or none."""
     si = REFERENCE_UNITS[section.quantity]
     if not section.unit or factor_between(section.unit, si) == 1.0:
         return ""
-    factor = factor_between(section.unit, stated) if stated else 1.0
-    if stated and parse_unit(section.unit) is not None and factor != 1.0:
+    factor = factor_between(section.unit, header_unit) if header_unit else 1.0
+    if header_unit and parse_unit(section.unit) is not None and factor != 1.0:
         raise InputError(
             "The unit of the reference contradicts the file.",
-            expected=f"{stated!r}, as the file states",
+            expected=f"{header_unit!r}, as the file states",
             found=f"unit = {section.unit!r}",
             where=f"{source.file}, asked for by [reference] unit",
             remedy=f"leave unit out; the file's is converted to {si}",
@@ -324,11 +324,11 @@ def _convert(
 ) -> ChannelConversion:
     """Return the conversion of a channel that has a unit of its own."""
     parsed = parse_unit(text)
-    wanted = parse_unit(unit)
+    target = parse_unit(unit)
     if not text or text == unit:
         return ChannelConversion(1.0, text)
-    if parsed is not None and wanted is not None and parsed.dimension == wanted.dimension:
-        factor = parsed.factor / wanted.factor
+    if parsed is not None and target is not None and parsed.dimension == target.dimension:
+        factor = parsed.factor / target.factor
         if factor != 1.0 and is_same_factor(section.scale, factor):
             raise _converted_twice(column, text, section.scale)
         return ChannelConversion(factor, text)

@@ -55,7 +55,7 @@ def read_instrument(path: Path, channel: str | None, time: str | None) -> tuple[
     except Exception as error:  # obspy raises whatever its parsers do
         raise _refused(path, "a response that obspy reads", str(error)[:200]) from error
     response = _one_response(inventory, channel, moment, path)
-    return _known(response, path)
+    return _known_response(response, path)
 
 
 def _text(path: Path) -> str:
@@ -103,8 +103,8 @@ def _read_sacpz(text: str, path: Path) -> tuple[KnownResponse, str]:
         raise _refused(path, "ZEROS, POLES and CONSTANT with numbers", str(error)[:200]) from error
     for name, listed in roots.items():  # those that are not listed lie at the origin
         listed += [0j] * (counts[name] - len(listed))
-    known = KnownResponse.from_poles(roots["POLES"], roots["ZEROS"], constant)
-    return known, f"{units['OUTPUT']}/({units['INPUT']})"
+    response = KnownResponse.from_poles(roots["POLES"], roots["ZEROS"], constant)
+    return response, f"{units['OUTPUT']}/({units['INPUT']})"
 
 
 def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) -> Any:
@@ -122,20 +122,20 @@ def _one_response(inventory: Any, channel: str | None, moment: Any, path: Path) 
                     responses.append((f"{code}{epoch}", each.response))
     if len(responses) != 1:
         remedy = "name one by channel, and its epoch by time"
-        shown = ", ".join(name for name, _ in responses[:8]) or "none"
-        raise _refused(path, "one response", f"{len(responses)}: {shown}", remedy)
+        names = ", ".join(name for name, _ in responses[:8]) or "none"
+        raise _refused(path, "one response", f"{len(responses)}: {names}", remedy)
     return responses[0][1]
 
 
-def _known(response: Any, path: Path) -> tuple[KnownResponse, str]:
+def _known_response(response: Any, path: Path) -> tuple[KnownResponse, str]:
     """Return the response of all stages, else of the sensitivity alone, and its unit."""
     stages = response.response_stages
-    stated = response.instrument_sensitivity
-    if not stages and stated is None:
+    sensitivity = response.instrument_sensitivity
+    if not stages and sensitivity is None:
         raise _refused(path, "stages, or a sensitivity", "neither")
     shapes: list[Shape] = [shape for stage in stages for shape in _shapes(stage, path)]
-    shapes = shapes or [_gain(stated.value)]
-    first, last = (stages[0], stages[-1]) if stages else (stated, stated)
+    shapes = shapes or [_gain(sensitivity.value)]
+    first, last = (stages[0], stages[-1]) if stages else (sensitivity, sensitivity)
     unit = f"{_plain(last.output_units)}/({_plain(first.input_units)})"
     return KnownResponse(tuple(shapes), band_hz=(0.0, min(s.top_hz for s in shapes))), unit
 
@@ -163,7 +163,8 @@ def _filter(stage: Any, path: Path) -> Shape | None:
         return _digital(stage, np.concatenate([taps, mirrored]), np.ones(1))
     if kind == "CoefficientsTypeResponseStage":
         taps, below = (
-            np.array([float(c) for c in part]) for part in (stage.numerator, stage.denominator)
+            np.array([float(c) for c in coefficients])
+            for coefficients in (stage.numerator, stage.denominator)
         )
         none = not taps.size or not rate_hz
         return None if none else _digital(stage, taps, below if below.size else np.ones(1))
@@ -192,7 +193,7 @@ def _digital(stage: Any, taps: FloatArray, below: FloatArray) -> DigitalFilter:
 
 def _poles(stage: Any, rate_hz: Any) -> Shape:
     poles, zeros = (
-        np.array([complex(r) for r in part], dtype=complex) for part in (stage.poles, stage.zeros)
+        np.array([complex(r) for r in roots], dtype=complex) for roots in (stage.poles, stage.zeros)
     )
     factor = float(stage.normalization_factor or 1.0)
     kind = stage.pz_transfer_function_type

@@ -105,51 +105,51 @@ def keys_of(section: type[BaseModel]) -> dict[str, Key]:
 
 
 def _key(name: str, field: FieldInfo) -> Key:
-    parts = [*field.metadata, *_parts(field.annotation)]
+    marks = [*field.metadata, *_type_parts(field.annotation)]
     extra: Any = field.json_schema_extra
-    stated = dict(extra) if isinstance(extra, dict) else {}
+    extra_values = dict(extra) if isinstance(extra, dict) else {}
     default = ... if field.is_required() else field.default
-    section = next((p for p in parts if isinstance(p, type) and issubclass(p, BaseModel)), None)
-    choices = next((typing.get_args(p) for p in parts if typing.get_origin(p) is Literal), ())
-    kind = _kind(parts, section is not None, bool(choices))
-    described = [mark.description for mark in parts if isinstance(mark, FieldInfo)]
+    section = next((p for p in marks if isinstance(p, type) and issubclass(p, BaseModel)), None)
+    choices = next((typing.get_args(p) for p in marks if typing.get_origin(p) is Literal), ())
+    kind = _kind(marks, section is not None, bool(choices))
+    described = [mark.description for mark in marks if isinstance(mark, FieldInfo)]
     heading = f"one or more [[{name}]], in double brackets" if kind == "entries" else f"[{name}]"
     words = heading if section else " | ".join(str(choice) for choice in choices if choice)
     return Key(
         name,
         default,
         kind,
-        _options(choices, stated.pop("words", ()), default),
+        _options(choices, extra_values.pop("words", ()), default),
         section,
         next(filter(None, (field.description, *described)), words),
         field.title or name.replace("_", " ").capitalize(),
-        **stated,
+        **extra_values,
     )
 
 
-def _kind(parts: list[Any], section: bool, choices: bool) -> str:
-    several = any(typing.get_origin(part) is list for part in parts)
-    marked = next((part.kind for part in parts if isinstance(part, FormKind)), None)
+def _kind(marks: list[Any], section: bool, choices: bool) -> str:
+    several = any(typing.get_origin(mark) is list for mark in marks)
+    marked = next((mark.kind for mark in marks if isinstance(mark, FormKind)), None)
     if marked or choices:
         return marked or "choice"
     if several:
         return "entries" if section else "paragraphs"
     kinds = {float: "number", bool: "flag", str: "text", int: "whole"}
-    plain = next((kind for each, kind in kinds.items() if each in parts), "text")
+    plain = next((kind for each, kind in kinds.items() if each in marks), "text")
     return "section" if section else plain
 
 
 def _options(choices: tuple[Any, ...], words: Sequence[str], default: Any) -> dict[Any, str]:
     """Return choice → words, these from the last; None first where it may be left out."""
-    there = [choice for choice in choices if choice != ""]
-    words = words or [str(choice) for choice in there]
-    options = dict(zip([None, *there][-len(words) :], words, strict=True)) if words else {}
+    named_choices = [choice for choice in choices if choice != ""]
+    words = words or [str(choice) for choice in named_choices]
+    options = dict(zip([None, *named_choices][-len(words) :], words, strict=True)) if words else {}
     return options if default or None in options else {None: "not stated", **options}
 
 
-def _parts(annotation: Any) -> Iterator[Any]:
+def _type_parts(annotation: Any) -> Iterator[Any]:
     """Yield what an annotation is made of, from the outside: types, choices, marks."""
     yield annotation
     yield from getattr(annotation, "__metadata__", ())
     for argument in typing.get_args(annotation):
-        yield from _parts(argument)
+        yield from _type_parts(argument)

@@ -37,7 +37,7 @@ class KnownChannel:
     """Known response of a channel, and the units at both ends of its chain."""
 
     response: KnownResponse | None
-    held: str
+    channel_unit: str
     measured: str
 
 
@@ -50,21 +50,21 @@ def known_channel(
     target = REFERENCE_UNITS[quantity] if quantity != "drive" else document.reference.unit
     if not section.known_response:
         return KnownChannel(None, section.unit, target if name == "reference" else section.unit)
-    held = unit = section.unit or "V"
+    channel_unit = unit = section.unit or "V"
     chain: KnownResponse | None = None
     for number, entry in enumerate(section.known_response, start=1):
-        here = f"{where}, [[{name}.known_response]] entry {number}"
-        wanted = f"{unit}/({target})" if name == "reference" and quantity != "drive" else "1"
-        response, stated = _read(entry, unit, wanted, folder, here)
-        factor, unit = _factor_and_input_unit(unit, stated, here)
-        response = replace(response, channel_unit=held)
+        location = f"{where}, [[{name}.known_response]] entry {number}"
+        default_unit = f"{unit}/({target})" if name == "reference" and quantity != "drive" else "1"
+        response, response_unit = _read(entry, unit, default_unit, folder, location)
+        factor, unit = _factor_and_input_unit(unit, response_unit, location)
+        response = replace(response, channel_unit=channel_unit)
         response = _scaled(response, factor)
         chain = response if chain is None else chain.times(response)
     assert chain is not None
     if name == "reference" and quantity != "drive":
         chain = _per_motion(chain, unit, quantity, f"{where}, [[reference.known_response]]")
         unit = target
-    return KnownChannel(chain, held, unit)
+    return KnownChannel(chain, channel_unit, unit)
 
 
 def as_channels(document: CalibrationFile) -> CalibrationFile:
@@ -72,8 +72,8 @@ def as_channels(document: CalibrationFile) -> CalibrationFile:
     reference = document.reference
     if not reference.known_response or document.interferometer is not None:
         return document
-    held = {"quantity": "drive", "unit": reference.unit or "V"}
-    return document.model_copy(update={"reference": reference.model_copy(update=held)})
+    update = {"quantity": "drive", "unit": reference.unit or "V"}
+    return document.model_copy(update={"reference": reference.model_copy(update=update)})
 
 
 def known_files(document: CalibrationFile) -> list[str]:
@@ -83,66 +83,75 @@ def known_files(document: CalibrationFile) -> list[str]:
 
 
 def _read(
-    entry: KnownResponseEntry, held: str, wanted: str, folder: Path, where: str
+    entry: KnownResponseEntry, channel_unit: str, default_unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
-    """Return the response of an entry and its unit; ``wanted``: that of one that states none."""
+    """Return the response of an entry and its unit, else ``default_unit``."""
     try:
-        known, unit = _of_entry(entry, held, wanted, folder, where)
+        response, unit = _of_entry(entry, channel_unit, default_unit, folder, where)
     except InputError as error:
         raise (error.at(where) if error.where == "known response" else error) from None
-    flat = flat_effects(known.source, entry.standard_uncertainty, entry.phase_standard_uncertainty)
-    known = replace(known, effects=(*known.effects, *flat))
+    flat = flat_effects(
+        response.source, entry.standard_uncertainty, entry.phase_standard_uncertainty
+    )
+    response = replace(response, effects=(*response.effects, *flat))
     if entry.file is not None:
-        known = replace(known, files=((entry.file, sha256(folder / entry.file)),))
-    return known, unit
+        response = replace(response, files=((entry.file, sha256(folder / entry.file)),))
+    return response, unit
 
 
 def _of_entry(
-    entry: KnownResponseEntry, held: str, wanted: str, folder: Path, where: str
+    entry: KnownResponseEntry, channel_unit: str, default_unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
-    stated = entry.unit or "1"
+    response_unit = entry.unit or "1"
     gain = 1.0 if entry.gain is None else entry.gain
     if entry.numerator is not None:
         assert entry.rate_hz is not None  # checked with the file
         below = entry.denominator or [1.0]
-        return KnownResponse.from_filter(entry.numerator, below, rate_hz=entry.rate_hz), stated
+        return KnownResponse.from_filter(
+            entry.numerator, below, rate_hz=entry.rate_hz
+        ), response_unit
     if entry.poles is not None or entry.zeros is not None:
         poles, zeros = (
             [complex(*root) for root in roots or ()] for roots in (entry.poles, entry.zeros)
         )
-        return KnownResponse.from_poles(poles, zeros, gain), stated
+        return KnownResponse.from_poles(poles, zeros, gain), response_unit
     if entry.file is None:
         corners = entry.highpass_hz or (), entry.lowpass_hz or ()
         unsure = entry.corner_uncertainty
-        return KnownResponse.from_corners(*corners, gain, corner_uncertainty=unsure), stated
+        return KnownResponse.from_corners(*corners, gain, corner_uncertainty=unsure), response_unit
     path = folder / entry.file
     if path.suffix.lower() == ".json":
-        return _of_result(path, entry, wanted)
+        return _of_result(path, entry, default_unit)
     if is_instrument_file(path):
-        known, unit = read_instrument(path, entry.channel, entry.time)
-        return replace(known, source=entry.file), entry.unit or unit
-    return _of_table(entry, held, entry.unit or wanted, folder, where)
+        response, unit = read_instrument(path, entry.channel, entry.time)
+        return replace(response, source=entry.file), entry.unit or unit
+    return _of_table(entry, channel_unit, entry.unit or default_unit, folder, where)
 
 
-def _of_result(path: Path, entry: KnownResponseEntry, wanted: str) -> tuple[KnownResponse, str]:
+def _of_result(
+    path: Path, entry: KnownResponseEntry, default_unit: str
+) -> tuple[KnownResponse, str]:
     """Return the response of a result's sensor, per the motion that is wanted if any is."""
-    motion = quantity_of(wanted.partition("/")[2])
-    known = KnownResponse.from_result(path, motion)
-    known = replace(
-        known,
+    motion = quantity_of(default_unit.partition("/")[2])
+    response = KnownResponse.from_result(path, motion)
+    response = replace(
+        response,
         source=str(entry.file),
-        effects=tuple(replace(e, source=str(entry.file)) for e in known.effects),
+        effects=tuple(replace(e, source=str(entry.file)) for e in response.effects),
     )
-    return known, entry.unit or f"{known.channel_unit}/({wanted.partition('/')[2] or '1'})"
+    return (
+        response,
+        entry.unit or f"{response.channel_unit}/({default_unit.partition('/')[2] or '1'})",
+    )
 
 
 def _of_table(
-    entry: KnownResponseEntry, held: str, unit: str, folder: Path, where: str
+    entry: KnownResponseEntry, channel_unit: str, unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
     """Return the response of a table, read as tabulated calibrations are."""
     above, _, below = unit.partition("/")
     if unit == "1":
-        above = below = held
+        above = below = channel_unit
     quantity = quantity_of(below) or "drive"
     if entry.phase is None:
         raise InputError(
@@ -162,7 +171,7 @@ def _of_table(
     )
     table = read_table(document, folder, where)
     assert table.phase_rad is not None
-    known = KnownResponse.from_table(
+    response = KnownResponse.from_table(
         table.frequency_hz,
         table.magnitude,
         table.phase_rad,
@@ -172,21 +181,24 @@ def _of_table(
         source=str(entry.file),
     )
     if unit == "1":
-        return known, unit
-    return known, f"{above}/({REFERENCE_UNITS[quantity] if quantity in QUANTITY_UNITS else below})"
+        return response, unit
+    return (
+        response,
+        f"{above}/({REFERENCE_UNITS[quantity] if quantity in QUANTITY_UNITS else below})",
+    )
 
 
-def _factor_and_input_unit(unit: str, stated: str, where: str) -> tuple[float, str]:
-    """Return the factor to a channel's ``unit`` and what a response of unit ``stated`` leads to."""
-    if stated.strip() == "1":
+def _factor_and_input_unit(unit: str, response_unit: str, where: str) -> tuple[float, str]:
+    """Return the factor to a channel's unit, and the unit of the input of the response."""
+    if response_unit.strip() == "1":
         return 1.0, unit
-    above, _, below = stated.partition("/")
+    above, _, below = response_unit.partition("/")
     factor = factor_between(above, unit)
     if factor is None or not below:
         raise InputError(
             "The unit of a known response does not fit its channel.",
             expected=f'"1", or a multiple of {unit} per another unit, such as "{unit}/(m/s^2)"',
-            found=f'unit = "{stated}"',
+            found=f'unit = "{response_unit}"',
             where=where,
             remedy="correct it, or unit of the channel; entries go from the recorder to the motion",
         )
@@ -196,14 +208,14 @@ def _factor_and_input_unit(unit: str, stated: str, where: str) -> tuple[float, s
     return factor, below
 
 
-def _scaled(known: KnownResponse, factor: float) -> KnownResponse:
+def _scaled(response: KnownResponse, factor: float) -> KnownResponse:
     if factor == 1.0:
-        return known
+        return response
     none = np.zeros(0, dtype=complex)
-    return replace(known, shapes=(*known.shapes, RationalResponse(none, none, factor)))
+    return replace(response, shapes=(*response.shapes, RationalResponse(none, none, factor)))
 
 
-def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
+def _per_motion(response: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
     """Return a reference's response per SI unit of ``quantity``, from that per ``unit``."""
     theirs = quantity_of(unit)
     if theirs is None or is_motion(theirs) != is_motion(quantity):
@@ -223,6 +235,6 @@ def _per_motion(known: KnownResponse, unit: str, quantity: str, where: str) -> K
     none = np.zeros(0, dtype=complex)
     poles, zeros = (origin, none) if steps > 0 else (none, origin)
     if steps == 0 and math.isclose(parsed.factor, 1.0):
-        return known
+        return response
     shape = RationalResponse(poles, zeros, 1.0 / parsed.factor)
-    return replace(known, shapes=(*known.shapes, shape))
+    return replace(response, shapes=(*response.shapes, shape))

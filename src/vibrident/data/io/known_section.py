@@ -79,7 +79,7 @@ class KnownResponseEntry(FileSection):
 def check_known(entries: list[KnownResponseEntry], where: str) -> None:
     """Refuse an entry that states its response in no way or two, or keys of another way."""
     for number, entry in enumerate(entries, start=1):
-        here = f"{where} entry {number}"
+        location = f"{where} entry {number}"
         stated_keys = entry.model_fields_set
         ways = [way for way, (needed, _) in WAYS.items() if stated_keys & set(needed)]
         if len(ways) != 1:
@@ -87,7 +87,7 @@ def check_known(entries: list[KnownResponseEntry], where: str) -> None:
                 "A known response is stated in one way.",
                 expected="file, or poles and zeros, or numerator, or highpass_hz and lowpass_hz",
                 found=" and ".join(ways) or "none of them",
-                where=here,
+                where=location,
                 remedy="give the keys of one way; a chain has an entry for each of its parts",
             )
         needed, optional = WAYS[ways[0]]
@@ -97,7 +97,7 @@ def check_known(entries: list[KnownResponseEntry], where: str) -> None:
                 f"A key does not belong to {ways[0]}.",
                 expected=f"one of {', '.join((*needed, *optional, *sorted(_ANY)))}",
                 found=", ".join(odd),
-                where=here,
+                where=location,
                 remedy=f"remove {', '.join(odd)}",
             )
         if entry.numerator is not None and entry.rate_hz is None:
@@ -105,6 +105,6 @@ def check_known(entries: list[KnownResponseEntry], where: str) -> None:
                 "A digital filter needs the rate at its input.",
                 expected="rate_hz",
                 found="numerator without rate_hz",
-                where=here,
+                where=location,
                 remedy="add rate_hz = … (samples per second)",
             )

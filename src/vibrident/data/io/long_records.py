@@ -19,10 +19,10 @@ from vibrident.data.io.known_files import known_files
 from vibrident.data.io.reader import by_ending, sha256
 from vibrident.data.io.reading import LIBRARIES_BYTES, calibration_of, read
 from vibrident.data.io.record_files import (
-    RecordPart,
+    RecordRequest,
     clock_reader,
     data_files,
-    named_parts,
+    named_requests,
     open_channels,
 )
 from vibrident.data.io.sampling import cut
@@ -65,7 +65,7 @@ class LongRecords(ABC):
     lengths: tuple[int, ...]
 
     @abstractmethod
-    def calibration(self, parts: Sequence[RecordSpan]) -> Calibration:
+    def calibration(self, spans: Sequence[RecordSpan]) -> Calibration:
         """Return a calibration of parts of the records.
 
         Raises:
@@ -97,9 +97,9 @@ class RecordsInMemory(LongRecords):
     complete: Calibration
     lengths: tuple[int, ...]
 
-    def calibration(self, parts: Sequence[RecordSpan]) -> Calibration:
+    def calibration(self, spans: Sequence[RecordSpan]) -> Calibration:
         """Return a calibration of parts of the records."""
-        records = [_part(self.complete.records[part.record], part) for part in parts]
+        records = [_cut_record(self.complete.records[span.record], span) for span in spans]
         return replace(self.complete, records=tuple(records))
 
     def in_memory(self) -> Calibration:
@@ -127,18 +127,18 @@ class RecordsInFiles(LongRecords):
     lengths: tuple[int, ...]
     guarded: bool = False
 
-    def calibration(self, parts: Sequence[RecordSpan]) -> Calibration:
+    def calibration(self, spans: Sequence[RecordSpan]) -> Calibration:
         """Return a calibration of parts of the records.
 
         Raises:
             InputError: the data cannot be used.
         """
         rows = [
-            [part.record, self.firsts[part.record] + part.start, part.samples] for part in parts
+            [span.record, self.firsts[span.record] + span.start, span.samples] for span in spans
         ]
         if not self.guarded:
             return read_rows(self.path, rows)
-        room = LIBRARIES_BYTES + _COPIES * 16 * sum(part.samples for part in parts)
+        room = LIBRARIES_BYTES + _COPIES * 16 * sum(span.samples for span in spans)
         limits = Limits(_SECONDS, room, room, room)
         return sandbox.call(_reader(), read_rows, self.path, rows, limits=limits)
 
@@ -237,18 +237,18 @@ def spans_in_files(path: str) -> list[tuple[int, int]] | None:
     file = Path(path)
     document = read_calibration_file(file)
     spans = []
-    for part, _ in named_parts(document, file.parent, path):
-        span = _span_in_file(part, document, file.parent)
+    for request, _ in named_requests(document, file.parent, path):
+        span = _span_in_file(request, document, file.parent)
         if span is None:
             return None
         spans.append((span.start, span.stop - span.start))
     return spans
 
 
-def _span_in_file(part: RecordPart, document: CalibrationFile, folder: Path) -> slice | None:
+def _span_in_file(request: RecordRequest, document: CalibrationFile, folder: Path) -> slice | None:
     """Return the samples of a record in its file; None where that is to be read whole."""
-    main, channels = open_channels(part, document, folder)
-    reader = clock_reader(part, document, main)
+    main, channels = open_channels(request, document, folder)
+    reader = clock_reader(request, document, main)
     lengths: set[int] = set()
     starts: set[StartTime | None] = set()
     for channel in channels:
@@ -264,7 +264,7 @@ def _span_in_file(part: RecordPart, document: CalibrationFile, folder: Path) -> 
     if clock is None or len(lengths) > 1 or len(starts) > 1:
         return None
     rate_hz = clock.clock.rate_hz
-    return cut(lengths.pop(), rate_hz, part.entry.start_s, part.entry.stop_s, part.where)
+    return cut(lengths.pop(), rate_hz, request.entry.start_s, request.entry.stop_s, request.where)
 
 
 def _may_be_long(document: CalibrationFile, file: Path) -> bool:
@@ -278,7 +278,7 @@ def _may_be_long(document: CalibrationFile, file: Path) -> bool:
         return False
     if len({entry.circumstances for entry in entries}) > 1:
         return False
-    names = {part.file for part, _ in named_parts(document, file.parent, str(file))}
+    names = {request.file for request, _ in named_requests(document, file.parent, str(file))}
     readers = by_ending()
     if not all(Path(name).suffix.lower() in readers for name in names):
         return False
@@ -286,14 +286,14 @@ def _may_be_long(document: CalibrationFile, file: Path) -> bool:
     return sum(sizes) > MAX_TOGETHER  # a sample takes a byte or more
 
 
-def _part(record: Record, part: RecordSpan) -> Record:
+def _cut_record(record: Record, span: RecordSpan) -> Record:
     """Return a part of a record, named by its time."""
-    if part == RecordSpan(part.record, 0, record.samples):
+    if span == RecordSpan(span.record, 0, record.samples):
         return record
-    span = slice(part.start, part.stop)
-    step = f"samples {part.start + 1} to {part.stop} of {record.samples}"
-    name = f"{record.name} from {part.start * record.sampling_interval_s:g} s"
-    return replace(record.part(span, step), name=name)
+    samples = slice(span.start, span.stop)
+    step = f"samples {span.start + 1} to {span.stop} of {record.samples}"
+    name = f"{record.name} from {span.start * record.sampling_interval_s:g} s"
+    return replace(record.part(samples, step), name=name)
 
 
 def _named_by_time(record: Record) -> Record:

@@ -69,14 +69,14 @@ class Numbers:
 
     def array(self) -> Any:
         """Return the array as it is stored; ValueError where it is cut short."""
-        parts = []
+        components = []
         at = self.at
         for _ in range(2 if self.is_complex else 1):
             numbers, at = self.element.numbers(at)
             if numbers.size != math.prod(self.shape):
                 raise ValueError(f"{numbers.size} numbers in an array of shape {self.shape}")
-            parts.append(numbers.reshape(self.shape, order="F"))
-        return parts[0] + 1j * parts[1] if self.is_complex else parts[0]
+            components.append(numbers.reshape(self.shape, order="F"))
+        return components[0] + 1j * components[1] if self.is_complex else components[0]
 
 
 @dataclass(frozen=True)

@@ -57,12 +57,12 @@ def mounting_of(section: MountingSection, where: str) -> Mounting:
     Raises:
         InputError: it states too much or too little; ``where`` names the file.
     """
-    here = f"{where}, [mounting]"
+    location = f"{where}, [mounting]"
     ways = {"frequency_hz": "frequency_hz", "stiffness_n_per_m": "stiffness_n_per_m with mass_kg"}
     problem = "The frequency of the mounting is given twice."
-    require_one(section, ways, problem, here, needed=False)
+    require_one(section, ways, problem, location, needed=False)
     if (section.stiffness_n_per_m is None) != (section.mass_kg is None):
-        stated, missing = (
+        given_key, missing = (
             ("mass_kg", "stiffness_n_per_m")
             if section.stiffness_n_per_m is None
             else ("stiffness_n_per_m", "mass_kg")
@@ -70,8 +70,8 @@ def mounting_of(section: MountingSection, where: str) -> Mounting:
         raise InputError(
             "Stiffness and mass together give the frequency of a mounting.",
             expected="stiffness_n_per_m and mass_kg",
-            found=f"{stated} alone",
-            where=here,
+            found=f"{given_key} alone",
+            where=location,
             remedy=f"add {missing}, or give frequency_hz",
         )
     for name, of in _UNCERTAINTY_OF.items():
@@ -80,7 +80,7 @@ def mounting_of(section: MountingSection, where: str) -> Mounting:
                 "The uncertainty of a value that is not stated has no use.",
                 expected=f"{of} with {name}",
                 found=f"{name} alone",
-                where=here,
+                where=location,
                 remedy=f"add {of}, or remove {name}",
             )
     frequency_hz = section.frequency_hz
@@ -100,4 +100,4 @@ def mounting_of(section: MountingSection, where: str) -> Mounting:
             section.sensor_damping_ratio,
         )
     except InputError as error:
-        raise error.at(here) from None
+        raise error.at(location) from None

@@ -36,19 +36,19 @@ def remaining_covariances(
     For errors that were removed, it is that of their estimates. Heterodyne records whose error is
     not significant get an error of unknown phase and of the size of the others'.
     """
-    known = [error for error in errors if error is not None]
-    if not known:
+    estimated = [error for error in errors if error is not None]
+    if not estimated:
         return []
     if setting.kind == "quadrature":
-        return [(answers, known[0].covariance)]
+        return [(answers, estimated[0].covariance)]
     # zero where not significant
-    shown = np.array([error.waves for error in known]).reshape(len(known), -1, 2)
-    power = np.sum(shown**2, axis=(0, 2)) / np.maximum(
-        np.sum(np.any(shown != 0.0, axis=2), axis=0), 1
+    all_waves = np.array([error.waves for error in estimated]).reshape(len(estimated), -1, 2)
+    power = np.sum(all_waves**2, axis=(0, 2)) / np.maximum(
+        np.sum(np.any(all_waves != 0.0, axis=2), axis=0), 1
     )
     remaining: list[tuple[Sequence[PhaseErrorResponse], FloatArray]] = []
     for error, answer in zip(errors, answers, strict=True):
-        waves = np.zeros(shown[0].size) if error is None else error.waves
+        waves = np.zeros(all_waves[0].size) if error is None else error.waves
         unknown = np.diag(np.where(waves == 0.0, np.repeat(0.5 * power, 2), 0.0))
         remaining.append(([answer], unknown if error is None else unknown + error.covariance))
     return remaining

@@ -45,10 +45,10 @@ from vibrident.data.io.optical_motion import (
 )
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import (
-    RecordPart,
+    RecordRequest,
     clock_reader,
     missing_rate,
-    named_parts,
+    named_requests,
     read_record,
     scaled_limit,
 )
@@ -75,7 +75,7 @@ class _OpticalRecord:
     ``sampled_together``: whether the optical signals and the response share their samples.
     """
 
-    part: RecordPart
+    request: RecordRequest
     name: str
     optical: SampledSignals
     response: SampledSignals
@@ -105,17 +105,17 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
     section = calibration.interferometer
     assert section is not None
     setting = section.setting
-    parts = named_parts(calibration, folder, where)
+    requests = named_requests(calibration, folder, where)
     opened = [
-        _open(part, name, calibration, section, folder)
-        for part, name in parts
-        if part.entry.excitation != "decay"
+        _open(request, name, calibration, section, folder)
+        for request, name in requests
+        if request.entry.excitation != "decay"
     ]
     # Report the doubt once: the rate is that of all records.
     doubted = next((raw.name for raw in opened if raw.doubts), "")
     opened = [raw if raw.name == doubted else replace(raw, doubts=()) for raw in opened]
     opened, surveys, choices = _with_ellipses(opened, setting)
-    moving = any(raw.part.entry.excitation != "sine" for raw in opened)
+    moving = any(raw.request.entry.excitation != "sine" for raw in opened)
     results = [
         _record(raw, survey, choice, setting, calibration, folder, moving=moving)
         for raw, survey, choice in zip(opened, surveys, choices, strict=True)
@@ -134,8 +134,8 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
             )
     records = {raw.name: record for raw, (_, record) in zip(opened, results, strict=True)}
     ordered = [
-        records.get(name) or read_record(part, name, calibration, folder, "m").record
-        for part, name in parts
+        records.get(name) or read_record(request, name, calibration, folder, "m").record
+        for request, name in requests
     ]
     answers = [demodulated.answer for demodulated, _ in results]
     all_effects = (
@@ -204,68 +204,82 @@ def _errors_located(raw: _OpticalRecord) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise error.within(raw.part.where) from None
+        raise error.within(raw.request.where) from None
 
 
 def _open(
-    part: RecordPart,
+    request: RecordRequest,
     name: str,
     calibration: CalibrationFile,
     section: InterferometerSection,
     folder: Path,
 ) -> _OpticalRecord:
-    main = open_columns(folder / part.file)
+    main = open_columns(folder / request.file)
     optical_file = (
         main
-        if part.entry.reference_file is None
-        else open_columns(folder / part.entry.reference_file)
+        if request.entry.reference_file is None
+        else open_columns(folder / request.entry.reference_file)
     )
     column = calibration.response.column
     assert column is not None  # checked with the calibration file
     at = main.position_of(column, "[response] column")
-    places = tuple(optical_file.position_of(c, "[interferometer] columns") for c in section.columns)
-    beside_response = [at, *places] if optical_file is main else [at]
-    clock = clock_reader(part, calibration, main).clock_of(main, at, beside_response)
+    key = "[interferometer] columns"
+    positions = tuple(optical_file.position_of(c, key) for c in section.columns)
+    channel_positions = [at, *positions] if optical_file is main else [at]
+    clock = clock_reader(request, calibration, main).clock_of(main, at, channel_positions)
     if clock is None:
-        raise missing_rate(part.where)
+        raise missing_rate(request.where)
     sampling = clock.clock
-    require_even(clock, main, part.where)
-    optical_hz = _optical_rate(section, calibration, optical_file, places, clock, part)
-    optical = _signals_of(optical_file, places, optical_hz, part)
-    response = _signals_of(main, (at,), sampling.rate_hz, part)
+    require_even(clock, main, request.where)
+    optical_hz = _optical_rate(section, calibration, optical_file, positions, clock, request)
+    optical = _signals_of(optical_file, positions, optical_hz, request)
+    response = _signals_of(main, (at,), sampling.rate_hz, request)
     together = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
     if together and optical.samples != response.samples:
         raise InputError(
             "The optical signals and the response differ in length.",
             expected=f"{response.samples} samples, as the response has in {main.file}",
             found=f"{optical.samples} samples in {optical_file.file}",
-            where=part.where,
+            where=request.where,
             remedy="give both over the same samples, or rate_hz of [interferometer] if they are "
             "sampled faster",
         )
-    lasting = optical_file.length(places[0]) / optical_hz, main.length(at) / sampling.rate_hz
-    doubts = () if together else clock_findings(*lasting, name)
+    durations_s = optical_file.length(positions[0]) / optical_hz, main.length(at) / sampling.rate_hz
+    doubts = () if together else clock_findings(*durations_s, name)
     carrier_hz = section.carrier_hz
     if carrier_hz is not None:
-        most = MAX_LEAST_BAND_OF_SHOCK if part.entry.excitation == "shock" else MAX_LEAST_BAND
-        optical, carrier_hz = mix_down(optical, carrier_hz, sampling.rate_hz, part.where, most)
+        most = MAX_LEAST_BAND_OF_SHOCK if request.entry.excitation == "shock" else MAX_LEAST_BAND
+        optical, carrier_hz = mix_down(optical, carrier_hz, sampling.rate_hz, request.where, most)
     to = calibration.response
     conversion = response_conversion(main, at, to, to.unit)
     step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
     return _OpticalRecord(
-        part, name, optical, response, step, clock, together, doubts, carrier_hz, conversion.factor
+        request,
+        name,
+        optical,
+        response,
+        step,
+        clock,
+        together,
+        doubts,
+        carrier_hz,
+        conversion.factor,
     )
 
 
 def _signals_of(
-    source: ColumnFile, positions: tuple[int, ...], rate_hz: float, part: RecordPart
+    source: ColumnFile, positions: tuple[int, ...], rate_hz: float, request: RecordRequest
 ) -> SampledSignals:
     """Return columns of a file as signals to be read block by block.
 
     Values that are not finite are refused.
     """
     rows = cut(
-        source.length(positions[0]), rate_hz, part.entry.start_s, part.entry.stop_s, part.where
+        source.length(positions[0]),
+        rate_hz,
+        request.entry.start_s,
+        request.entry.stop_s,
+        request.where,
     )
 
     def block(start: int, stop: int) -> FloatArray:
@@ -282,15 +296,15 @@ def _optical_rate(
     section: InterferometerSection,
     calibration: CalibrationFile,
     optical_file: ColumnFile,
-    places: Sequence[int],
+    positions: Sequence[int],
     response: ChannelClock,
-    part: RecordPart,
+    request: RecordRequest,
 ) -> float:
     """Return the rate of the optical signals; InputError for one that contradicts or is too low."""
     time_column = calibration.sampling.time_column if section.rate_hz is None else None
-    reader = ClockReader(section.rate_hz, time_column, part.where, optical_file)
-    clock = reader.clock_of(optical_file, places[0], places) or response
-    require_even(clock, optical_file, part.where)
+    reader = ClockReader(section.rate_hz, time_column, request.where, optical_file)
+    clock = reader.clock_of(optical_file, positions[0], positions) or response
+    require_even(clock, optical_file, request.where)
     sampling = response.clock
     rate_hz = clock.clock.rate_hz
     begin = sampling.start
@@ -302,7 +316,7 @@ def _optical_rate(
                 "The channels do not begin at the same time.",
                 expected="optical signals that begin with the response",
                 found=f"{apart_s:+.9g} s, or {apart_s * sampling.rate_hz:+.3g} samples",
-                where=f"{part.where}, for {optical_file.file}",
+                where=f"{request.where}, for {optical_file.file}",
                 remedy="export both channels over the same samples, or state delay_s without times",
             )
     if rate_hz < sampling.rate_hz * (1.0 - SAME_RATE):
@@ -310,15 +324,15 @@ def _optical_rate(
             "The optical signals are sampled more slowly than the response.",
             expected=f"[interferometer] rate_hz of {sampling.rate_hz:.9g} Hz or more",
             found=f"{rate_hz:.9g} Hz",
-            where=f"{part.where}, for {optical_file.file}",
+            where=f"{request.where}, for {optical_file.file}",
             remedy="correct rate_hz of [interferometer] or of [sampling]",
         )
     return rate_hz
 
 
 def _begins_s(raw: _OpticalRecord) -> float:
-    stated = raw.part.entry.start_time_s
-    return raw.clock.begins_s if stated is None else stated
+    start_time_s = raw.request.entry.start_time_s
+    return raw.clock.begins_s if start_time_s is None else start_time_s
 
 
 def _record(
@@ -331,8 +345,8 @@ def _record(
     *,
     moving: bool,
 ) -> tuple[Demodulated, Record]:
-    entry = raw.part.entry
-    sine = raw.part.entry.excitation == "sine"
+    entry = raw.request.entry
+    sine = raw.request.entry.excitation == "sine"
     near = (entry.frequency_hz or rough_frequency(raw.optical, choice)) if sine else None
     coarse = alignment.optical_factor(raw.optical.rate_hz, raw.response.rate_hz)
     top, broken = (near, False) if near else highest_frequency(raw.optical, choice, coarse)
@@ -377,7 +391,7 @@ def _record(
         raw.step,
         f"reference: {what} from the {setting.kind} signals, {raw.optical.rate_hz:.9g} Hz, "
         f"every {demodulated.factor}{unsure}",
-        *raw.part.other_file(folder),
+        *raw.request.other_file(folder),
     )
     record = Record(
         name=raw.name,
@@ -387,8 +401,8 @@ def _record(
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         valid=aligned.valid,
-        start_time_s=_begins_s(raw) + raw.part.start_s + aligned.start_s,
-        provenance=Provenance(raw.part.file, sha256(folder / raw.part.file), history),
+        start_time_s=_begins_s(raw) + raw.request.start_s + aligned.start_s,
+        provenance=Provenance(raw.request.file, sha256(folder / raw.request.file), history),
         response_full_scale=scaled_limit(calibration.response.full_scale, to_response),
         reference_noise_order=4 if moving else 0,
         circumstances=entry.circumstances,

@@ -145,12 +145,12 @@ def _text(path: Path, target: Path, columns: Mapping[str, FloatArray]) -> None:
     ]
     for n, cells in zip(filled, zip(*texts, strict=True), strict=True):
         data[n] = _joined(data[n], cells, gap)
-    places = [n for n, line in enumerate(head) if line.strip()]
-    if places and any(layout.names):
-        has_units = any(layout.units) and len(places) > 1
+    filled_lines = [n for n, line in enumerate(head) if line.strip()]
+    if filled_lines and any(layout.names):
+        has_units = any(layout.units) and len(filled_lines) > 1
         if has_units:
-            head[places[-1]] = _joined(head[places[-1]], [""] * len(columns), gap)
-        named = places[-2] if has_units else places[-1]
+            head[filled_lines[-1]] = _joined(head[filled_lines[-1]], [""] * len(columns), gap)
+        named = filled_lines[-2] if has_units else filled_lines[-1]
         head[named] = _joined(head[named], list(columns), gap)
     target.write_text(
         "\n".join([*head, *data]) + "\n",

@@ -106,10 +106,10 @@ class PlainText:
             if not self.wide:
                 return stream.read()
             decoder = codecs.getincrementaldecoder(self.wide)(errors="replace")
-            parts: list[bytes] = []
+            blocks: list[bytes] = []
             while block := stream.read(_BLOCK_BYTES):
-                parts.append(decoder.decode(block).encode())
-            return b"".join([*parts, decoder.decode(b"", final=True).encode()])
+                blocks.append(decoder.decode(block).encode())
+            return b"".join([*blocks, decoder.decode(b"", final=True).encode()])
 
 
 def respelled(text: str, delimiter: str) -> str:

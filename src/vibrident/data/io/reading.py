@@ -17,9 +17,9 @@ from vibrident.data.io.known_files import as_channels, known_channel, known_file
 from vibrident.data.io.mounting_section import mounting_of
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
-    RecordPart,
+    RecordRequest,
     data_files,
-    named_parts,
+    named_requests,
     read_record,
     timing_effects,
 )
@@ -134,12 +134,12 @@ def calibration_of(
         unit = reference_unit(document.reference, "")
         table = read_table(document, folder, where)
     else:
-        parts = named_parts(document, folder, where)
-        unit = reference_unit(document.reference, _first_unit(document, parts[0][0], folder))
-        chosen = dict.fromkeys(range(len(parts))) if rows is None else rows
+        requests = named_requests(document, folder, where)
+        unit = reference_unit(document.reference, _first_unit(document, requests[0][0], folder))
+        spans = dict.fromkeys(range(len(requests))) if rows is None else rows
         readings = [
-            read_record(*parts[number], document, folder, unit, span)
-            for number, span in chosen.items()
+            read_record(*requests[number], document, folder, unit, span)
+            for number, span in spans.items()
         ]
         records = tuple(reading.record for reading in readings)
         more = timing_effects(readings)
@@ -169,12 +169,16 @@ def calibration_of(
     )
 
 
-def _first_unit(document: CalibrationFile, part: RecordPart, folder: Path) -> str:
+def _first_unit(document: CalibrationFile, request: RecordRequest, folder: Path) -> str:
     """Return the unit that the first file states of a drive; "" for none, or another quantity."""
     column = document.reference.column
-    if document.reference.quantity != "drive" or column is None or part.entry.excitation == "decay":
+    if (
+        document.reference.quantity != "drive"
+        or column is None
+        or request.entry.excitation == "decay"
+    ):
         return ""
-    source = open_columns(folder / (part.entry.reference_file or part.file))
+    source = open_columns(folder / (request.entry.reference_file or request.file))
     return file_unit(source, source.position_of(column, "[reference] column"))[0]
 
 

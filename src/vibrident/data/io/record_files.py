@@ -35,7 +35,7 @@ _GLOB_SIGNS = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True)
-class RecordPart:
+class RecordRequest:
     """Record to read: a file and the entry that asks for it."""
 
     entry: RecordsEntry
@@ -58,19 +58,19 @@ class RecordPart:
         return [] if name is None else [f"reference from {name}, SHA-256 {sha256(folder / name)}"]
 
 
-def named_parts(
+def named_requests(
     calibration: CalibrationFile, folder: Path, where: str
-) -> list[tuple[RecordPart, str]]:
-    """Return the part to read for each record, and the record's name, in natural order.
+) -> list[tuple[RecordRequest, str]]:
+    """Return what to read for each record, and the record's name, in natural order.
 
     ``folder``: where relative paths start; ``where``: the calibration file, for messages.
 
     Raises:
         InputError: a glob matches nothing, or a file is asked for twice.
     """
-    parts = list(_parts(calibration.records, folder, where))
-    _refuse_overlaps(parts, folder)
-    return list(zip(parts, _record_names(parts), strict=True))
+    requests = list(_requests(calibration.records, folder, where))
+    _refuse_overlaps(requests, folder)
+    return list(zip(requests, _record_names(requests), strict=True))
 
 
 def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[str]:
@@ -83,27 +83,29 @@ def data_files(calibration: CalibrationFile, folder: Path, where: str) -> list[s
     """
     if calibration.table is not None:
         return [calibration.table.file]
-    parts = list(_parts(calibration.records, folder, where))
+    requests = list(_requests(calibration.records, folder, where))
     reference_files = [
-        part.entry.reference_file for part in parts if part.entry.reference_file is not None
+        request.entry.reference_file
+        for request in requests
+        if request.entry.reference_file is not None
     ]
-    return list(dict.fromkeys([*(part.file for part in parts), *reference_files]))
+    return list(dict.fromkeys([*(request.file for request in requests), *reference_files]))
 
 
-def _parts(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[RecordPart]:
+def _requests(entries: Sequence[RecordsEntry], folder: Path, where: str) -> Iterator[RecordRequest]:
     for number, entry in enumerate(entries, start=1):
-        here = f"{where}, [[records]] entry {number}"
-        files = _files(entry.file, folder, here)
+        location = f"{where}, [[records]] entry {number}"
+        files = _files(entry.file, folder, location)
         for key in ("reference_file", "name"):
             if len(files) > 1 and getattr(entry, key) is not None:
                 raise InputError(
                     f"The key {key!r} is for one file, but the entry's glob matches several.",
                     expected="one file",
                     found=f"{entry.file!r} matches {len(files)} files",
-                    where=f"{here}, {key}",
+                    where=f"{location}, {key}",
                     remedy="write one [[records]] entry a file",
                 )
-        yield from (RecordPart(entry, file, here) for file in files)
+        yield from (RecordRequest(entry, file, location) for file in files)
 
 
 def _files(pattern: str, folder: Path, where: str) -> list[str]:
@@ -122,33 +124,34 @@ def _files(pattern: str, folder: Path, where: str) -> list[str]:
     return sorted(matches, key=natural_sort_key)
 
 
-def _refuse_overlaps(parts: Sequence[RecordPart], folder: Path) -> None:
+def _refuse_overlaps(requests: Sequence[RecordRequest], folder: Path) -> None:
     """Refuse samples in two entries, which would count twice."""
-    parts_of_file: dict[Path, list[RecordPart]] = {}
-    for part in parts:
-        earlier_parts = parts_of_file.setdefault((folder / part.file).resolve(), [])
-        for earlier in earlier_parts:
-            if part.start_s < earlier.stop_s and earlier.start_s < part.stop_s:
+    requests_by_file: dict[Path, list[RecordRequest]] = {}
+    for request in requests:
+        earlier_requests = requests_by_file.setdefault((folder / request.file).resolve(), [])
+        for earlier in earlier_requests:
+            if request.start_s < earlier.stop_s and earlier.start_s < request.stop_s:
+                asked_by = earlier.where.rsplit(", ", 1)[-1]
                 raise InputError(
                     "Two [[records]] entries contain the same samples.",
                     expected="each sample in one record",
-                    found=f"{part.file!r}, which {earlier.where.rsplit(', ', 1)[-1]} asks for too",
-                    where=part.where,
+                    found=f"{request.file!r}, which {asked_by} asks for too",
+                    where=request.where,
                     remedy="narrow the glob, or give each entry its own part with start_s and "
                     "stop_s",
                 )
-        earlier_parts.append(part)
+        earlier_requests.append(request)
 
 
-def _record_names(parts: Sequence[RecordPart]) -> list[str]:
-    files = [part.file for part in parts]
+def _record_names(requests: Sequence[RecordRequest]) -> list[str]:
+    files = [request.file for request in requests]
     names: list[str] = []
-    for part in parts:
-        name = part.entry.name or part.file
-        if part.entry.name is None and files.count(part.file) > 1:
-            name += f" from {part.start_s:g} s"
+    for request in requests:
+        name = request.entry.name or request.file
+        if request.entry.name is None and files.count(request.file) > 1:
+            name += f" from {request.start_s:g} s"
         if name in names:
-            raise duplicate_name(name, f"{part.where}, name")
+            raise duplicate_name(name, f"{request.where}, name")
         names.append(name)
     return names
 
@@ -173,7 +176,7 @@ class ReadRecord:
 
 
 def read_record(
-    part: RecordPart,
+    request: RecordRequest,
     name: str,
     calibration: CalibrationFile,
     folder: Path,
@@ -183,7 +186,7 @@ def read_record(
     """Read one record of a calibration file; InputError where its file cannot be used.
 
     Args:
-        part: file and entry.
+        request: file and entry.
         name: of the record.
         calibration: whose [response] unit is decided.
         folder: of the calibration file.
@@ -191,8 +194,8 @@ def read_record(
         rows: samples of the file that are read in place of the entry's part of it; the file is one
             whose parts are read (see :class:`vibrident.data.io.long_records.FileRecords`).
     """
-    entry = part.entry
-    response, reference = _load(part, calibration, folder, rows)
+    entry = request.entry
+    response, reference = _load(request, calibration, folder, rows)
     conversion = response_conversion(
         response.source, response.position, calibration.response, calibration.response.unit
     )
@@ -207,11 +210,11 @@ def read_record(
         )
         to_reference = conversion.factor * calibration.reference.scale
         step = _step("reference", reference, conversion, calibration.reference, reference_unit)
-        steps += [step, *part.other_file(folder)]
+        steps += [step, *request.other_file(folder)]
     assert response.clock is not None
-    _check_frequency(part, response.clock.clock.rate_hz, response.source.file)
+    _check_frequency(request, response.clock.clock.rate_hz, response.source.file)
     start_s, stop_s = (entry.start_s, entry.stop_s) if rows is None else (None, None)
-    aligned = align(response, reference, start_s, stop_s, part.where)
+    aligned = align(response, reference, start_s, stop_s, request.where)
     begins_s = aligned.start_s
     if rows is not None:
         begins_s += rows.start / aligned.rate_hz
@@ -227,7 +230,9 @@ def read_record(
         frequency_hz=entry.frequency_hz,
         valid=aligned.valid,
         start_time_s=begins_s,
-        provenance=Provenance(part.file, sha256(folder / part.file), (*steps, *aligned.notes)),
+        provenance=Provenance(
+            request.file, sha256(folder / request.file), (*steps, *aligned.notes)
+        ),
         reference_full_scale=scaled_limit(calibration.reference.full_scale, to_reference),
         response_full_scale=scaled_limit(calibration.response.full_scale, to_response),
         circumstances=entry.circumstances,
@@ -259,20 +264,20 @@ def _step(
 
 
 def _load(
-    part: RecordPart, calibration: CalibrationFile, folder: Path, rows: slice | None
+    request: RecordRequest, calibration: CalibrationFile, folder: Path, rows: slice | None
 ) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Load the response and, but for a decay, the reference, each with its clock."""
-    main, channels = open_channels(part, calibration, folder)
+    main, channels = open_channels(request, calibration, folder)
     for source in dict.fromkeys(channel.source for channel in channels):  # each file once
-        places = [n for n, channel in enumerate(channels) if channel.source is source]
-        positions = [channels[n].position for n in places]
+        indices = [n for n, channel in enumerate(channels) if channel.source is source]
+        positions = [channels[n].position for n in indices]
         columns = source.load(positions) if rows is None else _block(source, positions, rows)
-        for n, values in zip(places, columns, strict=True):
+        for n, values in zip(indices, columns, strict=True):
             is_twice = any(values is channel.values for channel in channels)
             first = 0 if rows is None else rows.start
             values = values.copy() if is_twice else values
             channels[n] = replace(channels[n], values=values, first=first)
-    return _with_clocks(part, calibration, main, channels)
+    return _with_clocks(request, calibration, main, channels)
 
 
 def _block(source: ColumnFile, positions: Sequence[int], rows: slice) -> list[FloatArray]:
@@ -282,20 +287,20 @@ def _block(source: ColumnFile, positions: Sequence[int], rows: slice) -> list[Fl
 
 
 def open_channels(
-    part: RecordPart, calibration: CalibrationFile, folder: Path
+    request: RecordRequest, calibration: CalibrationFile, folder: Path
 ) -> tuple[ColumnFile, list[ClockedChannel]]:
     """Return the record's file, and response and reference without values; nothing is loaded.
 
     A decay has no reference.
     """
-    main = open_columns(folder / part.file)
-    wanted = [(main, calibration.response.column, "[response] column")]
-    if part.entry.excitation != "decay":
-        reference_file = part.entry.reference_file
+    main = open_columns(folder / request.file)
+    columns = [(main, calibration.response.column, "[response] column")]
+    if request.entry.excitation != "decay":
+        reference_file = request.entry.reference_file
         source = main if reference_file is None else open_columns(folder / reference_file)
-        wanted.append((source, calibration.reference.column, "[reference] column"))
+        columns.append((source, calibration.reference.column, "[reference] column"))
     channels: list[ClockedChannel] = []
-    for source, column, key in wanted:
+    for source, column, key in columns:
         assert column is not None  # checked with the calibration file
         position = source.position_of(column, key)
         source.require_over_time(position, key)
@@ -304,35 +309,37 @@ def open_channels(
 
 
 def _with_clocks(
-    part: RecordPart,
+    request: RecordRequest,
     calibration: CalibrationFile,
     main: ColumnFile,
     channels: Sequence[ClockedChannel],
 ) -> tuple[ClockedChannel, ClockedChannel | None]:
     """Return response and reference with their clocks; a file without one has the other's."""
-    reader = clock_reader(part, calibration, main)
+    reader = clock_reader(request, calibration, main)
     clocks = []
     for channel in channels:
         channel_columns = [c.position for c in channels if c.source is channel.source]
         clocks.append(reader.clock_of(channel.source, channel.position, channel_columns))
-    known = next((clock for clock in clocks if clock is not None), None)
-    if known is None:
-        raise missing_rate(part.where)
+    default_clock = next((clock for clock in clocks if clock is not None), None)
+    if default_clock is None:
+        raise missing_rate(request.where)
     timed = [
-        replace(channel, clock=known if clock is None else clock)
+        replace(channel, clock=default_clock if clock is None else clock)
         for channel, clock in zip(channels, clocks, strict=True)
     ]
     return timed[0], timed[1] if len(timed) > 1 else None
 
 
-def clock_reader(part: RecordPart, calibration: CalibrationFile, main: ColumnFile) -> ClockReader:
+def clock_reader(
+    request: RecordRequest, calibration: CalibrationFile, main: ColumnFile
+) -> ClockReader:
     """Return the reader of the clocks of a part's channels."""
-    stated_hz = part.entry.rate_hz
+    stated_hz = request.entry.rate_hz
     time_column = None
     if stated_hz is None:
         stated_hz = calibration.sampling.rate_hz
         time_column = calibration.sampling.time_column
-    return ClockReader(stated_hz, time_column, part.where, main)
+    return ClockReader(stated_hz, time_column, request.where, main)
 
 
 def missing_rate(where: str) -> InputError:
@@ -362,14 +369,14 @@ def _scaled(values: FloatArray, factor: float) -> FloatArray:
     return product
 
 
-def _check_frequency(part: RecordPart, rate_hz: float, file: str) -> None:
-    frequency_hz = part.entry.frequency_hz
+def _check_frequency(request: RecordRequest, rate_hz: float, file: str) -> None:
+    frequency_hz = request.entry.frequency_hz
     if frequency_hz is not None and frequency_hz >= rate_hz / 2:
         raise InputError(
             "The frequency lies above half the sampling rate.",
             expected=f"frequency_hz below {rate_hz / 2:.9g} Hz, half the sampling rate",
             found=f"frequency_hz = {frequency_hz!r}",
-            where=f"{part.where}, frequency_hz, for {file}",
+            where=f"{request.where}, frequency_hz, for {file}",
             remedy="correct frequency_hz, or rate_hz / time_column under [sampling]",
         )
 

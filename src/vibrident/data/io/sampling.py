@@ -22,7 +22,7 @@ def cut(
     Raises:
         InputError: no sample remains.
     """
-    stated = {"start_s": start_s, "stop_s": stop_s}
+    limits = {"start_s": start_s, "stop_s": stop_s}
     first = 0 if start_s is None else math.ceil(start_s * rate_hz - _ROUNDING_SAMPLES)
     last = (
         samples if stop_s is None else min(samples, math.ceil(stop_s * rate_hz - _ROUNDING_SAMPLES))
@@ -33,7 +33,7 @@ def cut(
             expected=f"start_s and stop_s within 0 to {samples / rate_hz:.6g} s, counted from the "
             "first sample",
             found=", ".join(
-                f"{key} = {value:g}" for key, value in stated.items() if value is not None
+                f"{key} = {value:g}" for key, value in limits.items() if value is not None
             ),
             where=where,
             remedy="correct start_s and stop_s",

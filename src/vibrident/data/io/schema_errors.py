@@ -63,12 +63,12 @@ def _walk(
     """
     section: type[BaseModel] | None = root
     keys: list[Key] = []
-    for number, part in enumerate(location):
-        if isinstance(part, int):
+    for number, step in enumerate(location):
+        if isinstance(step, int):
             continue
-        if section is None or part not in section.model_fields:
+        if section is None or step not in section.model_fields:
             return location[:number], keys, section
-        keys.append(keys_of(section)[part])
+        keys.append(keys_of(section)[step])
         section = keys[-1].section
     return location, keys, section
 
@@ -91,5 +91,5 @@ def _words(location: Sequence[Any], keys: Sequence[Key]) -> str:
     """Return section and key in words."""
     if not location:
         return "top level"
-    parts = [f"entry {part + 1}" if isinstance(part, int) else str(part) for part in location[1:]]
-    return " ".join([keys[0].heading, *parts])
+    words = [f"entry {step + 1}" if isinstance(step, int) else str(step) for step in location[1:]]
+    return " ".join([keys[0].heading, *words])

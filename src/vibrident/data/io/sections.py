@@ -53,14 +53,14 @@ def require_one(
 
     ``names``: key → how the message calls it.
     """
-    stated = [name for key, name in names.items() if getattr(section, key) not in (None, [])]
-    if len(stated) != 1 and (stated or needed):
+    present = [name for key, name in names.items() if getattr(section, key) not in (None, [])]
+    if len(present) != 1 and (present or needed):
         raise InputError(
             problem,
             expected=" or ".join(names.values()),
-            found=f"both, {' and '.join(stated)}" if stated else "neither",
+            found=f"both, {' and '.join(present)}" if present else "neither",
             where=where,
-            remedy="keep one of the two" if stated else f"add {', or '.join(names.values())}",
+            remedy="keep one of the two" if present else f"add {', or '.join(names.values())}",
         )
 
 
@@ -69,8 +69,8 @@ def require_only_with(
 ) -> None:
     """Refuse a key unless ``other_key`` has this value; where it is needed, its absence then."""
     fits = getattr(section, other_key) == value
-    stated = getattr(section, name) is not None
-    if stated != fits and (stated or needed):
+    is_present = getattr(section, name) is not None
+    if is_present != fits and (is_present or needed):
         raise InputError(
             problem,
             expected=f'{name} with {other_key} = "{value}" alone',
@@ -128,42 +128,42 @@ def check_interferometer(
     section: InterferometerSection, reference: Collection[str], table: bool, where: str
 ) -> None:
     """Refuse keys of the section, of [reference], or a [table] that contradict each other."""
-    here = f"{where}, [interferometer]"
+    location = f"{where}, [interferometer]"
     if table:
         raise InputError(
             "An interferometer needs records.",
             expected="[[records]] with the photodetectors' signals",
             found="[table] and [interferometer]",
-            where=here,
+            where=location,
             remedy="keep one of the two",
         )
-    _require_light(section.wavelength_m, here)
+    _require_light(section.wavelength_m, location)
     channel_keys = [name for name in CHANNEL_KEYS if name in reference]
     if channel_keys:
         raise InputError(
             "The reference is given twice.",
             expected="[interferometer], and in [reference] at most standard_uncertainty",
             found=", ".join(f"[reference] {name}" for name in channel_keys),
-            where=here,
+            where=location,
             remedy="remove these keys, or [interferometer]",
         )
-    wanted = 2 if section.kind == "quadrature" else 1
-    if len(section.columns) != wanted:
+    signals = 2 if section.kind == "quadrature" else 1
+    if len(section.columns) != signals:
         raise InputError(
-            f"The kind {section.kind!r} has {'two signals' if wanted == 2 else 'one signal'}.",
-            expected=f"columns with {wanted} entr{'ies' if wanted == 2 else 'y'}",
+            f"The kind {section.kind!r} has {'two signals' if signals == 2 else 'one signal'}.",
+            expected=f"columns with {signals} entr{'ies' if signals == 2 else 'y'}",
             found=f"columns = {section.columns!r}",
-            where=f"{here} columns",
+            where=f"{location} columns",
             remedy="name the column of each photodetector signal, or correct kind",
         )
     problem = "Only a heterodyne signal has a carrier."
-    require_only_with(section, "carrier_hz", "kind", "heterodyne", problem, here, needed=True)
+    require_only_with(section, "carrier_hz", "kind", "heterodyne", problem, location, needed=True)
 
 
-def _require_light(wavelength_m: float, here: str) -> None:
+def _require_light(wavelength_m: float, where: str) -> None:
     if _MIN_WAVELENGTH_M <= wavelength_m <= _MAX_WAVELENGTH_M:
         return
-    meant = [
+    plausible_m = [
         f"{wavelength_m * unit:.9g}"
         for unit in (1e-9, 1e-6)
         if _MIN_WAVELENGTH_M <= wavelength_m * unit <= _MAX_WAVELENGTH_M
@@ -172,9 +172,9 @@ def _require_light(wavelength_m: float, here: str) -> None:
         "The wavelength is not that of light.",
         expected=f"wavelength_m in metres, from {_MIN_WAVELENGTH_M:g} to {_MAX_WAVELENGTH_M:g}",
         found=f"wavelength_m = {wavelength_m!r}",
-        where=f"{here} wavelength_m",
-        remedy=f"write wavelength_m = {meant[0]}"
-        if meant
+        where=f"{where} wavelength_m",
+        remedy=f"write wavelength_m = {plausible_m[0]}"
+        if plausible_m
         else "give it in metres, 632.991e-9 for a helium-neon laser",
     )
 
@@ -234,7 +234,9 @@ class UncertaintyEntry(FileSection):
         size = max((u for _, u in self.table or ()), default=self.standard_uncertainty or 0.0)
         scale = size if self.table and size else 1.0
         real, imaginary = (0.0, -1.0) if self.kind == "phase" else (1.0, 0.0)
-        rows = tuple((f, real * part / scale, imaginary * part / scale) for f, part in self._shape)
+        rows = tuple(
+            (f, real * weight / scale, imaginary * weight / scale) for f, weight in self._shape
+        )
         return SystematicEffect(self.source, self.kind, size, self.frequency_hz, freedom, rows)
 
     @property
@@ -275,11 +277,11 @@ class CapabilityEntry(FileSection):
 def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None:
     """Refuse an entry that has no size or two, or keys that its kind does not have."""
     for number, entry in enumerate(entries, start=1):
-        here = f"{where}, [[uncertainty]] entry {number}"
+        location = f"{where}, [[uncertainty]] entry {number}"
         sizes = {"standard_uncertainty": "standard_uncertainty", "table": "table"}
-        require_one(entry, sizes, "A contribution has one size.", here)
+        require_one(entry, sizes, "A contribution has one size.", location)
         problem = "Only a mounting effect has a frequency."
-        require_only_with(entry, "frequency_hz", "kind", "mounting", problem, here, needed=True)
+        require_only_with(entry, "frequency_hz", "kind", "mounting", problem, location, needed=True)
         band = [k for k in ("table", "from_hz", "to_hz") if getattr(entry, k) is not None]
         both = entry.table is not None and len(band) > 1
         if both or (band and entry.kind not in _BANDED):
@@ -287,7 +289,7 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
                 "A table or a band does not fit this entry.",
                 expected='table, or from_hz and to_hz, with kind = "gain" or "phase"',
                 found=f"kind = {entry.kind!r} with {' and '.join(band)}",
-                where=here,
+                where=location,
                 remedy=f"remove {' and '.join(band[1:] if both else band)}",
             )
         rows = [row[0] for row in entry.table or ()]
@@ -298,7 +300,7 @@ def check_uncertainties(entries: Sequence[UncertaintyEntry], where: str) -> None
                 "The frequencies of a contribution do not rise.",
                 expected="frequencies above zero, each above the one before",
                 found=f"{frequencies}",
-                where=here,
+                where=location,
                 remedy="put them in order",
             )
 
@@ -317,13 +319,13 @@ def effects_at(
         inside = [low <= t <= high for t in temperatures_c]
         everywhere = low == -math.inf and high == math.inf
         if not everywhere and (not inside or any(inside) != all(inside)):
-            stated = ", ".join(f"{t:g}" for t in dict.fromkeys(temperatures_c)) or "none"
+            temperatures = ", ".join(f"{t:g}" for t in dict.fromkeys(temperatures_c)) or "none"
             raise InputError(
                 "A contribution holds at some temperatures, and those of the records do not decide "
                 "whether it does.",
                 expected="temperature_c of the records, or of [certificate], all from "
                 f"{low:g} to {high:g}, or none",
-                found=stated,
+                found=temperatures,
                 where=f"{where}, [[uncertainty]] entry {number}",
                 remedy="state temperature_c, or leave from_c and to_c out",
             )

@@ -107,7 +107,7 @@ def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) 
     ``dates``: as written → first row.
     """
     slashed = {date: row for date, row in dates.items() if date and date[:3].count("/") == 1}
-    pairs = {date: [int(part) for part in date.split("/")[:2]] for date in slashed}
+    pairs = {date: [int(field) for field in date.split("/")[:2]] for date in slashed}
     if any(first > 12 for first, _ in pairs.values()):
         return False
     if any(second > 12 for _, second in pairs.values()):
@@ -128,9 +128,9 @@ def _is_month_first(dates: dict[str | None, int], locate: Callable[[int], str]) 
 @functools.lru_cache(maxsize=64)
 def _days(date: str, month_first: bool) -> int | None:
     """Return the days since 1970; None for a day that does not exist or overflows nanoseconds."""
-    parts = re.split("[-/. ]", date.lower())
-    year, month, day = parts if len(parts[0]) == 4 else parts[::-1]
-    if month_first and "/" in date and len(parts[0]) < 4:
+    fields = re.split("[-/. ]", date.lower())
+    year, month, day = fields if len(fields[0]) == 4 else fields[::-1]
+    if month_first and "/" in date and len(fields[0]) < 4:
         day_of_month = month
         month = day
         day = day_of_month

@@ -79,12 +79,12 @@ def meaning_of(name: str) -> tuple[str, float]:
 
 def statements(values: Mapping[str, Any]) -> dict[str, Statement]:
     """Return what named values of a file state, by meaning; the first of several of one counts."""
-    stated: dict[str, Statement] = {}
+    by_meaning: dict[str, Statement] = {}
     for name, value in values.items():
         meaning, factor = meaning_of(name)
         if meaning:
-            stated.setdefault(meaning, Statement(name, value, factor))
-    return stated
+            by_meaning.setdefault(meaning, Statement(name, value, factor))
+    return by_meaning
 
 
 def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | None:
@@ -112,7 +112,9 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
     difference = abs(rate_hz * numbers.get("interval", 1.0 / rate_hz) - 1.0)
     if difference > _MAX_ROUNDING:
         clocks = [
-            f"{stated.name} = {stated.value!r}" for stated in map(level.get, numbers) if stated
+            f"{statement.name} = {statement.value!r}"
+            for statement in map(level.get, numbers)
+            if statement
         ]
         raise _unusable(
             "The file states two sampling rates.",
@@ -125,13 +127,13 @@ def clock_of(levels: Sequence[Mapping[str, Statement]], where: str) -> Clock | N
 
 def start_of(levels: Sequence[Mapping[str, Statement]]) -> StartTime | None:
     """Return the start that a file states: a date, or seconds on its own clock; None if neither."""
-    stated = next((level["start"] for level in levels if "start" in level), None)
-    value = None if stated is None else scalar(stated.value)
-    if stated is None or value is None:
+    statement = next((level["start"] for level in levels if "start" in level), None)
+    value = None if statement is None else scalar(statement.value)
+    if statement is None or value is None:
         return None
     if isinstance(value, str) and (start := _date(value)):
         return start
-    seconds = _number(value) * stated.factor
+    seconds = _number(value) * statement.factor
     return StartTime.on_own_clock(seconds) if math.isfinite(seconds) else None
 
 
@@ -193,10 +195,10 @@ def nearest_unit(
 def is_frequency(name: str, unit: str) -> bool:
     """Return whether an axis of this name and unit is one of frequencies."""
     word = name.strip().lower()
-    known = any(
+    has_kind = any(
         factor_between(unit, frequency_unit) is not None for frequency_unit in ("Hz", "rad/s")
     )
-    return known or word.startswith("freq") or word == "f"
+    return has_kind or word.startswith("freq") or word == "f"
 
 
 def scalar(value: Any) -> Any:
@@ -220,16 +222,16 @@ def _number(value: Any) -> float:
     return math.nan if isinstance(value, np.complexfloating) else float(value)
 
 
-def _positive(stated: Statement, where: str) -> float:
+def _positive(statement: Statement, where: str) -> float:
     """Return a stated rate or interval in Hz or s; InputError where it is no number above 0."""
-    single_value = scalar(stated.value)
-    value = _number(single_value) * stated.factor
+    single_value = scalar(statement.value)
+    value = _number(single_value) * statement.factor
     if math.isfinite(value) and value > 0 and math.isfinite(1.0 / value):
         return value
     raise _unusable(
         "The sampling rate in the file's metadata cannot be used.",
-        f"{stated.name} to be a finite number above 0",
-        repr(stated.value if single_value is None else single_value)[:_MAX_NAME_LENGTH],
+        f"{statement.name} to be a finite number above 0",
+        repr(statement.value if single_value is None else single_value)[:_MAX_NAME_LENGTH],
         where,
     )
 
@@ -239,9 +241,9 @@ def _unusable(problem: str, expected: str, value: str, where: str) -> InputError
     return InputError(problem, expected=expected, found=value, where=where, remedy=remedy)
 
 
-def _half_spacing(stated: Statement) -> float:
+def _half_spacing(statement: Statement) -> float:
     """Return how far a fraction in four bytes may be from what was meant; 0 for other numbers."""
-    number = scalar(stated.value)
+    number = scalar(statement.value)
     if type(number) is np.float32 and number != round(number):
-        return float(np.spacing(number)) / 2 * stated.factor
+        return float(np.spacing(number)) / 2 * statement.factor
     return 0.0

@@ -64,9 +64,11 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     if "real" in values:
         values["magnitude"] = np.hypot(values["real"], values["imaginary"])
         values["phase"] = np.arctan2(values["imaginary"], values["real"])
-    shown = "magnitude" if "magnitude" in columns else "real"
+    size_key = "magnitude" if "magnitude" in columns else "real"
     of = "magnitude" if "magnitude" in columns else "the magnitude of real and imaginary part"
-    _require_positive(of, values["magnitude"], columns[shown], source, positions[shown], left_out)
+    _require_positive(
+        of, values["magnitude"], columns[size_key], source, positions[size_key], left_out
+    )
     deviations = {
         key: conversions[key].of_uncertainties(
             columns[key], values[key.removesuffix("_uncertainty")], abs(scale)
@@ -118,18 +120,18 @@ def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str
 
 def _positions(section: TableSection, source: ColumnFile) -> dict[str, int]:
     """Return the position of each column that the section names."""
-    wanted = {key: getattr(section, key) for key in _KEYS}
+    columns = {key: getattr(section, key) for key in _KEYS}
     names = {key: f"[table] {key}" for key in _KEYS}
     if section.complex is not None:
-        parts = {"real": "real", "imaginary": "imag", "frequency": "frequency"}
-        for key, part in parts.items():
-            if wanted[key] is None:
-                wanted[key] = f"{section.complex}.{part}"
+        components = {"real": "real", "imaginary": "imag", "frequency": "frequency"}
+        for key, component in components.items():
+            if columns[key] is None:
+                columns[key] = f"{section.complex}.{component}"
                 names[key] = "[table] complex"
         _require_complex(section, source)
     return {
         key: source.position_of(column, names[key])
-        for key, column in wanted.items()
+        for key, column in columns.items()
         if column is not None
     }
 
@@ -140,13 +142,15 @@ def _require_complex(section: TableSection, source: ColumnFile) -> None:
     where = f"{source.file}, asked for by [table] complex"
     if f"{name}.real" not in source.names:
         arrays = [each.removesuffix(".real") for each in source.names if each.endswith(".real")]
-        parts = "write its parts into two columns, and name them with real and imaginary"
+        split_advice = "write its parts into two columns, and name them with real and imaginary"
         raise InputError(
             "There is no complex array of that name.",
             expected=f"one of {', '.join(map(repr, arrays[:12]))}" if arrays else "a complex array",
             found=f"{name!r}" + (", which is not complex" if name in source.names else ""),
             where=where,
-            remedy=did_you_mean(name, arrays, "give one of these names") if arrays else parts,
+            remedy=did_you_mean(name, arrays, "give one of these names")
+            if arrays
+            else split_advice,
         )
     if section.frequency is None and f"{name}.frequency" not in source.names:
         raise InputError(
@@ -212,7 +216,7 @@ def _load(
 def _require_positive(
     key: str,
     values: FloatArray,
-    shown: FloatArray,
+    file_values: FloatArray,
     source: ColumnFile,
     position: int,
     first_row: int,
@@ -225,7 +229,7 @@ def _require_positive(
             f"A value of {key} is {'too large' if is_large else 'not above zero'}.",
             expected="numbers above 0"
             + ('; for dB state magnitude_unit = "dB"' if key == "magnitude" else ""),
-            found=repr(float(shown[bad[0]])),
+            found=repr(float(file_values[bad[0]])),
             where=source.locate(position, first_row + int(bad[0])),
             remedy="repair or remove that row",
         )

@@ -148,17 +148,17 @@ def _factor(text: str, unit: str, si: Unit | None) -> float | None:
     ``si``: None for a drive whose unit is not known, which keeps the file's.
     """
     parsed = parse_unit(text)
-    wanted = parse_unit(unit)
+    target = parse_unit(unit)
     above, below = _quotient(text)
-    if parsed is None or wanted is None:
+    if parsed is None or target is None:
         if above != unit or below is None or (si and below.dimension != si.dimension):
             return None
         return si.factor / below.factor if si else 1.0
-    if parsed.dimension == wanted.dimension and not above:
-        return parsed.factor / wanted.factor
+    if parsed.dimension == target.dimension and not above:
+        return parsed.factor / target.factor
     if si is None:
         return factor_between(above, unit)
-    per_si = wanted.over(si)
+    per_si = target.over(si)
     return parsed.factor / per_si.factor if parsed.dimension == per_si.dimension else None
 
 
@@ -195,8 +195,8 @@ def _refuse_second_conversion(
     if si is not None and factor_between(text, unit) is None:  # 9.81 has no other meaning
         conversions += [(reference, STANDARD_GRAVITY), (response, 1.0 / STANDARD_GRAVITY)]
     scales = {"[response]": response, "[reference]": reference}
-    for scale, known in conversions:
-        if known not in (None, 1.0) and is_same_factor(scale, known):
+    for scale, unit_factor in conversions:
+        if unit_factor not in (None, 1.0) and is_same_factor(scale, unit_factor):
             keys = " and ".join(key for key, value in scales.items() if abs(value) != 1.0)
             raise column.refused(
                 f"no scale {scale!r}: the unit of the file is converted already",

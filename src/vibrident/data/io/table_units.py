@@ -117,14 +117,14 @@ def phase_conversion(
     Raises:
         InputError: the file states another unit than phase_unit, or one that is no angle.
     """
-    stated = section.phase_unit if "phase_unit" in section.model_fields_set else ""
-    text, parsed = _angle(column, stated)
+    phase_unit = section.phase_unit if "phase_unit" in section.model_fields_set else ""
+    text, parsed = _angle(column, phase_unit)
     if parsed is None:
         degrees = section.phase_unit == "deg"
-        return phase or ColumnConversion(math.pi / 180 if degrees else 1.0, unit=stated)
-    if column.key == "phase" and stated and parse_unit(stated) != parsed:
+        return phase or ColumnConversion(math.pi / 180 if degrees else 1.0, unit=phase_unit)
+    if column.key == "phase" and phase_unit and parse_unit(phase_unit) != parsed:
         remedy = "remove phase_unit, or correct the header"
-        raise column.refused(f'phase_unit = "{stated}"', text, remedy)
+        raise column.refused(f'phase_unit = "{phase_unit}"', text, remedy)
     if phase is not None and not phase.unit and parsed.factor != phase.factor:
         remedy = 'state phase_unit = "deg" or "rad", the unit of the phase'
         raise column.refused("the unit of the phase, which nothing states", text, remedy)

@@ -249,9 +249,9 @@ def _clock(statement: HeadStatement, value: str, decimal: str, time_unit: str, f
     written = _NUMBER.match(value)
     text = written[1].rstrip(".,'") if written else ""
     number = _number(text, decimal)
-    stated = (written[2] if written else "").strip("()[]{} .;") or statement.unit
+    header_unit = (written[2] if written else "").strip("()[]{} .;") or statement.unit
     default = "Hz" if statement.kind == "rate" else time_unit or "s"
-    unit = _unit(stated or default)
+    unit = _unit(header_unit or default)
     if number is None or unit is None or not 1 / _MAX_RATE_HZ < number * unit.factor < _MAX_RATE_HZ:
         raise _unusable(statement, "a number above 0, in Hz or s or a multiple", file)
     kind = "rate" if unit.dimension == (("s", -1),) else "interval"
@@ -280,9 +280,9 @@ def _number(text: str, decimal: str) -> float | None:
 def _precision(text: str) -> tuple[int, float]:
     """Return the number of significant digits as written, and half a unit of the last place."""
     mantissa, _, exponent = text.lower().replace(",", ".").partition("e")
-    places = len(mantissa.partition(".")[2])
+    decimals = len(mantissa.partition(".")[2])
     digits = mantissa.lstrip("+-").replace(".", "").strip("0")
-    return len(digits), 0.5 * 10.0 ** (int(exponent or 0) - places)
+    return len(digits), 0.5 * 10.0 ** (int(exponent or 0) - decimals)
 
 
 def _unit(text: str) -> Unit | None:

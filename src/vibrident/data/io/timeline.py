@@ -43,7 +43,7 @@ class Timeline:
     Attributes:
         clock: rate by regression over all stamps, its rounding, and the start.
         rows: shape (m,), rows that count; a row whose stamp repeats the one before does not.
-        places: shape (m,), place of each on the even raster, from 0; lost samples leave holes.
+        raster_index: shape (m,), of each on the even raster, from 0; lost samples leave holes.
         offsets: shape (m,), deviation of each from its place, in intervals; zero where the
             deviation is no more than the rounding of the stamps.
         rounding_s: width of the rounding of a stamp, s.
@@ -52,7 +52,7 @@ class Timeline:
 
     clock: Clock
     rows: NDArray[np.int64]
-    places: NDArray[np.int64]
+    raster_index: NDArray[np.int64]
     offsets: FloatArray
     rounding_s: float
     note: str = ""
@@ -70,7 +70,7 @@ class Timeline:
     @property
     def lost(self) -> int:
         """Return the number of samples that are missing."""
-        return int(self.places[-1]) + 1 - self.places.size
+        return int(self.raster_index[-1]) + 1 - self.raster_index.size
 
 
 def timeline_of(
@@ -138,8 +138,8 @@ def timeline_from(
     if rows.size < 2 or rows.size < (1.0 - _MAX_LOST) * elapsed_s.size:
         raise _uneven("The times do not increase.", "the same time in most rows", locate(1))
     times_s = elapsed_s[rows]
-    places, interval, origin = _raster(times_s, lambda index: locate(int(rows[index])))
-    deviation = times_s - origin - interval * places
+    raster_index, interval, origin = _raster(times_s, lambda index: locate(int(rows[index])))
+    deviation = times_s - origin - interval * raster_index
     rounding_s = _rounding(times_s, resolution_s)
     span = float(np.max(deviation) - np.min(deviation))
     is_even = span <= _MAX_SPAN * rounding_s + 4.0 * resolution_s
@@ -148,7 +148,7 @@ def timeline_from(
     spread = max(3.0 * worst / interval / times_s.size, SAME_RATE) if is_even else SAME_RATE
     begin = StartTime(start.ns + round(origin * 1e9), start.epoch)
     clock = Clock(1.0 / interval, spread, begin)
-    return Timeline(clock, rows, places, offsets, max(rounding_s, resolution_s), note)
+    return Timeline(clock, rows, raster_index, offsets, max(rounding_s, resolution_s), note)
 
 
 def clock_from_times(times_s: FloatArray, locate: Callable[[int], str]) -> Clock | None:
@@ -164,33 +164,33 @@ def _raster(
     times: FloatArray, locate: Callable[[int], str]
 ) -> tuple[NDArray[np.int64], float, float]:
     """Return place of each time on the even raster, its interval and its origin, by regression."""
-    places = np.arange(times.size)
-    interval, origin = _regression(places, times)
-    if np.max(np.abs(times - origin - interval * places)) <= MAX_JITTER * interval:
-        return places, interval, origin
+    raster_index = np.arange(times.size)
+    interval, origin = _regression(raster_index, times)
+    if np.max(np.abs(times - origin - interval * raster_index)) <= MAX_JITTER * interval:
+        return raster_index, interval, origin
     steps = np.diff(times)
     usual = float(np.median(steps))
-    places = np.concatenate([[0], np.cumsum(np.maximum(np.rint(steps / usual), 1.0))]).astype(
+    raster_index = np.concatenate([[0], np.cumsum(np.maximum(np.rint(steps / usual), 1.0))]).astype(
         np.int64
     )
-    interval, origin = _regression(places, times)
-    deviation = np.abs(times - origin - interval * places)
+    interval, origin = _regression(raster_index, times)
+    deviation = np.abs(times - origin - interval * raster_index)
     if np.max(deviation) > MAX_JITTER * interval:
         at = int(np.argmax(deviation))
         text = f"a time {deviation[at] / interval:.3g} intervals away from even spacing"
         raise _uneven("The sampling rate drifts.", text, locate(at))
-    if times.size < (1.0 - _MAX_LOST) * (places[-1] + 1):
+    if times.size < (1.0 - _MAX_LOST) * (raster_index[-1] + 1):
         at = int(np.argmax(steps))
         text = f"a step of {steps[at]:.9g} s where the others are {usual:.9g} s"
         raise _uneven("The record has a gap.", text, locate(at + 1))
-    return places, interval, origin
+    return raster_index, interval, origin
 
 
-def _regression(places: NDArray[np.int64], times: FloatArray) -> tuple[float, float]:
+def _regression(raster_index: NDArray[np.int64], times: FloatArray) -> tuple[float, float]:
     """Return interval and origin of the straight line through times over places."""
-    centred = places - places.mean()
+    centred = raster_index - raster_index.mean()
     interval = float(centred @ times / (centred @ centred))
-    return interval, float(times.mean() - interval * places.mean())
+    return interval, float(times.mean() - interval * raster_index.mean())
 
 
 def _rounding(times: FloatArray, resolution_s: float) -> float:

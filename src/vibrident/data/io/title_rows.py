@@ -80,12 +80,12 @@ def _is_no_title(cell: str) -> bool:
 
 def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
     """Tell whether a row below the names has units: known ones, in brackets, or words for none."""
-    known = unknown = 0
+    recognised = unknown = 0
     for cell, name in zip(row, names, strict=True):
         if _BRACKETED.fullmatch(cell) or parse_unit(cell) is not None:
-            known += 1
+            recognised += 1
         elif is_row_counter(cell) or (cell and cell.lower() in name.lower()):
             unknown += 1
         elif not is_no_unit(cell):
             return False
-    return known > unknown
+    return recognised > unknown

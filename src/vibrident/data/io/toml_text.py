@@ -79,13 +79,13 @@ def toml_document(document: Mapping[str, Any]) -> str:
 
 def toml_section(name: str, values: Mapping[str, Any]) -> str:
     """Return the section ``[name]``, a line a key; None values are left out."""
-    return tomli_w.dumps({name: _stated(values)})
+    return tomli_w.dumps({name: _without_empty(values)})
 
 
 def toml_entry(name: str, values: Mapping[str, Any]) -> str:
     """Return one entry ``[[name]]`` of plain values, likewise."""
-    return f"[[{name}]]\n" + tomli_w.dumps(_stated(values))
+    return f"[[{name}]]\n" + tomli_w.dumps(_without_empty(values))
 
 
-def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
+def _without_empty(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}

@@ -247,7 +247,7 @@ def quantity_of(unit: str) -> str | None:
 def factor_between(unit: str, target: str) -> float | None:
     """Return how many ``target`` units a ``unit`` is; None if unknown or of another dimension."""
     parsed = parse_unit(unit)
-    wanted = parse_unit(target)
-    if parsed is None or wanted is None or parsed.dimension != wanted.dimension:
+    target_unit = parse_unit(target)
+    if parsed is None or target_unit is None or parsed.dimension != target_unit.dimension:
         return None
-    return parsed.factor / wanted.factor
+    return parsed.factor / target_unit.factor

@@ -154,19 +154,19 @@ class Mounting:
 
 
 def require_usable(
-    stated: Mapping[str, float | None], above_zero: Collection[str], where: str
+    values: Mapping[str, float | None], above_zero: Collection[str], where: str
 ) -> None:
     """Check that the properties of a mounting are finite, and none is negative.
 
     Args:
-        stated: by name; None: not stated.
+        values: by name; None: not stated.
         above_zero: names of those that are not zero either.
         where: names the place for the error.
 
     Raises:
         InputError: a value cannot be used.
     """
-    for name, value in stated.items():
+    for name, value in values.items():
         positive = name in above_zero
         if value is None or (
             np.isfinite(value) and (value > 0.0 or (value == 0.0 and not positive))

@@ -284,11 +284,11 @@ class KnownResponse:
         return cls((shape,), channel_unit, effects=effects, source=source)
 
 
-def refuse_known(stated: Mapping[str, object], what: str, where: str) -> None:
+def refuse_known(by_channel: Mapping[str, object], what: str, where: str) -> None:
     """Refuse known responses, by channel, as ``what`` does not take them out of the data."""
-    channels = [f"[{name}]" for name, known in stated.items() if known and name != "mounting"]
+    channels = [f"[{name}]" for name, chain in by_channel.items() if chain and name != "mounting"]
     statements = [f"known_response in {' and '.join(channels)}"] if channels else []
-    if "mounting" in stated:
+    if "mounting" in by_channel:
         statements.append("[mounting]")
     if statements:
         raise InputError(

@@ -210,14 +210,14 @@ class Tabulated:
         error = np.zeros(self.frequency_hz.size, dtype=complex)
         if error.size < MIN_POINTS_FOR_ERROR:
             return error
-        places = np.arange(error.size)
+        index = np.arange(error.size)
         for first in (0, 1):
-            fitted = places[first::2]
+            fitted = index[first::2]
             columns = (
                 column[fitted] for column in (self.frequency_hz, self.magnitude, self.phase_rad)
             )
             coarse = Tabulated(*columns)
-            omitted = np.setdiff1d(places[fitted[0] : fitted[-1]], fitted)
+            omitted = np.setdiff1d(index[fitted[0] : fitted[-1]], fitted)
             true_response = self.magnitude[omitted] * np.exp(1j * self.phase_rad[omitted])
             error[omitted] = np.log(coarse.at(self.frequency_hz[omitted]) / true_response) / 4.0
         return error

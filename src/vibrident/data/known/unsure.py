@@ -74,10 +74,10 @@ def tabulated_effects(
         correlation_octaves: distance over which errors lose their correlation; None: full.
     """
     effects: list[SystematicEffect] = []
-    for kind, stated in sizes.items():
-        if stated is None:
+    for kind, size in sizes.items():
+        if size is None:
             continue
-        u = np.broadcast_to(np.asarray(stated, dtype=float), frequency_hz.shape)
+        u = np.broadcast_to(np.asarray(size, dtype=float), frequency_hz.shape)
         _require_sizes(kind, u)
         unit = 1.0 if kind == "gain" else -1j
         for column in _columns(frequency_hz, correlation_octaves):

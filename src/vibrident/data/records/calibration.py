@@ -214,7 +214,7 @@ class Calibration:
     @property
     def units(self) -> dict[str, str]:
         """Return the unit of each channel's values, by its label."""
-        channel_units = {name: known.channel_unit for name, known in self.known_responses.items()}
+        channel_units = {name: chain.channel_unit for name, chain in self.known_responses.items()}
         return {"reference": self.reference_unit, "response": self.response_unit} | channel_units
 
     @property
@@ -228,17 +228,17 @@ class Calibration:
         if self.mounting is not None and self.mounting.is_known:
             coupling = replace(self.mounting.response, channel_unit=self.reference_unit)
             reference = coupling if reference is None else reference.times(coupling)
-        stated = {"reference": reference, "response": self.response_known_response}
-        return {name: known for name, known in stated.items() if known is not None}
+        by_channel = {"reference": reference, "response": self.response_known_response}
+        return {name: chain for name, chain in by_channel.items() if chain is not None}
 
     def refuse_known_responses(self, what: str) -> None:
         """Refuse a calibration with known responses, which ``what`` cannot take out of the data."""
-        stated: dict[str, object] = dict(self.known_responses)
+        by_channel: dict[str, object] = dict(self.known_responses)
         if self.mounting is not None and self.mounting.is_known:
-            stated["mounting"] = self.mounting
+            by_channel["mounting"] = self.mounting
             if self.reference_known_response is None:
-                del stated["reference"]
-        refuse_known(stated, what, self.source or "calibration in memory")
+                del by_channel["reference"]
+        refuse_known(by_channel, what, self.source or "calibration in memory")
 
     def require_response(self, unit: str, without_records: str) -> None:
         """Check that there are records, and that their response is in the unit of a result.

@@ -130,11 +130,11 @@ class PredictedResponse:
     @functools.cached_property
     def errors(self) -> FloatArray:
         """Return the errors of the prediction, shape (samples,); zero for the first ORDER."""
-        parts = [
+        contributions = [
             np.convolve(each, taps, "valid")
             for each, taps in zip(self._series, self.taps, strict=True)
         ]
-        return np.pad(parts[0] + parts[1], (ORDER, 0))
+        return np.pad(contributions[0] + contributions[1], (ORDER, 0))
 
     @property
     def _series(self) -> tuple[FloatArray, FloatArray]:

@@ -56,8 +56,8 @@ def _copies(records: Sequence[Record], group: Sequence[int]) -> list[tuple[int, 
     """
     if len(group) == 1:
         return []
-    places = np.linspace(0, records[group[0]].samples - 1, _PROBES).astype(int)
-    probes = np.array([records[index].response[places] for index in group])
+    probe_index = np.linspace(0, records[group[0]].samples - 1, _PROBES).astype(int)
+    probes = np.array([records[index].response[probe_index] for index in group])
     allowed = np.array([_MAX_ROUNDING_ERROR * np.ptp(records[index].response) for index in group])
     means = probes.mean(axis=1)
     order = np.argsort(means, kind="stable")

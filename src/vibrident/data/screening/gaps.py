@@ -82,9 +82,9 @@ def _chance_of_equal(values: FloatArray, first: int, last: int, step: float) -> 
     after = np.abs(np.diff(values[last : last + NEIGHBOURS]))[1:]
     changes = np.concatenate([before, after, [0.0]])
     usual = float(np.quantile(changes, USUAL_CHANGE_QUANTILE))
-    here = values[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS]
+    neighbourhood = values[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS]
     # Numbers of a fixed number of digits have coarser steps where they are large.
-    step = max(step, converter_step(here))
+    step = max(step, converter_step(neighbourhood))
     return min(1.0, step / usual) if usual > 0.0 else 1.0
 
 

@@ -172,13 +172,13 @@ def _without_spoilt(
     Only the response is marked where the reference is sound.
     """
     findings = []
-    known = _samples_by_channel(record)
+    samples = _samples_by_channel(record)
     for label, _, full_scale in _channels(record):
         if label == "reference" and record.optical is not None:
             # It was computed: the optical signals show the converter's limits and losses.
             continue
-        known = _samples_by_channel(record, known)
-        bad, rails = clipped(known[label], full_scale)
+        samples = _samples_by_channel(record, samples)
+        bad, rails = clipped(samples[label], full_scale)
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
             observation = f"the {label} channel is clipped at {levels}"
@@ -186,8 +186,8 @@ def _without_spoilt(
                 record, label, bad, "clipped", observation, f"{label} clipped at {levels}"
             )
             findings.append(finding)
-        known = _samples_by_channel(record, known)
-        bad = lost_samples(known[label])
+        samples = _samples_by_channel(record, samples)
+        bad = lost_samples(samples[label])
         if bad.any():
             stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
             first = float(np.argmax(bad)) / record.sampling_rate_hz
@@ -200,14 +200,14 @@ def _without_spoilt(
                 record, label, bad, "dead_channel", observation, f"{label} stands still"
             )
             findings.append(finding)
-    known = _samples_by_channel(record, known)
-    record, copied = _without_copied(record, known)
+    samples = _samples_by_channel(record, samples)
+    record, copied = _without_copied(record, samples)
     findings += copied
     for longest in _longest_runs(record):
-        known = _samples_by_channel(record, known)
+        samples = _samples_by_channel(record, samples)
         channels = {
             label: PredictedChannel.from_samples(channel, longest)
-            for label, channel in known.items()
+            for label, channel in samples.items()
         }
         for label, bad in reversed(_wild(record, channels).items()):
             record, finding = _without(
@@ -265,12 +265,12 @@ def _frequency_words(number: int) -> str:
 
 
 def _samples_by_channel(
-    record: Record, known: Mapping[str, ChannelSamples] | None = None
+    record: Record, earlier: Mapping[str, ChannelSamples] | None = None
 ) -> dict[str, ChannelSamples]:
-    """Return each channel's samples to look at: those ``known`` where none was marked since."""
+    """Return each channel's samples to look at: those ``earlier`` where none was marked since."""
     channels = dict[str, ChannelSamples]()
     for label, values, _ in _channels(record):
-        channel = known.get(label) if known else None
+        channel = earlier.get(label) if earlier else None
         if channel is None or not np.array_equal(channel.valid, record.mask):
             channel = ChannelSamples(values, record.mask)
         channels[label] = channel
@@ -324,24 +324,24 @@ def _longest_part(
             label: PredictedChannel.from_samples(ChannelSamples(values, valid))
             for label, values, _ in _channels(record)
         }
-    places = breaks(**channels)
-    if places.size and is_stairs(record.reference):
+    break_index = breaks(**channels)
+    if break_index.size and is_stairs(record.reference):
         return record, []
-    if places.size:
+    if break_index.size:
         answers = PredictedResponse.all_from_channels(**channels)
-        places = places[
-            [all(answer.breaks_off(int(index)) for answer in answers) for index in places]
+        break_index = break_index[
+            [all(answer.breaks_off(int(index)) for answer in answers) for index in break_index]
         ]
-    if places.size == 0:
+    if break_index.size == 0:
         return record, []
-    edges = np.concatenate([[0], places, [record.samples]])
+    edges = np.concatenate([[0], break_index, [record.samples]])
     longest = int(np.argmax(np.diff(edges)))
     outside = np.ones(record.samples, dtype=bool)
     # Which of the samples at a break is the last, or the first, is not known.
     outside[
-        edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < places.size)
+        edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < break_index.size)
     ] = False
-    times = ", ".join(f"{index / record.sampling_rate_hz:.6g}" for index in places)
+    times = ", ".join(f"{index / record.sampling_rate_hz:.6g}" for index in break_index)
     observation = (
         f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
         "only the longest unbroken part is used"

@@ -66,8 +66,8 @@ def _repeat_distance(values: FloatArray, valid: BoolArray, change: FloatArray) -
         return None
     sums = [np.cumsum(np.concatenate([[0], flags])) for flags in (~valid, change != 0.0)]
     unused, moving = (total[WINDOW_SAMPLES:] - total[:-WINDOW_SAMPLES] for total in sums)
-    places = np.flatnonzero((unused == 0) & (moving >= MIN_CHANGING_SAMPLES))
-    order = places[np.argsort(keys[places], kind="stable")]
+    candidates = np.flatnonzero((unused == 0) & (moving >= MIN_CHANGING_SAMPLES))
+    order = candidates[np.argsort(keys[candidates], kind="stable")]
     same = keys[order[1:]] == keys[order[:-1]]
     distance, counts = np.unique(np.diff(order)[same], return_counts=True)
     return int(distance[np.argmax(counts)]) if counts.size else None

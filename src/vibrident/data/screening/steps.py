@@ -44,11 +44,11 @@ def converter_step(values: FloatArray, valid: BoolArray | None = None) -> float:
         return _step_of(values[every][valid[every]])
     if values.base is not None or values.flags.writeable:
         return _step_of(values[every])
-    known = _STEPS.get(id(values))
-    if known is None or known[0]() is not values:
+    cached = _STEPS.get(id(values))
+    if cached is None or cached[0]() is not values:
         forget = functools.partial(_drop_step, id(values))
-        known = _STEPS[id(values)] = ref(values, forget), _step_of(values[every])
-    return known[1]
+        cached = _STEPS[id(values)] = ref(values, forget), _step_of(values[every])
+    return cached[1]
 
 
 #: Steps of channels of records, which cannot change: several findings need them.

@@ -189,13 +189,13 @@ class PredictedChannel:
         """
         return self._fitted[1]
 
-    def level(self, places: NDArray[np.int_]) -> FloatArray:
+    def level(self, index: NDArray[np.int_]) -> FloatArray:
         """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
         reach = NEIGHBOURS + 2 * self.longest  # less than a third of the samples are disturbed
         around = sliding_window_view(
             np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
         )
-        return np.maximum(np.median(around[places], axis=1) / MEDIAN_OF_NORMAL, 1.0)
+        return np.maximum(np.median(around[index], axis=1) / MEDIAN_OF_NORMAL, 1.0)
 
     @functools.cached_property
     def events(self) -> tuple[ChannelEvent, ...]:
@@ -203,27 +203,27 @@ class PredictedChannel:
         if not self.readable:
             return ()
         size = np.abs(self.errors)
-        places = np.flatnonzero(size > MAX_NOISE_SIGMA)
-        if not places.size:
+        index = np.flatnonzero(size > MAX_NOISE_SIGMA)
+        if not index.size:
             return ()
-        level = self.level(places)
-        significant = size[places] > MAX_NOISE_SIGMA * level
-        places = places[significant]
+        level = self.level(index)
+        significant = size[index] > MAX_NOISE_SIGMA * level
+        index = index[significant]
         level = level[significant]
-        groups = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) > ORDER) + 1)
-        if not places.size or len(groups) > max(8, MAX_WILD_SHARE * size.size):
+        groups = np.split(np.arange(index.size), np.flatnonzero(np.diff(index) > ORDER) + 1)
+        if not index.size or len(groups) > max(8, MAX_WILD_SHARE * size.size):
             return ()
-        events = (self._events_at(places[group], float(np.max(level[group]))) for group in groups)
+        events = (self._events_at(index[group], float(np.max(level[group]))) for group in groups)
         return tuple(itertools.chain.from_iterable(events))
 
-    def _events_at(self, places: NDArray[np.int_], level: float) -> tuple[ChannelEvent, ...]:
+    def _events_at(self, index: NDArray[np.int_], level: float) -> tuple[ChannelEvent, ...]:
         """Return the events at samples next to each other; none next to invalid samples."""
-        low = max(int(places[0]) - ORDER, ORDER)
-        high = min(int(places[-1]) + ORDER + 1, self.valid.size - ORDER)
+        low = max(int(index[0]) - ORDER, ORDER)
+        high = min(int(index[-1]) + ORDER + 1, self.valid.size - ORDER)
         if not self.valid[low - ORDER : high + ORDER].all():
             return ()
         usual = level * self.prediction.deviation
-        peak = int(places[np.argmax(np.abs(self.errors[places]))])
+        peak = int(index[np.argmax(np.abs(self.errors[index]))])
         forward, backward = self.prediction.both(self.series[low - ORDER : high + ORDER])
         after = np.flatnonzero(np.abs(forward[:-ORDER]) > MAX_NOISE_SIGMA * usual)
         before = np.flatnonzero(np.abs(backward[ORDER:]) > MAX_NOISE_SIGMA * usual)
@@ -290,14 +290,14 @@ class PredictedChannel:
         sizes = np.asarray(np.linalg.lstsq(design, errors, rcond=None)[0], dtype=np.float64)
         return sizes, errors - design @ sizes
 
-    def prominence(self, part: slice) -> float:
+    def prominence(self, span: slice) -> float:
         """Return the largest size of some samples over that of all others."""
         size = np.abs(self.series)
         largest_elsewhere = max(
-            float(np.max(size[: part.start], initial=0.0)),
-            float(np.max(size[part.stop :], initial=0.0)),
+            float(np.max(size[: span.start], initial=0.0)),
+            float(np.max(size[span.stop :], initial=0.0)),
         )
-        largest = float(np.max(size[part], initial=0.0))
+        largest = float(np.max(size[span], initial=0.0))
         return largest / max(largest_elsewhere, np.finfo(float).tiny)
 
     def sizes(self, event: ChannelEvent) -> FloatArray:
@@ -372,9 +372,9 @@ class PredictionSamples:
         count = series.size - ORDER
         blocks = MAX_BLOCKS if count > BLOCK * MAX_BLOCKS else 1
         begins = np.linspace(0, count - BLOCK, blocks).astype(int) if blocks > 1 else np.array([0])
-        places = begins[:, None] + np.arange((BLOCK if blocks > 1 else count) + ORDER)
-        windows = sliding_window_view(series[places], ORDER + 1, axis=1)
-        return cls(windows.reshape(-1, ORDER + 1), follows[places[:, ORDER:]].ravel())
+        index = begins[:, None] + np.arange((BLOCK if blocks > 1 else count) + ORDER)
+        windows = sliding_window_view(series[index], ORDER + 1, axis=1)
+        return cls(windows.reshape(-1, ORDER + 1), follows[index[:, ORDER:]].ravel())
 
     def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
@@ -416,7 +416,7 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
     Returns:
         shape (samples,).
     """
-    places = np.flatnonzero(bad)
+    bad_index = np.flatnonzero(bad)
     moved = np.zeros(bad.shape, dtype=bool)
     short_runs = [
         slice(first, end)
@@ -429,7 +429,7 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
             other_channel = PredictedChannel.from_samples(
                 ChannelSamples(series, other_channel.valid & np.roll(other_channel.valid, 1))
             )
-        if places.size and other_channel.readable:
+        if bad_index.size and other_channel.readable:
             odd = np.zeros(bad.shape, dtype=bool)
             reach = MAX_SAMPLES_APART + order
             near = np.flatnonzero(_near(bad, reach))
@@ -455,34 +455,34 @@ def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[n
     before and after: a knock would last. The begin or end of a motion is not a break, nor is one of
     several breaks close together, where the sensor was moved.
     """
-    places = []
+    break_index = []
     for event in reference.events:
         for answer in filter(event.meets, response.events):
             strongest = max(event, answer, key=lambda each: each.strength)
-            place = max(strongest.first, 0)
+            first = max(strongest.first, 0)
             significant = strongest.strength > MIN_WILD_SIGMA and not (
                 event.may_be_wild and answer.may_be_wild
             )
             if significant and event.is_abrupt and answer.is_abrupt:
-                places += [place] * all(
-                    _breaks_off(channel, place) for channel in (reference, response)
+                break_index += [first] * all(
+                    _breaks_off(channel, first) for channel in (reference, response)
                 )
     apart = np.diff(
-        np.unique(np.array(places, dtype=int)),
+        np.unique(np.array(break_index, dtype=int)),
         prepend=-SIDE_SAMPLES,
         append=reference.valid.size + SIDE_SAMPLES,
     )
-    return np.unique(np.array(places, dtype=int))[
+    return np.unique(np.array(break_index, dtype=int))[
         (apart[:-1] >= SIDE_SAMPLES) & (apart[1:] >= SIDE_SAMPLES)
     ]
 
 
-def _breaks_off(channel: PredictedChannel, place: int) -> bool:
+def _breaks_off(channel: PredictedChannel, index: int) -> bool:
     """Tell whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
-    errors = channel.prediction.both(series[max(place - 2 * ORDER, 0) : place + 2 * ORDER])[0]
-    before = series[max(place - SIDE_SAMPLES - ORDER, 0) : place]
-    after = series[place : place + ORDER + SIDE_SAMPLES]
+    errors = channel.prediction.both(series[max(index - 2 * ORDER, 0) : index + 2 * ORDER])[0]
+    before = series[max(index - SIDE_SAMPLES - ORDER, 0) : index]
+    after = series[index : index + ORDER + SIDE_SAMPLES]
     if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(
         np.std(series)
     ):

@@ -77,8 +77,8 @@ def _chunks_between_jumps(
     for first, last in itertools.pairwise(edges):
         start = float(time[first])
         stamped = start if math.isfinite(start) else None
-        there = position if last == len(time) else 0
-        yield Chunk(reference[first:last], response[first:last], stamped, clock, position=there)
+        begin = position if last == len(time) else 0
+        yield Chunk(reference[first:last], response[first:last], stamped, clock, position=begin)
 
 
 def _requested_columns(request: SourceRequest) -> list[tuple[str, int | str | None]]:
@@ -110,9 +110,9 @@ class _LineDecoder:
         self._line = 0
         self._separator: str | None = None
         self._positions: list[int] = []
-        self._wanted = _requested_columns(request)
+        self._requested = _requested_columns(request)
         self._calibration = request.calibration
-        self._factors = [1.0] * len(self._wanted)  # of the units that the first line names
+        self._factors = [1.0] * len(self._requested)  # of the units that the first line names
         if first_line:
             self._begin(first_line)
 
@@ -138,8 +138,8 @@ class _LineDecoder:
                 io.BytesIO(data), sep=self._separator, header=None, skip_blank_lines=True
             )
             values = [
-                table[place].to_numpy(dtype=float) * factor
-                for place, factor in zip(self._positions, self._factors, strict=True)
+                table[position].to_numpy(dtype=float) * factor
+                for position, factor in zip(self._positions, self._factors, strict=True)
             ]
         except (ParserError, ValueError, KeyError) as error:
             raise InputError(
@@ -160,7 +160,7 @@ class _LineDecoder:
         fields = [cell.strip().strip('"') for cell in cells]
         is_named = not all(_is_number_or_empty(field) for field in fields)
         names = fields if is_named else []
-        self._positions = [self._place(key, column, names) for key, column in self._wanted]
+        self._positions = [self._locate(key, column, names) for key, column in self._requested]
         if is_named:
             self._factors = self._factors_of(names)
         return is_named
@@ -180,10 +180,10 @@ class _LineDecoder:
         return [
             reference_conversion(header, reference, to.reference, unit).factor,
             response_conversion(header, response, to.response, to.response.unit).factor,
-            *(seconds_per_unit(header, place) or 1.0 for place in time),
+            *(seconds_per_unit(header, position) or 1.0 for position in time),
         ]
 
-    def _place(self, key: str, column: int | str | None, names: list[str]) -> int:
+    def _locate(self, key: str, column: int | str | None, names: list[str]) -> int:
         if isinstance(column, int):
             return column - 1
         if column in names:
@@ -204,17 +204,17 @@ class _FrameDecoder:
     """Decoder of raw float32, of as many channels as the largest column number."""
 
     def __init__(self, request: SourceRequest, where: str) -> None:
-        places = [column for _, column in _requested_columns(request)]
-        if not all(isinstance(place, int) for place in places):
+        columns = [column for _, column in _requested_columns(request)]
+        if not all(isinstance(column, int) for column in columns):
             raise InputError(
                 "Raw samples have no names of columns.",
                 expected="column numbers from 1",
-                found=", ".join(repr(place) for place in places),
+                found=", ".join(repr(column) for column in columns),
                 where=str(request.file),
                 remedy="give [reference] column and [response] column as numbers",
             )
-        self._places = [int(place) - 1 for place in places if isinstance(place, int)]
-        self._width = max(self._places) + 1
+        self._positions = [int(column) - 1 for column in columns if isinstance(column, int)]
+        self._width = max(self._positions) + 1
 
     def split(self, data: bytes) -> tuple[bytes, bytes]:
         """Return complete frames, and the remaining bytes."""
@@ -224,7 +224,7 @@ class _FrameDecoder:
     def columns(self, data: bytes) -> list[FloatArray]:
         """Return the requested columns, in order."""
         frames = np.frombuffer(data, dtype="<f4").reshape(-1, self._width).astype(float)
-        return [frames[:, place] for place in self._places]
+        return [frames[:, position] for position in self._positions]
 
 
 def _is_number_or_empty(text: str) -> bool:

@@ -212,15 +212,15 @@ class CsvFile(ColumnFile):
 
     def _stamps(self, positions: Sequence[int]) -> list[Stamps]:
         """Return columns of times of day, which are kept."""
-        wanted = [position for position in positions if position not in self._parsed]
-        if wanted:
+        unparsed = [position for position in positions if position not in self._parsed]
+        if unparsed:
             size = self._row_lines.size  # which refuses uneven rows
             rows = numbered_rows(self._text, self._layout)
-            spans = [self._span(position) for position in wanted]
+            spans = [self._span(position) for position in unparsed]
             columns = [
                 *zip(*([" ".join(cells[s]) for s in spans] for _, cells in rows), strict=True)
             ]
-            for position, cells in zip(wanted, columns, strict=True):
+            for position, cells in zip(unparsed, columns, strict=True):
                 if len(cells) != size:
                     raise self._torn_rows(len(cells))
                 self._parsed[position] = parse_stamps(
@@ -325,7 +325,7 @@ class CsvFile(ColumnFile):
         layout = self._layout
         # Before 3.1 the default parser may miss the nearest float by one unit in the last place;
         # since then it is exact, and the option is deprecated.
-        old = tuple(int(part) for part in pandas.__version__.split(".")[:2]) < (3, 1)
+        old = tuple(int(number) for number in pandas.__version__.split(".")[:2]) < (3, 1)
         exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
         with self._text.open() as stream:
             stream.seek(layout.offset)

@@ -115,7 +115,7 @@ class ExcelFile(ColumnFile):
     ) -> None:
         """Append the columns of a sheet, the last of ``_sheets``."""
         is_first = len(self._sheets) == 1
-        stated, columns = _read_sheet(rows)
+        sheet_statements, columns = _read_sheet(rows)
         for number, column in enumerate(columns, start=1):
             name = column.title
             if not is_first:
@@ -125,8 +125,8 @@ class ExcelFile(ColumnFile):
                 refused[name or f"column {number}"] = f"a column with {kinds[-1]}"
                 continue
             is_time = "time" in column.kinds
-            clock = None if is_time else clock_of([stated], f"{path}, column {name!r}")
-            start = _start_of_dates(column.first) if is_time else start_of([stated])
+            clock = None if is_time else clock_of([sheet_statements], f"{path}, column {name!r}")
+            start = _start_of_dates(column.first) if is_time else start_of([sheet_statements])
             values = column.values[: column.filled]
             channels.append(Channel(name, values, clock, is_time, column.unit, start=start))
         if is_first:
@@ -146,7 +146,7 @@ class ExcelFile(ColumnFile):
 def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_SheetColumn]]:
     """Return what the rows above the names of a sheet state, and its columns."""
     head, data = _split(rows)
-    stated = statements(dict(pair for row in head for pair in _statement(row)))
+    sheet_statements = statements(dict(pair for row in head for pair in _statement(row)))
     titles = _texts(head[-1]) if head else []
     units: list[str] = []
     if len(head) > 1 and _are_units(titles) and any(_texts(head[-2])):
@@ -161,7 +161,7 @@ def _read_sheet(rows: Iterator[_Row]) -> tuple[Mapping[str, Statement], list[_Sh
             columns[n].values.extend(itertools.repeat(math.nan, count))
         for column, cell in itertools.zip_longest(columns, row):
             column.add(cell)
-    return stated, columns
+    return sheet_statements, columns
 
 
 def _split(rows: Iterator[_Row]) -> tuple[list[_Row], Iterable[_Row]]:
@@ -208,8 +208,8 @@ def _texts(row: _Row) -> list[str]:
 
 def _are_units(row: Sequence[str]) -> bool:
     """Return whether the cells of a row are units, or words for none."""
-    known = [unit for unit in row if parse_unit(unit) is not None]
-    return bool(known) and all(is_no_unit(unit) or unit in known for unit in row)
+    units = [unit for unit in row if parse_unit(unit) is not None]
+    return bool(units) and all(is_no_unit(unit) or unit in units for unit in row)
 
 
 def _is_empty(row: _Row) -> bool:

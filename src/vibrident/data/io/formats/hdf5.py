@@ -107,10 +107,10 @@ class Hdf5File(ArrayFile):
 
     def clock(self, position: int) -> Clock | None:
         """Return the stated clock, or that of the axis; InputError where these differ, or a gap."""
-        stated = self._channels[position].clock
+        declared = self._channels[position].clock
         axis = self._time_axis(position)
         if axis is None:
-            return stated
+            return declared
         name = self.names[axis]
         if name not in self._clocks:
             times_s = self._seconds(axis)
@@ -118,18 +118,18 @@ class Hdf5File(ArrayFile):
             start = self.start(axis) if self.in_seconds(axis) else None
             self._clocks[name] = replace(clock, start=start) if clock and start else clock
         measured = self._clocks[name]
-        if stated is None or measured is None:
-            return measured or stated
-        allowed = stated.rate_rounding + measured.rate_rounding
-        if not math.isclose(stated.rate_hz, measured.rate_hz, rel_tol=allowed):
+        if declared is None or measured is None:
+            return measured or declared
+        allowed = declared.rate_rounding + measured.rate_rounding
+        if not math.isclose(declared.rate_hz, measured.rate_hz, rel_tol=allowed):
             raise InputError(
                 "The file states two sampling rates.",
                 expected=f"{measured.rate_hz!r} Hz, by its axis {name!r}",
-                found=f"{stated.rate_hz!r} Hz in its attributes",
+                found=f"{declared.rate_hz!r} Hz in its attributes",
                 where=f"{self.file}, {self.word} {self.names[position]!r}",
                 remedy="correct the attribute or the axis",
             )
-        return replace(min(stated, measured, key=lambda c: c.rate_rounding), start=measured.start)
+        return replace(min(declared, measured, key=lambda c: c.rate_rounding), start=measured.start)
 
     def stamps(self, position: int) -> FloatArray | None:
         """Return the times of a column's samples by the axis attached to it, in s; None if none."""
@@ -231,12 +231,12 @@ class Hdf5File(ArrayFile):
             dataset = datasets[array]
             last = min(stop, max(dataset.shape))
             pairs = zip(columns, targets, strict=True)
-            wanted = [(column, target) for column, target in pairs if column.array == array]
-            zeros = [_first(dataset, column) if array in self._since else 0 for column, _ in wanted]
+            loaded = [(column, target) for column, target in pairs if column.array == array]
+            zeros = [_first(dataset, column) if array in self._since else 0 for column, _ in loaded]
             for begin in range(start, last, _piece(dataset)):
                 end = min(begin + _piece(dataset), last)
                 rows = _rows(dataset, begin, end)
-                for (column, target), zero in zip(wanted, zeros, strict=True):
+                for (column, target), zero in zip(loaded, zeros, strict=True):
                     values = target[begin - start : end - start]
                     # subtracted as stored, to keep the digits
                     values[:] = column.values_in(rows) - zero if zero else column.values_in(rows)

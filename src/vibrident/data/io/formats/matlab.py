@@ -88,9 +88,9 @@ def _variables(path: Path) -> dict[str, Any]:
 
     if not _is_version_4(path):
         return mat5.variables(path)
-    held = scipy.io.whosmat(path, appendmat=False)
-    require_room(path, sum(math.prod(shape) for _, shape, _ in held))
-    return scipy.io.loadmat(path, appendmat=False, variable_names=[name for name, *_ in held])
+    contents = scipy.io.whosmat(path, appendmat=False)
+    require_room(path, sum(math.prod(shape) for _, shape, _ in contents))
+    return scipy.io.loadmat(path, appendmat=False, variable_names=[name for name, *_ in contents])
 
 
 def _array(path: Path, name: str) -> Any:
@@ -101,7 +101,7 @@ def _leaves(
     tree: Mapping[str, Any], prefix: str = "", outer: Sequence[Mapping[str, Statement]] = ()
 ) -> Iterator[tuple[str, Any, list[Mapping[str, Statement]]]]:
     """Yield name, value and the statements about it, nearest first, of all but structures."""
-    values = {name: _stated(value) for name, value in tree.items() if meaning_of(name)[0]}
+    values = {name: _statement_value(value) for name, value in tree.items() if meaning_of(name)[0]}
     levels = [statements({n: value for n, value in values.items() if value is not None}), *outer]
     for name, value in tree.items():
         if isinstance(value, dict):
@@ -110,7 +110,7 @@ def _leaves(
             yield f"{prefix}{name}", value, levels
 
 
-def _stated(value: Any) -> Any:
+def _statement_value(value: Any) -> Any:
     """Return the number or the text that a variable holds; None for a column."""
     if isinstance(value, mat5.Numbers | np.ndarray):
         if math.prod(value.shape) != 1:

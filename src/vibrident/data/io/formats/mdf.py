@@ -208,11 +208,11 @@ def _signal(file: Any, group: int, index: int) -> FloatArray:
         raise ValueError("the file has changed since it was opened")
     signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
     values = real_numbers(signal.samples)
-    stated = file.groups[group].channel_group.cycles_nr
-    if values.size != stated:
-        raise ValueError(f"{values.size} of {stated} samples")
+    declared_samples = file.groups[group].channel_group.cycles_nr
+    if values.size != declared_samples:
+        raise ValueError(f"{values.size} of {declared_samples} samples")
     valid = file.get(group=group, index=index)
-    if valid.samples.size != stated:
+    if valid.samples.size != declared_samples:
         values[~np.isin(signal.timestamps, valid.timestamps)] = np.nan
     return values
 

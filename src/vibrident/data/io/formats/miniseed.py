@@ -38,14 +38,16 @@ class MiniSeedFile(ColumnFile):
             for trace in self._traces(path, headonly=True):
                 traces.setdefault(trace.id, []).append(trace)
             self._lengths = {
-                name: sum(int(trace.stats.npts) for trace in parts)
-                for name, parts in traces.items()
+                name: sum(int(trace.stats.npts) for trace in segments)
+                for name, segments in traces.items()
             }
-            self._starts = {name: parts[0].stats.starttime for name, parts in traces.items()}
-            refused = {name: reason for name, parts in traces.items() if (reason := _gap(parts))}
+            self._starts = {name: segments[0].stats.starttime for name, segments in traces.items()}
+            refused = {
+                name: reason for name, segments in traces.items() if (reason := _gap(segments))
+            }
             channels = [
-                Channel(name, name, _clock(parts[0].stats), unit="counts")
-                for name, parts in traces.items()
+                Channel(name, name, _clock(segments[0].stats), unit="counts")
+                for name, segments in traces.items()
                 if name not in refused
             ]
         super().__init__(path, channels, refused)
@@ -53,13 +55,13 @@ class MiniSeedFile(ColumnFile):
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
         with reading(self._path, _MINISEED):
-            stated = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
-            require_room(self._path, stated)
+            count = sum(int(trace.stats.npts) for trace in self._traces(self._path, headonly=True))
+            require_room(self._path, count)
             traces = self._traces(self._path, headonly=False)
-            wanted = self._handles(positions)
+            names = self._handles(positions)
             return tuple(
                 np.concatenate([real_numbers(trace.data) for trace in traces if trace.id == name])
-                for name in wanted
+                for name in names
             )
 
     def length(self, position: int) -> int:
@@ -83,15 +85,15 @@ class MiniSeedFile(ColumnFile):
             begin = self._starts[channel.handle] + (start - _MARGIN) * interval_s
             end = self._starts[channel.handle] + (stop - 1 + _MARGIN) * interval_s
             with reading(self._path, _MINISEED):
-                parts = [
+                segments = [
                     trace
                     for trace in self._traces(
                         self._path, headonly=False, starttime=begin, endtime=end
                     )
                     if trace.id == channel.handle
                 ]
-                samples = np.concatenate([real_numbers(trace.data) for trace in parts])
-                first = (parts[0].stats.starttime - self._starts[channel.handle]) / interval_s
+                samples = np.concatenate([real_numbers(trace.data) for trace in segments])
+                first = (segments[0].stats.starttime - self._starts[channel.handle]) / interval_s
                 skipped = start - round(first)
                 row[:] = samples[skipped : skipped + stop - start]
         return values
@@ -115,12 +117,12 @@ def _clock(stats: Any) -> Clock:
     return Clock(float(stats.sampling_rate), start=StartTime(stats.starttime.ns, epoch=True))
 
 
-def _gap(parts: Sequence[Any]) -> str:
+def _gap(segments: Sequence[Any]) -> str:
     """Return why the parts of a channel are not one record; "" if they are contiguous."""
-    rate_hz = parts[0].stats.sampling_rate
+    rate_hz = segments[0].stats.sampling_rate
     if rate_hz <= 0:
         return "without a sampling rate"
-    for before, after in itertools.pairwise(parts):
+    for before, after in itertools.pairwise(segments):
         if after.stats.sampling_rate != rate_hz:
             return f"at {rate_hz:g} Hz first and at {after.stats.sampling_rate:g} Hz later"
         samples_ns = before.stats.npts / rate_hz * 1e9

@@ -69,10 +69,10 @@ class UffFile(ColumnFile):
                 self._units = _unit_system(file.read_sets(kinds.index(164)))
             for set_number in (set_number for set_number, kind in enumerate(kinds) if kind == 58):
                 header = file.read_sets(set_number, header_only=True)
-                stated = int(header["num_pts"])
-                held = path.stat().st_size
-                if not 0 < stated <= held:  # pyuff makes as many abscissas as the header states
-                    raise ValueError(f"{stated} values in a file of {held} bytes")
+                points = int(header["num_pts"])
+                size = path.stat().st_size
+                if not 0 < points <= size:  # pyuff makes as many abscissas as the header states
+                    raise ValueError(f"{points} values in a file of {size} bytes")
                 if reason := _reason_against(header):
                     refused[_name(header, repeated=False)] = reason
                 else:
@@ -121,10 +121,10 @@ class UffFile(ColumnFile):
             unit = "/".join(f"({u})" if "/" in u else u for u in (unit, below))
         axis = _label(header, "abscissa") or "Hz"
         values = ("real", "imag") if header["ord_data_type"] in _COMPLEX else ("",)
-        parts = {"frequency": axis, **dict.fromkeys(values, unit)}
-        for part, its_unit in parts.items():
-            full = f"{name}.{part}" if part else name
-            yield Channel(full, (set_number, samples, part), unit=its_unit, over_frequency=True)
+        units = {"frequency": axis, **dict.fromkeys(values, unit)}
+        for kind, its_unit in units.items():
+            full = f"{name}.{kind}" if kind else name
+            yield Channel(full, (set_number, samples, kind), unit=its_unit, over_frequency=True)
 
     def _channels_of_shapes(
         self, sets: Sequence[dict[str, Any]], refused: dict[str, str]
@@ -144,15 +144,15 @@ class UffFile(ColumnFile):
         unit = _unit_of_kind(steps[0]["spec_data_type"], self._units)
         for index, axis in itertools.product(range(len(nodes)), (1, 2, 3)):
             values = [complex(step[f"r{axis}"][index]) for step in steps]
-            parts = {
+            columns = {
                 "frequency": (frequency_hz, "Hz"),
                 "real": (np.array([value.real for value in values]), unit),
                 "imag": (np.array([value.imag for value in values]), unit),
             }
-            for part, (numbers, its_unit) in parts.items():
-                name = f"{int(nodes[index])}:{_DIRECTIONS[axis]}.{part}"
+            for kind, (numbers, its_unit) in columns.items():
+                name = f"{int(nodes[index])}:{_DIRECTIONS[axis]}.{kind}"
                 self._steps[name] = numbers
-                yield Channel(name, (name, len(steps), part), unit=its_unit, over_frequency=True)
+                yield Channel(name, (name, len(steps), kind), unit=its_unit, over_frequency=True)
 
     def _clock(self, file: Any, set_number: int, header: dict[str, Any]) -> Clock | None:
         """Return the clock by the abscissas, if each sample has one; else by the interval."""
@@ -166,12 +166,12 @@ class UffFile(ColumnFile):
             times_s, lambda row: f"{self._path}, data set {set_number + 1}, abscissa {row + 1}"
         )
 
-    def _signal(self, file: Any, set_number: int | str, samples: int, part: str) -> FloatArray:
+    def _signal(self, file: Any, set_number: int | str, samples: int, kind: str) -> FloatArray:
         if isinstance(set_number, str):
             return self._steps[set_number].copy()
         function = file.read_sets(set_number)
-        values = function["x" if part == "frequency" else "data"]
-        values = real_numbers(getattr(values, part) if part in ("real", "imag") else values)
+        values = function["x" if kind == "frequency" else "data"]
+        values = real_numbers(getattr(values, kind) if kind in ("real", "imag") else values)
         if values.size != samples:
             raise ValueError(
                 f"data set {set_number + 1} has {values.size} values where it states {samples}"
@@ -264,10 +264,10 @@ def _times(function: dict[str, Any], samples: int) -> FloatArray:
 
 def _half_unit(interval: float) -> float:
     """Return half a unit of the last place of an interval in the file."""
-    stated = Decimal(repr(interval))
+    decimal = Decimal(repr(interval))
     # FORTRAN's E13.5 prints five, C's six
-    digits = max(len(stated.normalize().as_tuple().digits), 5)
-    return 0.5 * 10.0 ** (stated.adjusted() - digits + 1)
+    digits = max(len(decimal.normalize().as_tuple().digits), 5)
+    return 0.5 * 10.0 ** (decimal.adjusted() - digits + 1)
 
 
 UFF = Reader(

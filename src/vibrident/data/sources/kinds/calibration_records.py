@@ -20,7 +20,7 @@ def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
     Raises:
         InputError: a record lacks a reference, or the sampling rates differ.
     """
-    remaining = {name: known.shapes for name, known in calibration.known_responses.items()}
+    remaining = {name: chain.shapes for name, chain in calibration.known_responses.items()}
     refuse_known(remaining, "Tracking", calibration.source or "calibration in memory")
     rates = {record.sampling_rate_hz for record in calibration.records}
     apart = not rates or max(rates) / min(rates) - 1.0 > SAME_RATE
@@ -46,8 +46,8 @@ def chunks_of(calibration: Calibration) -> Iterator[Chunk]:
         )
 
 
-def _open(wanted: SourceRequest) -> Iterator[Chunk]:
-    return chunks_of(read_guarded(wanted.file))
+def _open(request: SourceRequest) -> Iterator[Chunk]:
+    return chunks_of(read_guarded(request.file))
 
 
 CALIBRATION_RECORDS = Source("calibration-records", "the records of the calibration file", _open)

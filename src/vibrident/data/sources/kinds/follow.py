@@ -13,20 +13,20 @@ from vibrident.data.sources.source import Chunk, Source, SourceRequest
 POLL_INTERVAL_S = 0.05
 
 
-def _open(wanted: SourceRequest) -> Iterator[Chunk]:
-    records = wanted.calibration.records
-    if not wanted.address and len(records) != 1:
+def _open(request: SourceRequest) -> Iterator[Chunk]:
+    records = request.calibration.records
+    if not request.address and len(records) != 1:
         raise InputError(
             "It is not said which file grows.",
             expected="one [[records]] entry",
             found=str(len(records)),
-            where=str(wanted.file),
+            where=str(request.file),
             remedy="give ⟦track.source = 'follow=FILE'⟧",
         )
-    file = Path(wanted.address) if wanted.address else wanted.file.parent / records[0].file
+    file = Path(request.address) if request.address else request.file.parent / records[0].file
     form = "float32" if file.suffix.lower() in (".f32", ".raw", ".bin") else "csv"
-    first_line = _first_line(file) if wanted.position and form == "csv" else b""
-    return chunks(_pieces(file, wanted), wanted, form, str(file), first_line)
+    first_line = _first_line(file) if request.position and form == "csv" else b""
+    return chunks(_pieces(file, request), request, form, str(file), first_line)
 
 
 def _first_line(file: Path) -> bytes:
@@ -38,16 +38,16 @@ def _first_line(file: Path) -> bytes:
         return b""  # reading its pieces reports the error
 
 
-def _pieces(file: Path, wanted: SourceRequest) -> Iterator[bytes]:
+def _pieces(file: Path, request: SourceRequest) -> Iterator[bytes]:
     try:
         with file.open("rb") as stream:
-            stream.seek(wanted.position)
+            stream.seek(request.position)
             last = time.monotonic()
             while True:
                 if piece := stream.read(PIECE):
                     last = time.monotonic()
                     yield piece
-                elif wanted.idle_s is not None and time.monotonic() - last >= wanted.idle_s:
+                elif request.idle_s is not None and time.monotonic() - last >= request.idle_s:
                     return
                 else:
                     if file.stat().st_size < stream.tell():

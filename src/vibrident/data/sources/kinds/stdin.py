@@ -10,8 +10,8 @@ from vibrident.data.sources.decoding import PIECE, chunks
 from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
 
-def _open(wanted: SourceRequest) -> Iterator[Chunk]:
-    return chunks(_pieces(), wanted, wanted.address or "csv", "standard input")
+def _open(request: SourceRequest) -> Iterator[Chunk]:
+    return chunks(_pieces(), request, request.address or "csv", "standard input")
 
 
 def _pieces() -> Iterator[bytes]:
