@@ -98,7 +98,7 @@ def test_both_say_the_same(case, which):
     ours, theirs = numbers(one.state.save()), numbers(other.save())
     assert ours.shape == theirs.shape
     at = 0
-    for part in one.state.parts:  # each of its own size
+    for part in one.state.views:  # each of its own size
         size = float(np.nanmax(np.abs(part), initial=0.0))
         assert theirs[at : at + part.size] == pytest.approx(part.ravel(), rel=1e-9, abs=1e-9 * size, nan_ok=True)
         at += part.size

@@ -42,7 +42,7 @@ def test_the_dataset_is_the_papers(data: Dataset):
     assert (len(data.training), len(data.test)) == (17, 4)
     assert not set(data.training) & set(data.test)
     for record, motion in zip(records, data.motions, strict=True):
-        sine, noise = (part.tones for part in motion.parts)  # type: ignore[attr-defined]
+        sine, noise = (part.tones for part in motion.terms)  # type: ignore[attr-defined]
         ratio = np.sum(np.abs(sine.phasor) ** 2) / np.sum(np.abs(noise.phasor) ** 2)
         assert 10.0 * np.log10(ratio) == pytest.approx(20.0, abs=0.6)
         assert record.response[0] == 0.0  # at rest

@@ -22,8 +22,8 @@ def described(name: str) -> Any:
     Returns:
         ``vibrident.physics.models.base.ParameterSpec`` or ``Derived``.
     """
-    for part in MODELS.one_by_one():
-        for quantity in (*part.parameters, *getattr(part, "derived", ())):
+    for element in MODELS.one_by_one():
+        for quantity in (*element.parameters, *getattr(element, "derived", ())):
             if quantity.name == name:
                 return quantity
     return None
@@ -31,10 +31,10 @@ def described(name: str) -> Any:
 
 def parameter_names() -> tuple[str, ...]:
     """Return the names of all parameters of all models, gains first, then of derived quantities."""
-    parts = list(MODELS.one_by_one())
-    parameters = [spec for part in parts for spec in part.parameters]
+    elements = list(MODELS.one_by_one())
+    parameters = [spec for element in elements for spec in element.parameters]
     names = [spec.name for spec in sorted(parameters, key=lambda spec: spec.kind != "gain")]
-    names += [quantity.name for part in parts for quantity in getattr(part, "derived", ())]
+    names += [quantity.name for element in elements for quantity in getattr(element, "derived", ())]
     return tuple(dict.fromkeys(names))
 
 

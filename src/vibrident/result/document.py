@@ -68,8 +68,8 @@ def separate_unknown(kind: Any, value: Any) -> Any:
         return _separate_fields(kind, value) if isinstance(value, Mapping) else value
     inner = get_args(kind)
     if get_origin(kind) in (Union, types.UnionType):
-        part = next((member for member in inner if is_dataclass(member)), None)
-        return value if part is None else separate_unknown(part, value)
+        member_kind = next((member for member in inner if is_dataclass(member)), None)
+        return value if member_kind is None else separate_unknown(member_kind, value)
     if not any(map(is_dataclass, inner)):
         return value
     if get_origin(kind) is tuple and isinstance(value, list | tuple):
@@ -82,19 +82,19 @@ def separate_unknown(kind: Any, value: Any) -> Any:
 def _separate_fields(kind: Any, value: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of a part, those that its type lacks under :data:`UNKNOWN`."""
     hints = _hints(kind)
-    known: dict[str, Any] = {}
+    recognised: dict[str, Any] = {}
     unknown: dict[str, Any] = {}
     for name, item in value.items():
         if name == UNKNOWN or name not in hints:
             unknown[name] = item
         elif hints[name] == Mapping[str, str] and isinstance(item, Mapping):
-            known[name] = {key: text for key, text in item.items() if isinstance(text, str)}
-            entries = {key: entry for key, entry in item.items() if key not in known[name]}
+            recognised[name] = {key: text for key, text in item.items() if isinstance(text, str)}
+            entries = {key: entry for key, entry in item.items() if key not in recognised[name]}
             if entries:
                 unknown[name] = entries
         else:
-            known[name] = separate_unknown(hints[name], item)
-    return known | ({UNKNOWN: unknown} if unknown else {})
+            recognised[name] = separate_unknown(hints[name], item)
+    return recognised | ({UNKNOWN: unknown} if unknown else {})
 
 
 @functools.cache
@@ -103,19 +103,19 @@ def _hints(kind: Any) -> dict[str, Any]:
     return get_type_hints(kind)
 
 
-def unknown_names(value: Any, place: str = "") -> Iterator[str]:
+def unknown_names(value: Any, prefix: str = "") -> Iterator[str]:
     """Yield the place of each unknown field of a part and of all parts in it, as ``fit.name``."""
     if isinstance(value, Mapping | tuple):
         items = value.items() if isinstance(value, Mapping) else enumerate(value)
         for name, item in items:
-            yield from unknown_names(item, f"{place}{name}.")
+            yield from unknown_names(item, f"{prefix}{name}.")
     if is_dataclass(value):
         for field in fields(value):
             item = getattr(value, field.name)
             if field.name == UNKNOWN:
-                yield from (f"{place}{name}" for name in item)
+                yield from (f"{prefix}{name}" for name in item)
             else:
-                yield from unknown_names(item, f"{place}{field.name}.")
+                yield from unknown_names(item, f"{prefix}{field.name}.")
 
 
 def json_text(document: Any) -> str:

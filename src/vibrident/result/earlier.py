@@ -35,48 +35,48 @@ def with_stated_quantity(document: Mapping[str, Any]) -> Mapping[str, Any]:
     model = installed(str(document.get("model")))
     if per_reference not in QUANTITIES or model is None:
         return {**document, "sensitivity_per": reference}
-    stated = model.stated_quantity(per_reference)
-    if stated == per_reference:
+    result_quantity = model.stated_quantity(per_reference)
+    if result_quantity == per_reference:
         return {**document, "sensitivity_per": reference}
     settings = document["settings"]
     if isinstance(budget := settings.get("point_budget"), Mapping):
-        factor = _factor(budget["frequency_hz"], per_reference, stated)
+        factor = _factor(budget["frequency_hz"], per_reference, result_quantity)
         sources = [_scaled(source, factor) for source in budget["sources"]]
         settings = {**settings, "point_budget": {**budget, "sources": sources}}
     return {
         **document,
         **{
-            name: _converted(document[name], per_reference, stated)
+            name: _converted(document[name], per_reference, result_quantity)
             for name in ("response", "measured")
         },
         "settings": settings,
-        "sensitivity_per": {"quantity": stated, "unit": REFERENCE_UNITS[stated]},
+        "sensitivity_per": {"quantity": result_quantity, "unit": REFERENCE_UNITS[result_quantity]},
     }
 
 
-def _factor(frequency_hz: Any, per: Any, wanted: Any) -> Any:
+def _factor(frequency_hz: Any, per: Any, target: Any) -> Any:
     """Return the factor from a response per one quantity to that per another, shape (points,)."""
-    return conversion(np.array(frequency_hz, dtype=float), per, wanted)
+    return conversion(np.array(frequency_hz, dtype=float), per, target)
 
 
-def _converted(curve: Mapping[str, Any], per: Any, wanted: Any) -> dict[str, Any]:
+def _converted(curve: Mapping[str, Any], per: Any, target: Any) -> dict[str, Any]:
     """Return a curve per the quantity wanted, its phase in (−180°, 180°]."""
-    factor = _factor(curve["frequency_hz"], per, wanted)
+    factor = _factor(curve["frequency_hz"], per, target)
     turned = np.array(curve["phase_deg"], dtype=float)
     if turned.size:
         turned = 180.0 - (180.0 - turned - np.rad2deg(np.angle(factor))) % 360.0
     return {**_scaled(curve, factor), "phase_deg": turned.tolist()}
 
 
-def _scaled(part: Mapping[str, Any], factor: Any) -> dict[str, Any]:
+def _scaled(table: Mapping[str, Any], factor: Any) -> dict[str, Any]:
     """Return a part whose columns in the unit of the sensitivity are times the factor's size."""
     size = np.abs(factor)
     scaled = {
-        name: (np.array(part[name], dtype=float) * size).tolist()
+        name: (np.array(table[name], dtype=float) * size).tolist()
         for name in _SENSITIVITY_COLUMNS
-        if part.get(name)
+        if table.get(name)
     }
-    return {**part, **scaled}
+    return {**table, **scaled}
 
 
 def with_even_excerpts(document: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -99,9 +99,9 @@ def _even(signal: Any) -> Any:
     steps = steps[np.isfinite(steps) & (steps > 0.0)]
     interval_s = float(np.median(steps)) if steps.size else 0.0
     start_s = float(time_s[0]) if time_s.size else 0.0
-    places = np.floor((time_s - start_s) / (interval_s or 1.0) + 0.5)
-    usable = (places >= 0.0) & (places < MAX_EXCERPT_SAMPLES)
-    at = places[usable].astype(int)
+    index = np.floor((time_s - start_s) / (interval_s or 1.0) + 0.5)
+    usable = (index >= 0.0) & (index < MAX_EXCERPT_SAMPLES)
+    at = index[usable].astype(int)
     samples = np.full((2, int(at.max(initial=-1)) + 1), np.nan)
     samples[:, at] = measured[usable], (measured - predicted)[usable]
     same = {name: value for name, value in signal.items() if name not in ("time_s", "predicted")}

@@ -89,8 +89,8 @@ def _values(result: Any, model: SensorModel) -> dict[str, float]:
 def _covariance(result: Any, model: SensorModel) -> FloatArray:
     """Return the covariance of the values, NaN where it is not stated."""
     names = model.parameter_names
-    stated = [result.parameters[name].standard_uncertainty for name in names]
-    deviation = np.array([np.nan if u is None else u for u in stated], dtype=float)
+    u_values = [result.parameters[name].standard_uncertainty for name in names]
+    deviation = np.array([np.nan if u is None else u for u in u_values], dtype=float)
     correlation = np.full((len(names), len(names)), np.nan)
     index_of = {name: index for index, name in enumerate(result.correlation.names)}
     for row, first in enumerate(names):
@@ -105,9 +105,9 @@ def _covariance(result: Any, model: SensorModel) -> FloatArray:
 def _band(result: Any) -> tuple[float, float] | None:
     """Return the range of the data; the curve's range if the result holds no measured points."""
     for curve in (result.measured, result.response):
-        known = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
-        if known.size:
-            return float(known.min()), float(known.max())
+        usable = curve.frequency_hz[np.isfinite(curve.frequency_hz) & (curve.frequency_hz > 0)]
+        if usable.size:
+            return float(usable.min()), float(usable.max())
     return None
 
 
@@ -127,6 +127,6 @@ def _misfit(result: Any) -> float:
     degree = np.pi / 180.0
     deviation = squares(measured.deviation_percent, 0.01)
     deviation += squares(measured.deviation_phase_deg, degree)
-    known = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
-    known += squares(measured.phase_deg_uncertainty, degree)
-    return float(np.sqrt(max(np.mean(deviation - known), 0.0)))
+    squared_u = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
+    squared_u += squares(measured.phase_deg_uncertainty, degree)
+    return float(np.sqrt(max(np.mean(deviation - squared_u), 0.0)))

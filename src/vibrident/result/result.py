@@ -115,12 +115,14 @@ class Result(ResultPart):
 
     def __repr__(self) -> str:
         """Show model, estimator, estimated parameters with u, verdict and codes of warnings."""
-        shown = []
+        estimates = []
         for name, parameter in self.parameters.items():
             u = parameter.standard_uncertainty
             if not parameter.derived:
-                shown.append(f"{name}={parameter.value:.8g}" + ("" if u is None else f" ± {u:.2g}"))
-        values = ", ".join(shown)
+                estimates.append(
+                    f"{name}={parameter.value:.8g}" + ("" if u is None else f" ± {u:.2g}")
+                )
+        values = ", ".join(estimates)
         verdict = "adequate" if self.fit.adequate else "not adequate"
         warned = f", warnings: {', '.join(self.warning_codes)}" if self.warnings else ""
         return f"<Result of {self.model} by {self.estimator}: {values}; {verdict}{warned}>"
@@ -265,10 +267,10 @@ class Result(ResultPart):
         """Return the codes, and the places of the fields, that this version does not know."""
         coded = (("warnings", self.warnings), ("findings", self.findings))
         codes = dict.fromkeys(
-            f"{place}: {part.code}"
-            for place, parts in coded
-            for part in parts
-            if part.code not in WARNING_CODES
+            f"{field}: {entry.code}"
+            for field, entries in coded
+            for entry in entries
+            if entry.code not in WARNING_CODES
         )
         return (*unknown_names(self), *codes)
 
@@ -291,13 +293,13 @@ class Result(ResultPart):
         from pydantic import ValidationError
 
         try:
-            known = {name: value for name, value in document.items() if name != "schema"}
-            parts = separate_unknown(cls, in_current_form(known))
-            result = adapter().validate_python(parts)
+            content = {name: value for name, value in document.items() if name != "schema"}
+            separated = separate_unknown(cls, in_current_form(content))
+            result = adapter().validate_python(separated)
             result.require_consistent()
         except ValidationError as error:
             finding = error.errors()[0]
-            location = ".".join(str(part) for part in finding["loc"])
+            location = ".".join(str(step) for step in finding["loc"])
             raise damaged(f"{location}: {finding['msg']}") from None
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise damaged(f"{type(error).__name__}: {error}") from error

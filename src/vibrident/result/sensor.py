@@ -113,8 +113,8 @@ class IdentifiedSensor:
         )
         relative = slopes / response
         variance = [
-            np.einsum("ik,ij,jk->k", part, self.covariance, part)
-            for part in (relative.real, relative.imag)
+            np.einsum("ik,ij,jk->k", component, self.covariance, component)
+            for component in (relative.real, relative.imag)
         ]
         return np.sqrt(np.maximum(variance[0], 0.0)), np.sqrt(np.maximum(variance[1], 0.0))
 
@@ -149,11 +149,11 @@ class IdentifiedSensor:
 
     def require_uncertainty(self) -> None:
         """Refuse a sensor whose parameters' covariance is not stated."""
-        known = np.isfinite(self.covariance)
-        if not known.all():
+        has_u = np.isfinite(self.covariance)
+        if not has_u.all():
             names = [
                 name
-                for name, row in zip(self.model.parameter_names, known, strict=True)
+                for name, row in zip(self.model.parameter_names, has_u, strict=True)
                 if not row.all()
             ]
             raise InputError(

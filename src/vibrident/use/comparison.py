@@ -179,8 +179,10 @@ def _relative_gain(result: Result, row: Mapping[str, Any], frequency_hz: float) 
         if source.get("source") == row.get("source"):
             f = np.asarray(points["frequency_hz"], dtype=float)
             order = np.argsort(f)
-            known = np.argsort(measured.frequency_hz)
-            size = np.interp(f, measured.frequency_hz[known], np.abs(measured.magnitude[known]))
+            by_frequency = np.argsort(measured.frequency_hz)
+            size = np.interp(
+                f, measured.frequency_hz[by_frequency], np.abs(measured.magnitude[by_frequency])
+            )
             relative = np.asarray(source["magnitude"], dtype=float) / size
             return min(largest, float(np.interp(frequency_hz, f[order], relative[order])))
     return largest

@@ -127,12 +127,12 @@ def judge_points(
     ]
     judgements = []
     for value, u, frequency_hz in _deviations(result, {}, reference_hz, reference):
-        here = [entry for entry in entries if _applies_at(entry, frequency_hz)]
+        valid = [entry for entry in entries if _applies_at(entry, frequency_hz)]
         low = max(
-            (entry["low"] for entry in here if entry.get("low") is not None), default=-math.inf
+            (entry["low"] for entry in valid if entry.get("low") is not None), default=-math.inf
         )
         high = min(
-            (entry["high"] for entry in here if entry.get("high") is not None), default=math.inf
+            (entry["high"] for entry in valid if entry.get("high") is not None), default=math.inf
         )
         entry = {"quantity": DEVIATION}
         judgements.append(_row(entry, "%", (float(low), float(high)), value, u, frequency_hz, rule))
@@ -171,9 +171,9 @@ def _row(
     frequency: float | None,
     rule: Rule,
 ) -> JudgedRequirement:
-    known = math.isfinite(value)
-    chance = probability_of_conformance(value, u, *limits) if known and u is not None else None
-    met = accepted(value, u, *limits, rule) if known else None
+    is_finite = math.isfinite(value)
+    chance = probability_of_conformance(value, u, *limits) if is_finite and u is not None else None
+    met = accepted(value, u, *limits, rule) if is_finite else None
     return JudgedRequirement(
         entry["quantity"],
         unit,

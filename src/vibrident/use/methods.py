@@ -67,10 +67,10 @@ class IdentificationMethod:
     @property
     def name(self) -> str:
         """Return what distinguishes it, in a line."""
-        return " ".join(part for part in (self.estimator, self.discretisation, self.model) if part)
+        return " ".join(word for word in (self.estimator, self.discretisation, self.model) if word)
 
     @property
-    def chosen(self) -> str | Estimator:
+    def configured(self) -> str | Estimator:
         """Return the estimator, with its setting where there is one."""
         if self.discretisation is None:
             return self.estimator
@@ -140,13 +140,13 @@ class Comparison:
         errors: dict[str, float | None] = {}
         for name in later_names:
             pair = [values[name], values[first]]
-            stated = [expanded for _, expanded in pair if expanded is not None]
-            if len(stated) < 2 or not_comparable(self.results[name], self.results[first]):
+            expanded_pair = [expanded for _, expanded in pair if expanded is not None]
+            if len(expanded_pair) < 2 or not_comparable(self.results[name], self.results[first]):
                 errors[name] = None
                 continue
             covariance = shared_covariance(shared[name], shared[first])
             errors[name] = normalized_error(
-                pair[0][0], stated[0], pair[1][0], stated[1], covariance
+                pair[0][0], expanded_pair[0], pair[1][0], expanded_pair[1], covariance
             )
         return errors
 
@@ -272,9 +272,9 @@ def _value(result: Result, name: str, parameter: str) -> tuple[float, float | No
             list(result.parameters),
             "normalized_error",
         )
-    stated = result.parameters[parameter]
-    u = stated.standard_uncertainty
-    return stated.value, None if u is None else COVERAGE_FACTOR * u
+    estimate = result.parameters[parameter]
+    u = estimate.standard_uncertainty
+    return estimate.value, None if u is None else COVERAGE_FACTOR * u
 
 
 def _methods(
@@ -305,7 +305,7 @@ def _identified(
         listener.step(f"Identifying by {method.name}")
         try:
             results[method.name] = identify(
-                calibration, method.model, method.chosen, progress=listener
+                calibration, method.model, method.configured, progress=listener
             )
         except (ModelError, NotConverged) as failure:
             if must or method.discretisation:
@@ -330,7 +330,9 @@ def _cross_validated(
         if method.name not in results:
             continue
         listener.step(f"Cross-validating {method.name}")
-        score = cross_validate(calibration, results[method.name], method.chosen, progress=listener)
+        score = cross_validate(
+            calibration, results[method.name], method.configured, progress=listener
+        )
         if score is not None:
             scores[method.name] = asdict(score)
     return scores

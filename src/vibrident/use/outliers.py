@@ -52,11 +52,11 @@ def find_outlier(values: FloatArray, mountings: Sequence[str], noise: FloatArray
         tests.append(
             _test(means, np.ones((1, len(names)), dtype=bool), member, noise / counts.max())
         )
-    known = [test for test in tests if test is not None]
-    if not known:
+    possible = [test for test in tests if test is not None]
+    if not possible:
         return None
-    outlier = min(known, key=lambda test: test.probability)
-    return replace(outlier, probability=min(len(known) * outlier.probability, 1.0))
+    outlier = min(possible, key=lambda test: test.probability)
+    return replace(outlier, probability=min(len(possible) * outlier.probability, 1.0))
 
 
 def _test(

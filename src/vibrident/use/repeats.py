@@ -100,17 +100,17 @@ def identify_runs(
     mountings = [mounting for mounting, _ in runs]
     first = fits[0]
     coordinates = first.estimate.coordinates
-    places = np.array(
+    z = np.array(
         [coordinates.place(each.estimate.coordinates.values(each.estimate.z)) for each in fits]
     )
-    mean, data_rows = _components(places, mountings)
+    mean, data_rows = _components(z, mountings)
     rows = [*data_rows, *(row for row in budget_of(first, scope) if row.kind != DATA)]
     combined = _combined(first, results, mean, rows)
     outlier = find_outlier(
-        places, mountings, np.mean([np.diag(each.estimate.covariance) for each in fits], axis=0)
+        z, mountings, np.mean([np.diag(each.estimate.covariance) for each in fits], axis=0)
     )
     if outlier is not None and outlier.probability < REJECTION:
-        combined = _with_finding(combined, _finding(outlier, first, places, list(runs)))
+        combined = _with_finding(combined, _finding(outlier, first, z, list(runs)))
     measured = _measured(results, combined, mountings)
     sources = [f"{len(fits)} runs"]
     if len(set(mountings)) > 1:
@@ -199,7 +199,7 @@ def _repeats_settings(runs: Sequence[tuple[str, str]], results: Sequence[Result]
 
 
 def _finding(
-    outlier: Outlier, first: Fitted, places: FloatArray, runs: Sequence[tuple[str, str]]
+    outlier: Outlier, first: Fitted, z: FloatArray, runs: Sequence[tuple[str, str]]
 ) -> Finding:
     """Return the finding of a run or mounting outside the scatter of the others.
 
@@ -209,23 +209,25 @@ def _finding(
     coordinates = first.estimate.coordinates
     mountings = [mounting for mounting, _ in runs]
     remaining = np.flatnonzero(~outlier.runs)
-    mean, _ = _components(places, mountings)
-    mean_without, _ = _components(places[remaining], [mountings[i] for i in remaining])
-    stated = coordinates.values(mean)
+    mean, _ = _components(z, mountings)
+    mean_without, _ = _components(z[remaining], [mountings[i] for i in remaining])
+    mean_values = coordinates.values(mean)
     without = coordinates.values(mean_without)
     mounting, run = runs[within[0]]
     words = [
         f"mounting {mounting}" if mounting else "",
         f"run {run}" if len(within) == 1 and run else "",
     ]
-    name = list(stated)[outlier.parameter]
+    name = list(mean_values)[outlier.parameter]
     unit = parameter_units(first.evidence.model, first.evidence.calibration)[name]
-    here, there = (amount(values[name], unit, VALUE_DIGITS) for values in (without, stated))
+    changed, original = (
+        amount(values[name], unit, VALUE_DIGITS) for values in (without, mean_values)
+    )
     text = (
         f"{' '.join(filter(None, words)).capitalize()} lies outside the scatter of the others by "
-        f"its {in_words(name)}. Without it the mean would be {here} in place of {there}."
+        f"its {in_words(name)}. Without it the mean would be {changed} in place of {original}."
     )
-    impact = {key: value - without[key] for key, value in stated.items()}
+    impact = {key: value - without[key] for key, value in mean_values.items()}
     return Finding("regimes", None, None, outlier.probability, impact, text)
 
 
@@ -234,23 +236,23 @@ def _with_scatter(settings: dict[str, Any], measured: MeasuredCurve, name: str) 
     points = settings.get("point_budget")
     if not points or points["frequency_hz"] != measured.frequency_hz.tolist():
         return {key: value for key, value in settings.items() if key != "point_budget"}
-    parts = {
+    columns = {
         "magnitude": measured.magnitude_noise.tolist(),
         "phase_deg": measured.phase_deg_noise.tolist(),
     }
-    scatter = {"source": f"scatter of {name}", "type": "A", **parts}
+    scatter = {"source": f"scatter of {name}", "type": "A", **columns}
     return {**settings, "point_budget": {**points, "sources": [scatter, *points["sources"][1:]]}}
 
 
-def _components(places: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, list[BudgetRow]]:
+def _components(z: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, list[BudgetRow]]:
     """Return the mean of the runs, shape (p,), and the type A rows of the budget.
 
-    ``places``: coordinates of each run, shape (runs, p).
+    ``z``: coordinates of each run, shape (runs, p).
     """
-    groups = _groups(places, mountings)
+    groups = _groups(z, mountings)
     means = np.array([group.mean(axis=0) for group in groups])
     covariance = np.atleast_2d(np.cov(means.T)) / len(groups)
-    freedom = len(places) - len(groups)
+    freedom = len(z) - len(groups)
     if freedom == 0:
         source = REMOUNTING if len(set(mountings)) > 1 else REPEATABILITY
         return means.mean(axis=0), [_row(source, covariance, len(groups) - 1)]
@@ -320,13 +322,13 @@ def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str])
     size, size_noise = _mean_over(magnitudes, mountings)
     turn, turn_noise = _mean_over(phases, mountings)
     first = curves[0]
-    parts = (
+    columns = (
         (first.magnitude_uncertainty, first.magnitude_noise),
         (first.phase_deg_uncertainty, first.phase_deg_noise),
     )
     common = [
         np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0))
-        for u, noise in parts
+        for u, noise in columns
     ]
     model = mean.to_sensor().frequency_response(f, mean.quantity)  # type: ignore[arg-type]
     shift = (np.rad2deg(np.angle(model)) - turn + 180.0) % 360.0 - 180.0

@@ -37,18 +37,18 @@ def group_by_temperature(calibration: Calibration) -> dict[float, Calibration]:
     Raises:
         InputError: some records state their temperature and others do not.
     """
-    stated = [record.circumstances.temperature_c for record in calibration.records]
-    known = sorted({t for t in stated if t is not None})
-    if len(known) < 2:
+    temperatures = [record.circumstances.temperature_c for record in calibration.records]
+    distinct = sorted({t for t in temperatures if t is not None})
+    if len(distinct) < 2:
         return {}
     at = {
         t: tuple(r for r in calibration.records if r.circumstances.temperature_c == t)
-        for t in (*known, None)
+        for t in (*distinct, None)
     }
     if lacking := [r.name for r in at.pop(None)]:
         words = "state a temperature, and others do not"
         raise partly_stated_error(calibration, lacking, words, "temperature_c", "temperature")
-    return {t: replace(calibration, records=at[t]) for t in known}
+    return {t: replace(calibration, records=at[t]) for t in distinct}
 
 
 def identify_temperatures(
@@ -63,14 +63,14 @@ def identify_temperatures(
         identify: a calibration to its result.
     """
     results = {t: identify(calibration) for t, calibration in groups.items()}
-    stated = next(iter(groups.values())).certificate.get("temperature_c")
-    reference = DEFAULT_REFERENCE_C if stated is None else float(stated)
+    certificate_c = next(iter(groups.values())).certificate.get("temperature_c")
+    reference = DEFAULT_REFERENCE_C if certificate_c is None else float(certificate_c)
     reference = min(max(reference, min(results)), max(results))
     nearest = min(results, key=lambda t: abs(t - reference))
     base = results[nearest]
     names = [name for name, p in base.parameters.items() if not p.derived or p.unit == "Hz"]
     all_points = {name: _points(results, name, reference) for name in names}
-    points = {name: known for name, known in all_points.items() if known is not None}
+    points = {name: point for name, point in all_points.items() if point is not None}
     rejection = REJECTION / max(len(points), 1)
     lines = {
         name: _TemperatureLine(name, tuple(results), fit_line(each), rejection)
@@ -110,10 +110,10 @@ def _points(results: Mapping[float, Result], name: str, reference: float) -> Lin
     values = [
         (t, result.parameters.get(name), _scatter(result, name)) for t, result in results.items()
     ]
-    known = [(t - reference, p.value, u) for t, p, u in values if p is not None and p.value and u]
-    if len(known) < len(results):
+    rows = [(t - reference, p.value, u) for t, p, u in values if p is not None and p.value and u]
+    if len(rows) < len(results):
         return None
-    x, y, u = np.array(known).T
+    x, y, u = np.array(rows).T
     return LinePoints(x, y, u, np.array([_freedom(result) for result in results.values()]))
 
 
@@ -244,10 +244,10 @@ def _scatter(result: Result, name: str) -> float | None:
 
 def _freedom(result: Result) -> float:
     """Return the degrees of freedom of the type A part."""
-    stated = [
+    freedoms = [
         float(row["degrees_of_freedom"]) for row in _type_a(result) if row.get("degrees_of_freedom")
     ]
-    return min(stated, default=math.inf)
+    return min(freedoms, default=math.inf)
 
 
 def _type_a(result: Result) -> list[dict[str, Any]]:

@@ -63,11 +63,11 @@ class Matrix:
 
     def interval_95(self) -> tuple[FloatArray, FloatArray]:
         """Return the limits of the 95 % intervals of the parts, each of the shape of ``u``."""
-        parts = np.stack([self.values.real, self.values.imag], axis=-1)
+        components = np.stack([self.values.real, self.values.imag], axis=-1)
         k = np.vectorize(lambda freedom: student_quantile(min(float(freedom), 1e9), 0.975))(
             self.degrees_of_freedom
         )
-        return parts - k[..., None] * self.u, parts + k[..., None] * self.u
+        return components - k[..., None] * self.u, components + k[..., None] * self.u
 
     def main(self) -> list[dict[str, Any]]:
         """Return main and transverse sensitivity and misalignment of each output.
@@ -269,21 +269,21 @@ def _known_removed(
     Raises:
         InputError: a tone lies outside the band in which a response is known.
     """
-    for name, known in (("reference", reference), ("response", response)):
-        if known is None:
+    for name, chain in (("reference", reference), ("response", response)):
+        if chain is None:
             continue
-        low, high = known.band_hz
+        low, high = chain.band_hz
         outside = (tones.frequency_hz < low) | (tones.frequency_hz > high)
         if outside.any():
             raise InputError(
                 "A record's frequency is outside the band of a known response.",
-                expected=f"{low:g} to {high:g} Hz, as {known.source} states",
+                expected=f"{low:g} to {high:g} Hz, as {chain.source} states",
                 found=f"{tones.frequency_hz[outside][0]:.6g} Hz",
                 where=where or "calibration in memory",
                 remedy="leave that record out, or state the response further",
             )
-        at = known.value(tones.frequency_hz)
-        lines = known.value(tones.line_hz)
+        at = chain.value(tones.frequency_hz)
+        lines = chain.value(tones.line_hz)
         rounding = tones.rounding
         if rounding is not None:
             rounding = np.array(rounding)
@@ -360,8 +360,8 @@ def _with_effects(
     noise = u[..., 0] ** 2
     for i, output in enumerate(outputs):
         for j, axis in enumerate(axes):
-            stated = calibration.outputs[output]
-            chain = _chain_of(stated, calibration.motions.get(axis, stated))
+            channel = calibration.outputs[output]
+            chain = _chain_of(channel, calibration.motions.get(axis, channel))
             square[:, i, j] += _effects_squared(chain, frequency, values[:, i, j])
     for i, output in enumerate(outputs):
         for j, axis in enumerate(axes):
@@ -398,11 +398,11 @@ def _effects_squared(
     return square
 
 
-def _u_of_size(parts: FloatArray, u: FloatArray) -> FloatArray:
+def _u_of_size(components: FloatArray, u: FloatArray) -> FloatArray:
     """Return u of √(Σ parts²), each part with its u, shape (n, parts).
 
     Where all parts are zero it is the largest u.
     """
-    size = np.sqrt(np.sum(parts**2, axis=1))
-    linear = np.sqrt(np.sum((parts * u) ** 2, axis=1)) / np.maximum(size, SMALLEST)
+    size = np.sqrt(np.sum(components**2, axis=1))
+    linear = np.sqrt(np.sum((components * u) ** 2, axis=1)) / np.maximum(size, SMALLEST)
     return np.where(size > 0, linear, np.max(u, axis=1, initial=0.0))

@@ -76,16 +76,18 @@ def cross_validate(
         except VibridentError:
             return None
         values = {name: training_part.parameters[name].value for name in model.parameter_names}
-        here = out[owners]
-        predicted[here] = model.frequency_response(values, frequency[here], calibration.quantity)
-    known = bool(np.isfinite(result.measured.phase_deg[0]))
+        test_rows = out[owners]
+        predicted[test_rows] = model.frequency_response(
+            values, frequency[test_rows], calibration.quantity
+        )
+    has_phase = bool(np.isfinite(result.measured.phase_deg[0]))
     off = (
         np.abs(predicted / measured - 1.0)
-        if known
+        if has_phase
         else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
     )
     percent = 100.0 * float(np.sqrt(np.mean(off**2)))
-    return CrossValidation(percent, _in_u(off, result.measured, known), dealt)
+    return CrossValidation(percent, _in_u(off, result.measured, has_phase), dealt)
 
 
 def _index_of_points(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
@@ -110,9 +112,9 @@ def _subset(calibration: Calibration, keep: BoolArray) -> Calibration:
     )
 
 
-def _in_u(off: FloatArray, measured: MeasuredCurve, known: bool) -> float | None:
+def _in_u(off: FloatArray, measured: MeasuredCurve, has_phase: bool) -> float | None:
     if np.isnan(measured.magnitude_uncertainty).any():
         return None
     relative = measured.magnitude_uncertainty / measured.magnitude
-    parts = 2.0 if known else 1.0
-    return float(np.sqrt(np.mean((off / relative) ** 2) / parts))
+    quantities = 2.0 if has_phase else 1.0
+    return float(np.sqrt(np.mean((off / relative) ** 2) / quantities))

@@ -89,7 +89,7 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     )
     if data is not None:
         effects = known_effects(data, known.to_sensor())
-        session.effects = replace(session.effects, known=effects)
+        session.effects = replace(session.effects, channel_effects=effects)
     key = {
         "result": known.to_json(),
         "file": request.calibration.read_text(encoding="utf-8"),

@@ -112,7 +112,7 @@ def forced_weights(
     n = 2 * len(blocks)
     q = terms
     m = nodes
-    places, transform = _collocation(m)
+    abscissae, transform = _collocation(m)
     a = jnp.zeros((n, n))
     b = jnp.zeros(n)
     direct = []
@@ -125,7 +125,7 @@ def forced_weights(
     size = drive_size(b, blocks[0].angular_scale * ts)
     generator = _generator(a, b / size, blocks[0].angular_scale * ts, q, m)
     fractions = jnp.concatenate(
-        [jnp.asarray(places), jnp.stack([jnp.asarray(fraction, dtype=float), jnp.ones(())])]
+        [jnp.asarray(abscissae), jnp.stack([jnp.asarray(fraction, dtype=float), jnp.ones(())])]
     )
     steps = jax.vmap(lambda x: expm(generator * x))(fractions)
     steps = steps.at[:, :n, n : n + q].multiply(size)

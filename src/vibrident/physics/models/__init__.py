@@ -37,22 +37,22 @@ __all__ = [
 ]
 
 GivenModel = str | Model | SensorModel  # a model by its name, or as an object
-_Part = TypeVar("_Part", Model, AddOn)
+_Element = TypeVar("_Element", Model, AddOn)
 
 
-class _Parts(Mapping[str, _Part]):
+class _Elements(Mapping[str, _Element]):
     """Mapping of name → core, or add-on in the order of their places; those of plug-ins too."""
 
-    def __init__(self, kind: type[_Part]) -> None:
+    def __init__(self, kind: type[_Element]) -> None:
         self._kind = kind
 
-    def _all(self) -> dict[str, _Part]:
-        parts = [part for part in MODELS.all().values() if isinstance(part, self._kind)]
+    def _all(self) -> dict[str, _Element]:
+        elements = [element for element in MODELS.all().values() if isinstance(element, self._kind)]
         if self._kind is AddOn:
-            parts.sort(key=_place_in_chain)
-        return {part.name: part for part in parts}
+            elements.sort(key=_chain_order)
+        return {element.name: element for element in elements}
 
-    def __getitem__(self, name: str) -> _Part:
+    def __getitem__(self, name: str) -> _Element:
         return self._all()[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -62,11 +62,11 @@ class _Parts(Mapping[str, _Part]):
         return len(self._all())
 
 
-CORES: Mapping[str, Model] = _Parts(Model)
-ADD_ONS: Mapping[str, AddOn] = _Parts(AddOn)
+CORES: Mapping[str, Model] = _Elements(Model)
+ADD_ONS: Mapping[str, AddOn] = _Elements(AddOn)
 
 
-def _place_in_chain(addon: Any) -> tuple[int, str]:
+def _chain_order(addon: Any) -> tuple[int, str]:
     """Return the sort key of an add-on: its place, then its name."""
     return addon.place, addon.name
 
@@ -106,18 +106,18 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
     """
     add_ons: list[AddOn] = []
     name = f"{core.name}+{names}"
-    for part in (part.strip() for part in names.split("+")):
-        addon = _add_on(part, core, name)
+    for addon_name in (addon_name.strip() for addon_name in names.split("+")):
+        addon = _add_on(addon_name, core, name)
         if addon in add_ons:
             raise ModelError(
-                f"The add-on {part!r} is named twice.",
+                f"The add-on {addon_name!r} is named twice.",
                 expected="each add-on at most once",
                 found=repr(name),
                 where="model",
-                remedy=f"leave one {part!r} out",
+                remedy=f"leave one {addon_name!r} out",
             )
         add_ons.append(addon)
-    add_ons.sort(key=_place_in_chain)
+    add_ons.sort(key=_chain_order)
     model = SensorModel(
         "+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons)
     )
@@ -128,13 +128,13 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
     return model
 
 
-def _add_on(part: str, core: Model, name: str) -> AddOn:
+def _add_on(addon_name: str, core: Model, name: str) -> AddOn:
     """Return the add-on of a part of a model's name: ``delay``, or ``mounting:0.2``.
 
     Raises:
         ModelError: it is unknown, or takes no number, or not this one.
     """
-    word, colon, number = part.partition(":")
+    word, colon, number = addon_name.partition(":")
     addon = MODELS.find(word)
     if not isinstance(addon, AddOn):
         raise _unknown("add-on", word, ADD_ONS, name)
@@ -204,8 +204,10 @@ def _is_same_unit(unit: str, needed: str) -> bool:
 
 def with_number_moved(model: SensorModel, step: float) -> SensorModel:
     """Return a model whose add-on with a number in its name, if there is one, has another one."""
-    parts = [addon.name.partition(":") for addon in model.add_ons]
-    names = [f"{word}:{float(number) + step!r}" if colon else word for word, colon, number in parts]
+    pieces = [addon.name.partition(":") for addon in model.add_ons]
+    names = [
+        f"{word}:{float(number) + step!r}" if colon else word for word, colon, number in pieces
+    ]
     return with_add_ons(model.core, "+".join(names)) if names else model
 
 
@@ -336,12 +338,12 @@ def _check_nonlinear(model: SensorModel) -> None:
 
 
 def _unknown(
-    kind: str, part: str, table: Mapping[str, Model] | Mapping[str, AddOn], name: str
+    kind: str, element: str, table: Mapping[str, Model] | Mapping[str, AddOn], name: str
 ) -> ModelError:
     return ModelError(
-        f"The {kind} {part!r} is not known.",
+        f"The {kind} {element!r} is not known.",
         expected=" | ".join(table),
         found=repr(name),
         where="model",
-        remedy=did_you_mean(part, table),
+        remedy=did_you_mean(element, table),
     )

@@ -93,9 +93,9 @@ def completed(
         raise _refused(
             name, "needs start values", expected, observation, "give ParameterSpec a start"
         )
-    stated = max(len(shapes) - len(over_band), 1)
+    searched = max(len(shapes) - len(over_band), 1)
     share = MAX_GRID_PLACES / PLACES_OVER_BAND ** len(over_band)
-    count = int(share ** (1.0 / stated))
+    count = int(share ** (1.0 / searched))
     count = min(max(count, MIN_PLACES_OF_PARAMETER), MAX_PLACES_OF_PARAMETER)
     each = [
         replace(spec, kind="gain") if spec.name in gains else _searched(name, spec, count)
@@ -196,14 +196,14 @@ def _searched(name: str, spec: ParameterSpec, count: int) -> ParameterSpec:
         return replace(spec, kind="ratio", start=start, bounds=(low, high), grid=grid)
     low = low or MIN_RELATIVE_VALUE * start
     ends = (low, high) if spec.bounds else (start / GRID_FACTOR, start * GRID_FACTOR)
-    places = np.geomspace(ends[0], ends[1], count + 2)[1:-1]
-    return replace(spec, kind="log", start=start, bounds=(low, high), grid=_with(start, places))
+    values = np.geomspace(ends[0], ends[1], count + 2)[1:-1]
+    return replace(spec, kind="log", start=start, bounds=(low, high), grid=_with(start, values))
 
 
-def _with(start: float, places: Any) -> tuple[float, ...]:
+def _with(start: float, grid: Any) -> tuple[float, ...]:
     """Return the places with the start value in place of the one nearest to it."""
-    places[int(np.argmin(np.abs(places - start)))] = start
-    return tuple(sorted(places.tolist()))
+    grid[int(np.argmin(np.abs(grid - start)))] = start
+    return tuple(sorted(grid.tolist()))
 
 
 def _require_slopes(

@@ -12,10 +12,10 @@ from vibrident.physics.models.base import DERIVATIVES
 _TURNS = (1.0, 1j, -1.0, -1j)  # whole powers of j, without rounding
 
 
-def conversion(frequency_hz: Any, per: Quantity, wanted: Quantity) -> Any:
-    """Return the factor from a response per the quantity ``per`` to that per ``wanted``.
+def conversion(frequency_hz: Any, per: Quantity, target: Quantity) -> Any:
+    """Return the factor from a response per the quantity ``per`` to that per ``target``.
 
     Each power of s = jω is exact in phase. A drive and a force are per themselves alone.
     """
-    power = DERIVATIVES[wanted] - DERIVATIVES[per]
+    power = DERIVATIVES[target] - DERIVATIVES[per]
     return _TURNS[power % 4] * (2.0 * np.pi * frequency_hz) ** power

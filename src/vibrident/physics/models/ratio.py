@@ -14,7 +14,7 @@ from typing import Any
 
 Coefficients = tuple[Any, ...]  # ascending powers of s
 
-_ONE: Coefficients = (1,)
+_UNITY: Coefficients = (1,)
 
 
 class Ratio:
@@ -27,7 +27,7 @@ class Ratio:
     __slots__ = ("denominator", "numerator")
     __array_ufunc__ = None  # NumPy leaves the operators to this class, and refuses functions of it
 
-    def __init__(self, numerator: Coefficients, denominator: Coefficients = _ONE) -> None:
+    def __init__(self, numerator: Coefficients, denominator: Coefficients = _UNITY) -> None:
         self.numerator: Coefficients = numerator
         self.denominator: Coefficients = denominator
 
@@ -72,7 +72,7 @@ class Ratio:
         if not isinstance(power, int):
             return NotImplemented
         if power == 0:
-            return Ratio(_ONE)
+            return Ratio(_UNITY)
         result = self
         for _ in range(abs(power) - 1):
             result = result * self
@@ -171,9 +171,9 @@ def _sum(first: Coefficients, second: Coefficients) -> Coefficients:
 
 def _product(first: Coefficients, second: Coefficients) -> Coefficients:
     """Return the product of two polynomials."""
-    if second is _ONE:
+    if second is _UNITY:
         return first
-    if first is _ONE:
+    if first is _UNITY:
         return second
     if len(first) == 1:
         return tuple([_times(first[0], coefficient) for coefficient in second])

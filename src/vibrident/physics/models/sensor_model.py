@@ -46,8 +46,8 @@ class SensorModel:
     @property
     def oscillators(self) -> tuple[tuple[str, str], ...]:
         """Return names of natural frequency and damping ratio of every mode, the core's first."""
-        parts = (self.core.oscillator, *(addon.oscillator for addon in self.add_ons))
-        return tuple(pair for pair in parts if pair is not None)
+        pairs = (self.core.oscillator, *(addon.oscillator for addon in self.add_ons))
+        return tuple(pair for pair in pairs if pair is not None)
 
     @property
     def shares(self) -> tuple[str, ...]:
@@ -58,13 +58,16 @@ class SensorModel:
     def factor_names(self) -> tuple[str, ...]:
         """Return the names of the parameters of the factors that are not rational."""
         return tuple(
-            spec.name for part in self._factored for spec in part.parameters if spec.kind != "gain"
+            spec.name
+            for element in self._factored
+            for spec in element.parameters
+            if spec.kind != "gain"
         )
 
     @property
     def _factored(self) -> list[Model | AddOn]:
         """Return the parts that are not rational."""
-        return [part for part in (self.core, *self.add_ons) if part.factor is not None]
+        return [element for element in (self.core, *self.add_ons) if element.factor is not None]
 
     @property
     def windows(self) -> tuple[str, ...]:
@@ -196,7 +199,8 @@ class SensorModel:
         """
         s = 2j * np.pi * frequency_hz
         return math.prod(
-            (part.factor(parameters, s) for part in self._factored if part.factor), start=1.0
+            (element.factor(parameters, s) for element in self._factored if element.factor),
+            start=1.0,
         )
 
     def factor_slopes(self, parameters: Parameters, frequency_hz: Any) -> dict[str, Any]:
@@ -205,19 +209,21 @@ class SensorModel:
         Each of shape (points,).
         """
         s = 2j * np.pi * frequency_hz
-        parts = self._factored
-        factors = [part.factor(parameters, s) for part in parts if part.factor is not None]
+        elements = self._factored
+        factors = [
+            element.factor(parameters, s) for element in elements if element.factor is not None
+        ]
         slopes: dict[str, Any] = {}
-        for index, part in enumerate(parts):
+        for index, element in enumerate(elements):
             product = math.prod(factors[:index] + factors[index + 1 :], start=1.0)
-            part_slopes = part.factor_slopes(parameters, s) if part.factor_slopes else {}
-            slopes |= {name: product * slope for name, slope in part_slopes.items()}
+            element_slopes = element.factor_slopes(parameters, s) if element.factor_slopes else {}
+            slopes |= {name: product * slope for name, slope in element_slopes.items()}
         return slopes
 
     def blocks(self, parameters: Parameters, quantity: Quantity) -> tuple[Rational, ...]:
         """Return the core and the parts parallel to it, whose responses add up to the sensor's."""
         core = self.core.rational(parameters)
-        parts = [
+        parallel_paths = [
             core,
             *(
                 addon.parallel(parameters, core)
@@ -227,7 +233,8 @@ class SensorModel:
         ]
         zeros = (0.0,) * (DERIVATIVES[quantity] + self.core.derivative)
         return tuple(
-            Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale) for r in parts
+            Rational(r.gain, zeros + r.numerator, r.denominator, r.angular_scale)
+            for r in parallel_paths
         )
 
     def force(self, parameters: Parameters, response: Any) -> Any:

@@ -72,10 +72,10 @@ def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any
         The values by name, of shape (parameters, …, 1), and one over the steps.
     """
     names = model.parameter_names
-    places = np.array([values[name] for name in names], dtype=float)
-    places = places.reshape(len(names), *(places.shape[1:] or (1,)))
-    steps = STEP * (np.abs(places) + (places == 0.0))
-    moved = np.repeat(places[:, None].astype(complex), len(names), axis=1)
+    point = np.array([values[name] for name in names], dtype=float)
+    point = point.reshape(len(names), *(point.shape[1:] or (1,)))
+    steps = STEP * (np.abs(point) + (point == 0.0))
+    moved = np.repeat(point[:, None].astype(complex), len(names), axis=1)
     each = np.arange(len(names))
     moved[each, each] += 1j * steps
     return dict(zip(names, moved, strict=True)), 1.0 / steps

@@ -20,24 +20,24 @@ def source_of(model: Model) -> dict[str, Any]:
 
     The formula is empty where Python does not keep the source, as at its own prompt.
     """
-    stated = {
+    description = {
         "name": model.name,
         "formula": _formula(model.response),
         "constants": _constants(model.response),
-        "parameters": {spec.name: _stated(spec) for spec in model.parameters},
+        "parameters": {spec.name: _describe(spec) for spec in model.parameters},
     }
-    text = json.dumps(stated, sort_keys=True)
-    return {**stated, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    text = json.dumps(description, sort_keys=True)
+    return {**description, "sha256": hashlib.sha256(text.encode()).hexdigest()}
 
 
-def _stated(spec: ParameterSpec) -> str:
+def _describe(spec: ParameterSpec) -> str:
     """Return what was stated of a parameter: ``H, start 0.001, from 1e-06 to 1``."""
-    stated = [spec.unit]
+    words = [spec.unit]
     if spec.start is not None:
-        stated.append(f"start {spec.start:g}")
+        words.append(f"start {spec.start:g}")
     if spec.bounds is not None:
-        stated.append(f"from {spec.bounds[0]:g} to {spec.bounds[1]:g}")
-    return ", ".join(stated)
+        words.append(f"from {spec.bounds[0]:g} to {spec.bounds[1]:g}")
+    return ", ".join(words)
 
 
 def _formula(response: Any) -> str:
@@ -50,7 +50,7 @@ def _formula(response: Any) -> str:
     except SyntaxError:
         nodes = []
         text = ""
-    places = (
+    positions = (
         []
         if code is None
         else [
@@ -58,7 +58,7 @@ def _formula(response: Any) -> str:
         ]
     )
     for node in nodes:
-        if code is not None and code.co_name == "<lambda>" and _ends_at(node.body, places):
+        if code is not None and code.co_name == "<lambda>" and _ends_at(node.body, positions):
             return textwrap.dedent(ast.get_source_segment(text, node) or "")
     try:
         return textwrap.dedent(inspect.getsource(response)).strip()
@@ -66,9 +66,11 @@ def _formula(response: Any) -> str:
         return ""
 
 
-def _ends_at(body: ast.expr, places: list[Any]) -> bool:
+def _ends_at(body: ast.expr, positions: list[Any]) -> bool:
     """Return whether an expression has the place of the instruction that reaches furthest."""
-    ends = {(line, column, end_line, end_column) for line, end_line, column, end_column in places}
+    ends = {
+        (line, column, end_line, end_column) for line, end_line, column, end_column in positions
+    }
     return (body.lineno, body.col_offset, body.end_lineno, body.end_col_offset) in ends
 
 

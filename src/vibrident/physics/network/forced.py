@@ -163,8 +163,8 @@ def _join_chunks(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int
         rows = _nuisance_rows(by_start, carry, lanes)
         joined = outputs + product(by_start, moved)
         inverse = inverse_of_segments(_gram(rows, lanes, segments))
-        wanted = _moments(rows, (lanes.response - joined) * lanes.weight, lanes, segments)
-        solved = jnp.einsum("sij,sj->si", inverse, wanted)
+        right_side = _moments(rows, (lanes.response - joined) * lanes.weight, lanes, segments)
+        solved = jnp.einsum("sij,sj->si", inverse, right_side)
         moved = moved + jnp.einsum("iam,ma->im", carry, solved[:, :n][lanes.segment])
         size = jnp.max(jnp.abs(shots.starts)) + jnp.max(jnp.abs(outputs))
         return _Shots(

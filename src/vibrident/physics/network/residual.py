@@ -76,7 +76,7 @@ NEURON_LAYER = AddOn(
     force=_force,
 )
 #: Parts that may be learned, the simplest first.
-PARTS: Mapping[str, AddOn] = {addon.name: addon for addon in (MEMORY, NEURON_LAYER)}
+ADD_ONS: Mapping[str, AddOn] = {addon.name: addon for addon in (MEMORY, NEURON_LAYER)}
 STRUCTURES: tuple[tuple[str, ...], ...] = (("memory",), ("neurons",), ("memory", "neurons"))
 
 
@@ -97,7 +97,7 @@ def with_residual(model: SensorModel, structure: tuple[str, ...]) -> SensorModel
     return SensorModel(
         "+".join([model.name, *structure]),
         model.core,
-        (*model.add_ons, *(PARTS[p] for p in structure)),
+        (*model.add_ons, *(ADD_ONS[p] for p in structure)),
     )
 
 

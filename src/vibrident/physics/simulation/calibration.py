@@ -147,15 +147,15 @@ def simulate(
         >>> sweep.records[0].excitation, sweep.records[0].response.shape
         ('sweep', (4000,))
     """
-    chosen = _sensor(sensor)
+    truth = _sensor(sensor)
     require_choice("The start", start, ("rest", "steady"))
     require_choice("The method", method, ("exact", "rk4"))
     require_choice("The reference quantity", quantity, QUANTITIES)
-    rate = chosen.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
-    peak = chosen.amplitude if amplitude is None else float(amplitude)
-    natural = parse(chosen.model).typical_frequency(chosen.parameters)
+    rate = truth.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
+    peak = truth.amplitude if amplitude is None else float(amplitude)
+    natural = parse(truth.model).typical_frequency(truth.parameters)
     plan = SimulationSettings(
-        _frequencies(frequencies_hz, chosen), rate, samples, peak, natural, seed
+        _frequencies(frequencies_hz, truth), rate, samples, peak, natural, seed
     )
     takes = plan.takes(excitation, repeats)
     if excitation_snr_db is not None:
@@ -169,20 +169,20 @@ def simulate(
     if keep_takes is not None:
         keep_takes.extend(takes)
     behind = _behind_filter(takes, antialias, method, start)
-    responses = _responses(chosen, takes, start, method, substeps, behind)
-    values = ", ".join(f"{name} {value:.9g}" for name, value in chosen.parameters.items())
+    responses = _responses(truth, takes, start, method, substeps, behind)
+    values = ", ".join(f"{name} {value:.9g}" for name, value in truth.parameters.items())
     history = (
-        f"simulated: {chosen.model} ({values}); "
+        f"simulated: {truth.model} ({values}); "
         f"{method} response, start {start}, seed {_seed_words(seed)}"
     )
     records = [
         _record(take, row, quantity, history, is_filtered)
         for take, row, is_filtered in zip(takes, responses, behind, strict=True)
     ]
-    about = {"manufacturer": "simulated", "type": chosen.title}
-    unit = chosen.response_unit
+    about = {"manufacturer": "simulated", "type": truth.title}
+    unit = truth.response_unit
     calibration = Calibration(
-        tuple(records), None, chosen.model, quantity, response_unit=unit, sensor=about
+        tuple(records), None, truth.model, quantity, response_unit=unit, sensor=about
     )
     return with_noise(
         calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed
@@ -344,7 +344,7 @@ def _record(
     take: Take, response: FloatArray, quantity: Quantity, history: str, behind: bool
 ) -> Record:
     motion = take.motion
-    base = getattr(motion, "parts", (motion,))[0]
+    base = getattr(motion, "terms", (motion,))[0]
     reference = None
     if motion.kind != "decay":
 

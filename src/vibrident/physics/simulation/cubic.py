@@ -31,7 +31,7 @@ MAX_FREE_MOTION = 1e-14
 
 #: Stages of DOP853: instants in the step, and weights of the slopes before each stage and at the
 #: end.
-PLACES = tuple(DOP853.C.tolist())
+NODES = tuple(DOP853.C.tolist())
 _A = tuple(tuple(row[:i]) for i, row in enumerate(DOP853.A.tolist()))
 _B = tuple(DOP853.B.tolist())
 
@@ -43,14 +43,14 @@ def cubic_response(
     *,
     highest_hz: float,
     forever: bool,
-    held: float | None,
+    static_value: float | None,
 ) -> FloatArray:
     """Return the response V on a grid, shape (samples,).
 
     ``linear``: exact response of the linear sensor on any grid; ``grid``: instants; before t = 0
     the sensor is at rest, held, or in its steady motion; ``highest_hz``: of the motion;
-    ``forever``: whether it has no beginning; ``held``: linear response to a static value that is
-    released at t = 0; None if absent.
+    ``forever``: whether it has no beginning; ``static_value``: linear response to a value
+    that is released at t = 0; None if absent.
 
     Raises:
         InputError: the softening spring becomes unstable, or an undamped sensor has no steady
@@ -59,7 +59,7 @@ def cubic_response(
     k3 = float(parameters["cubic_stiffness"])
     wn = 2.0 * math.pi * float(parameters["natural_frequency"])
     damping = float(parameters["damping_ratio"])
-    static = _static(k3, held) if held is not None else 0.0
+    static = _static(k3, static_value) if static_value is not None else 0.0
     begin_s = min(grid.start_s, 0.0) - _decay_time_s(wn, damping) if forever else 0.0
     after = grid if forever else grid.since(0.0)
     if not after.samples:
@@ -70,7 +70,7 @@ def cubic_response(
     first_s = after.start_s
     # Whole steps up to the first sample.
     lead = math.ceil((first_s - begin_s) * grid.rate_hz * substeps)
-    state = np.array([static - held if held is not None else 0.0, 0.0])
+    state = np.array([static - static_value if static_value is not None else 0.0, 0.0])
     if lead:
         step = (first_s - begin_s) / lead
         state = _states(linear, state, begin_s, step, lead, (k3, wn, damping))[:, -1]
@@ -136,7 +136,7 @@ def _states(
     """Return W and Ẇ/ωn after every step, shape (2, steps + 1)."""
     rate = 1.0 / step_s
     drive = np.stack(
-        [linear(SampleGrid(begin_s + fraction * step_s, rate, steps)) for fraction in PLACES],
+        [linear(SampleGrid(begin_s + fraction * step_s, rate, steps)) for fraction in NODES],
         axis=1,
     )
     states = _integrated(jnp.asarray(first), jnp.asarray(drive), step_s * sensor[1], *sensor)

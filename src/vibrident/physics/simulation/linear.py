@@ -155,11 +155,11 @@ def propagate(a: FloatArray, state: FloatArray, grid: SampleGrid) -> FloatArray:
     if not grid.samples:
         return states
     states[:, 0] = exponential(a, grid.start_s) @ state
-    known = 1
-    while known < grid.samples:
-        more = min(known, grid.samples - known)
-        states[:, known : known + more] = exponential(a, known * grid.interval_s) @ states[:, :more]
-        known += more
+    done = 1
+    while done < grid.samples:
+        more = min(done, grid.samples - done)
+        states[:, done : done + more] = exponential(a, done * grid.interval_s) @ states[:, :more]
+        done += more
     return states
 
 

@@ -79,8 +79,8 @@ class Tones:
         instants = np.asarray(time_s, dtype=float)
         flat = instants.ravel()
         value = np.zeros(flat.shape)
-        for part in _blocks(flat.size, max(1, 2**20 // max(1, self.frequency_hz.size))):
-            value[part] = (_turn(np.outer(flat[part], self.frequency_hz)) @ self.phasor).real
+        for block in _blocks(flat.size, max(1, 2**20 // max(1, self.frequency_hz.size))):
+            value[block] = (_turn(np.outer(flat[block], self.frequency_hz)) @ self.phasor).real
         return value.reshape(instants.shape)
 
     def on(self, grid: SampleGrid) -> FloatArray:
@@ -118,9 +118,9 @@ class Tones:
         fine = np.arange(inner) / grid.rate_hz
         coarse = grid.start_s + np.arange(outer) * inner / grid.rate_hz
         value = np.zeros((outer, inner))
-        for part in _blocks(self.frequency_hz.size, BLOCK_TONES):
-            frequency = self.frequency_hz[part]
-            at_blocks = _turn(np.outer(coarse, frequency)) * self.phasor[part]
+        for block in _blocks(self.frequency_hz.size, BLOCK_TONES):
+            frequency = self.frequency_hz[block]
+            at_blocks = _turn(np.outer(coarse, frequency)) * self.phasor[block]
             within = _turn(np.outer(frequency, fine))
             value += at_blocks.real @ within.real - at_blocks.imag @ within.imag
         return value.ravel()[: grid.samples]
@@ -206,31 +206,31 @@ class Tonal(ABC):
 class Superposition:
     """The sum of several motions; ``kind`` is the first one's."""
 
-    parts: tuple[Motion, ...]
+    terms: tuple[Motion, ...]
 
     @property
     def kind(self) -> Excitation:
         """Return the kind of the first part."""
-        return self.parts[0].kind
+        return self.terms[0].kind
 
     @property
     def words(self) -> str:
         """Return all parts in words."""
-        return "; ".join(part.words for part in self.parts)
+        return "; ".join(term.words for term in self.terms)
 
     @property
     def highest_hz(self) -> float:
         """Return the highest frequency of all parts, Hz."""
-        return max(part.highest_hz for part in self.parts)
+        return max(term.highest_hz for term in self.terms)
 
     @property
     def breaks_s(self) -> tuple[float, ...]:
         """Return the breaks of all parts, s."""
-        return tuple(sorted(instant for part in self.parts for instant in part.breaks_s))
+        return tuple(sorted(instant for term in self.terms for instant in term.breaks_s))
 
     def value(self, time_s: FloatArray) -> FloatArray:
         """Return the acceleration in m/s² at any instants (s), in their shape."""
-        return np.sum([part.value(time_s) for part in self.parts], axis=0)
+        return np.sum([term.value(time_s) for term in self.terms], axis=0)
 
 
 def acceleration_on(motion: Motion, grid: SampleGrid) -> FloatArray:
@@ -239,5 +239,5 @@ def acceleration_on(motion: Motion, grid: SampleGrid) -> FloatArray:
     It is ``value`` at its instants, by FFT where that is faster.
     """
     if isinstance(motion, Superposition):
-        return np.sum([acceleration_on(part, grid) for part in motion.parts], axis=0)
+        return np.sum([acceleration_on(term, grid) for term in motion.terms], axis=0)
     return motion.tones.on(grid) if isinstance(motion, Tonal) else motion.value(grid.times_s)

@@ -148,9 +148,9 @@ def _flicker(samples: int, rng: np.random.Generator) -> FloatArray:
     period = fast_length(2 * samples)
     harmonic = np.arange(1, (period + 1) // 2)
     shape = harmonic**-0.5 / np.sqrt(np.sum(1.0 / harmonic))
-    parts = rng.standard_normal((2, harmonic.size))
+    normal = rng.standard_normal((2, harmonic.size))
     spectrum = np.zeros(period // 2 + 1, dtype=complex)
-    spectrum[1 : harmonic.size + 1] = 0.5 * shape * (parts[0] + 1j * parts[1])
+    spectrum[1 : harmonic.size + 1] = 0.5 * shape * (normal[0] + 1j * normal[1])
     return np.fft.irfft(spectrum, period, norm="forward")[:samples]
 
 
@@ -218,8 +218,8 @@ def excitation_noise(
         where=where,
         remedy="widen the band, or take a longer record",
     )
-    parts = rng.standard_normal((2, harmonic.size))
-    phasor = (parts[0] + 1j * parts[1]) * (rms / np.sqrt(harmonic.size))
+    normal = rng.standard_normal((2, harmonic.size))
+    phasor = (normal[0] + 1j * normal[1]) * (rms / np.sqrt(harmonic.size))
     words = (
         f"noise on the excitation, felt by the sensor: {rms:.4g} m/s² rms, "
         f"{low:.6g} to {high:.6g} Hz"

@@ -284,11 +284,11 @@ def _toml(truth: Calibration, optics: Optics, entries: list[dict[str, Any]], tak
         "delay_standard_uncertainty_s": setting.delay_standard_uncertainty_s or None,
         "rate_hz": optics.rate_hz,
     }
-    parts = [
+    lines = [
         toml_section("sensor", {**truth.sensor, "model": truth.model}),
         toml_section("interferometer", section),
         toml_section("response", {"column": "response", "scale": 1.0, "unit": truth.response_unit}),
         toml_section("sampling", {"rate_hz": float(take.sampling_rate_hz)}),
         *(toml_entry("records", entry) for entry in entries),
     ]
-    return "\n".join(parts)
+    return "\n".join(lines)

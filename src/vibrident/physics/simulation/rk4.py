@@ -73,9 +73,12 @@ def rk4_response(
     first = np.stack([run.state for run in runs], axis=1)
     states = classical_rk4(_derivative(system), first, drive, step)[:, ::substeps]
     response = np.tensordot(system.c, states, axes=1).T + system.d * drive[:, :: 2 * substeps]
-    late = [np.full(run.held_samples, run.held) for run in runs]
+    late = [np.full(run.held_samples, run.static) for run in runs]
     return np.stack(
-        [np.concatenate([held, row])[:samples] for held, row in zip(late, response, strict=True)]
+        [
+            np.concatenate([before, row])[:samples]
+            for before, row in zip(late, response, strict=True)
+        ]
     )
 
 
@@ -84,7 +87,7 @@ class _Run(NamedTuple):
 
     origin_s: float
     state: FloatArray
-    held: float
+    static: float
     held_samples: int
 
 
@@ -97,7 +100,7 @@ def _begin(
     """
     known_s = min(grid.start_s, 0.0) if start == "steady" and not isinstance(motion, Decay) else 0.0
     state = initial_state(system, motion, known_s, start)
-    held = float(system.c @ state)
+    static = float(system.c @ state)
     way = grid.since(known_s).start_s
     steps = math.ceil(way * grid.rate_hz * substeps)
     if steps:
@@ -105,7 +108,7 @@ def _begin(
         state = classical_rk4(
             _derivative(system), state[:, None], drive[None], np.array([way / steps])
         )[:, -1, 0]
-    return _Run(known_s + way, state, held, grid.first_from(known_s))
+    return _Run(known_s + way, state, static, grid.first_from(known_s))
 
 
 def classical_rk4(

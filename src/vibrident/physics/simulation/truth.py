@@ -79,7 +79,7 @@ def exact_response(
             highest_hz=motion.highest_hz,
             forever=start == "steady" and _has_tones(motion),
             # The response to a static value that is released at t = 0.
-            held=float(system.c @ system.static_state(motion.amplitude))
+            static_value=float(system.c @ system.static_state(motion.amplitude))
             if isinstance(motion, Decay)
             else None,
         )
@@ -115,7 +115,7 @@ def _averaged(
 
 def _has_tones(motion: Motion) -> bool:
     return isinstance(motion, Tonal) or any(
-        _has_tones(part) for part in getattr(motion, "parts", ())
+        _has_tones(term) for term in getattr(motion, "terms", ())
     )
 
 
@@ -142,18 +142,18 @@ def system_response(
 ) -> FloatArray:
     """Return the output of a linear system on a grid, shape (samples,); see ``exact_response``."""
     if isinstance(motion, Superposition):
-        tonal = [part for part in motion.parts if isinstance(part, Tonal)]
-        transients = [part for part in motion.parts if not isinstance(part, Tonal)]
+        tonal = [term for term in motion.terms if isinstance(term, Tonal)]
+        transients = [term for term in motion.terms if not isinstance(term, Tonal)]
         total = _tonal_response(system, tonal, grid, start)
         return np.sum(
-            [total, *(system_response(system, part, grid, start) for part in transients)], axis=0
+            [total, *(system_response(system, term, grid, start) for term in transients)], axis=0
         )
     if isinstance(motion, Tonal):
         return _tonal_response(system, [motion], grid, start)
     if isinstance(motion, Decay):
-        held = system.static_state(motion.amplitude)
-        free = system.c @ propagate(system.a, held, grid.since(0.0))
-        return np.concatenate([np.full(grid.first_from(0.0), system.c @ held), free])
+        static_state = system.static_state(motion.amplitude)
+        free = system.c @ propagate(system.a, static_state, grid.since(0.0))
+        return np.concatenate([np.full(grid.first_from(0.0), system.c @ static_state), free])
     if isinstance(motion, HalfSineShock):
         states = _shock_states(system, motion, grid)
     else:
@@ -164,7 +164,7 @@ def system_response(
 
 
 def _tonal_response(
-    system: LinearSystem, parts: Sequence[Tonal], grid: SampleGrid, start: Start
+    system: LinearSystem, tonal: Sequence[Tonal], grid: SampleGrid, start: Start
 ) -> FloatArray:
     """Return the steady response to tones.
 
@@ -172,7 +172,7 @@ def _tonal_response(
     """
     steady = np.zeros(grid.samples)
     missing = np.zeros(system.order)
-    for tones in (part.tones for part in parts):
+    for tones in (term.tones for term in tonal):
         states = system.tone_states(tones.frequency_hz)
         response = np.sum(system.c[:, None] * states, axis=0) + system.d
         steady += tones.scaled_by(response).on(grid)
@@ -191,7 +191,7 @@ def initial_state(system: LinearSystem, motion: Motion, time_s: float, start: St
     until t = 0.
     """
     if isinstance(motion, Superposition):
-        return np.sum([initial_state(system, part, time_s, start) for part in motion.parts], axis=0)
+        return np.sum([initial_state(system, term, time_s, start) for term in motion.terms], axis=0)
     if isinstance(motion, Tonal) and start == "steady":
         tones = motion.tones
         phasor = tones.phasor * np.exp(2j * np.pi * tones.frequency_hz * time_s)
@@ -235,7 +235,7 @@ def _integrated(motion: Motion, times: int, grid: SampleGrid) -> FloatArray:
     if times == 0:
         return acceleration_on(motion, grid)
     if isinstance(motion, Superposition):
-        return np.sum([_integrated(part, times, grid) for part in motion.parts], axis=0)
+        return np.sum([_integrated(term, times, grid) for term in motion.terms], axis=0)
     if isinstance(motion, Tonal):
         once = np.asarray(1.0 / (2j * np.pi * motion.tones.frequency_hz), dtype=np.complex128)
         return motion.tones.scaled_by(once if times == 1 else once * once).on(grid)

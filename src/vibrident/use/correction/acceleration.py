@@ -258,7 +258,7 @@ def _correct_record(
     if peak is not None and hidden > abs(peak.value):
         peak = None
     reference = reference_in_band(record, motion, compensation)
-    if reference is None and record.reference is not None and motion.known is not None:
+    if reference is None and record.reference is not None and motion.response is not None:
         text = (
             f"{record.name}: the motion is not compared with the reference, whose known response "
             f"does not cover {0.5 * band.low_hz:.4g} to {band.stop_hz:.4g} Hz."

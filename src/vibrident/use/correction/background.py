@@ -63,8 +63,8 @@ def measure_background(
         return nothing
     worst = 0.0
     worst_part = slice(0, 0)
-    parts = _still_parts(values, baseline.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
-    for still_part in parts:
+    still_parts = _still_parts(values, baseline.rest_samples, components["ends"] ** 2 < 0.5 * u**2)
+    for still_part in still_parts:
         power = float(np.mean(acceleration[still_part] ** 2))
         expected = float(np.mean(u[still_part] ** 2))
         independent = max(
@@ -81,7 +81,7 @@ def measure_background(
         return nothing
     level = float(np.sqrt(np.mean(noise[worst_part] ** 2)))
     profile = noise / level if level > 0 else np.ones(values.size)
-    after = acceleration[parts[-1]] if parts[-1].start > 0 else np.zeros(1)
+    after = acceleration[still_parts[-1]] if still_parts[-1].start > 0 else np.zeros(1)
     mean = float(np.mean(after))
     shifted = mean**2 > MIN_SHIFT_SHARE * float(np.mean(after**2))  # mains hum has no mean
     findings = (_shift(record.name, mean, unit),) if shifted else ()

@@ -42,7 +42,7 @@ class PassBand:
 
     low_hz: float  # L = 1 from here, L = 0 below low_hz/2; zero if L passes constant acceleration
     high_hz: float  # L = 1 up to here, L = 0 from 2 high_hz
-    chosen: str  # reason of the choice, in words
+    reason: str  # reason of the choice, in words
 
     @property
     def stop_hz(self) -> float:

@@ -269,13 +269,13 @@ class Compensation:
         beyond = np.arange(1, pad + 1)
         variances = []
         for step in computed:
-            reached = np.where(
+            taps = np.where(
                 step + beyond < self.size // 2, kernel[(step + beyond) % self.size], 0.0
             )
             weights = np.zeros(2 * pad + 1)  # of the true samples −pad … pad about the end
-            weights[pad - beyond] = reached
-            weights[pad + beyond] = reached * taper * (-1.0 if self.mirrored else 1.0)
-            weights[pad] = 0.0 if self.mirrored else -2.0 * np.sum(reached * taper)
+            weights[pad - beyond] = taps
+            weights[pad + beyond] = taps * taper * (-1.0 if self.mirrored else 1.0)
+            weights[pad] = 0.0 if self.mirrored else -2.0 * np.sum(taps * taper)
             power = np.abs(np.asarray(fft.rfft(weights, size))) ** 2
             variances.append(float(np.sum(power * weight)) / size)
         return np.interp(np.arange(pad), computed, variances)

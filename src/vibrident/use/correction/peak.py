@@ -57,31 +57,35 @@ def find_peak(
         compensation: of the record.
         components: standard uncertainty of every sample by origin.
     """
-    known = np.isfinite(acceleration)
-    if not known.any():
+    finite = np.isfinite(acceleration)
+    if not finite.any():
         return None
-    inner = known & (
+    inner = finite & (
         components["ends"] <= sum(components[name] for name in components if name != "ends")
     )
-    index = _top(acceleration, known, inner if inner.any() else known, components["ends"])
+    index = _top(acceleration, finite, inner if inner.any() else finite, components["ends"])
     sign = 1.0 if acceleration[index] >= 0 else -1.0
     position, top, curvature = _refined(spectrum, compensation, index, sign)
-    parts = {name: float(series[index]) for name, series in components.items()}
-    bias = _noise_bias(sign * acceleration, index, parts.get("noise", 0.0), curvature, compensation)
+    u_by_name = {name: float(series[index]) for name, series in components.items()}
+    bias = _noise_bias(
+        sign * acceleration, index, u_by_name.get("noise", 0.0), curvature, compensation
+    )
     value = sign * (top - bias)
-    u = float(np.sqrt(sum(part**2 for part in parts.values())))
+    u = float(np.sqrt(sum(component**2 for component in u_by_name.values())))
     freedoms = {
         "model": compensation.chain.sensor.degrees_of_freedom,
         "noise": compensation.baseline.degrees_of_freedom,
     }
-    share = sum(parts.get(name, 0.0) ** 4 / freedom for name, freedom in freedoms.items())
+    share = sum(u_by_name.get(name, 0.0) ** 4 / freedom for name, freedom in freedoms.items())
     freedom = min(u**4 / share, 1e9) if share > 0 else 1e9
     k = float(stdtrit(freedom, 0.5 + COVERAGE / 2))
     interval = (value - k * u, value + k * u)
-    return Peak(value, position / compensation.rate, u, interval, freedom, k, parts, float(bias))
+    return Peak(
+        value, position / compensation.rate, u, interval, freedom, k, u_by_name, float(bias)
+    )
 
 
-def _top(acceleration: FloatArray, known: BoolArray, inner: BoolArray, ends: FloatArray) -> int:
+def _top(acceleration: FloatArray, finite: BoolArray, inner: BoolArray, ends: FloatArray) -> int:
     """Return the index of the largest sample.
 
     One near the record's ends counts only if it is larger by more than the error there.
@@ -89,7 +93,7 @@ def _top(acceleration: FloatArray, known: BoolArray, inner: BoolArray, ends: Flo
     size = np.abs(acceleration)
     inside = int(np.argmax(np.where(inner, size, -1.0)))
     anywhere = int(
-        np.argmax(np.where(known, size - END_ERROR_DEVIATIONS * np.nan_to_num(ends), -1.0))
+        np.argmax(np.where(finite, size - END_ERROR_DEVIATIONS * np.nan_to_num(ends), -1.0))
     )
     return (
         anywhere
@@ -148,9 +152,9 @@ def _noise_bias(
         & (inner > upright[2:])
         & (inner > upright[index] - COMPETING_DEVIATIONS * noise)
     )
-    places = np.flatnonzero(tops) + 1
+    tops_index = np.flatnonzero(tops) + 1
     apart = max(1.0, 0.5 * compensation.rate / compensation.band.high_hz)
-    rivals = 1 + int(np.sum(np.diff(places) > apart)) if places.size else 1
+    rivals = 1 + int(np.sum(np.diff(tops_index) > apart)) if tops_index.size else 1
     if rivals > 1:
         bias += noise * _expected_largest(rivals)
     return bias
@@ -180,11 +184,11 @@ class ReferenceMotion:
 
     Attributes:
         quantity: of its motion.
-        known: response of its channel; None where the reference is the motion itself.
+        response: response of its channel; None where the reference is the motion itself.
     """
 
     quantity: Quantity
-    known: KnownResponse | None = None
+    response: KnownResponse | None = None
 
     def gain(self, frequency_hz: FloatArray, used: BoolArray) -> ComplexArray | None:
         """Return acceleration over what the reference holds, where used, else zero; or None.
@@ -194,13 +198,13 @@ class ReferenceMotion:
         gain = np.zeros(frequency_hz.shape, dtype=complex)
         at = frequency_hz[used]
         gain[used] = (2j * np.pi * at) ** DERIVATIVES[self.quantity]
-        if self.known is None:
+        if self.response is None:
             return gain
-        low, high = self.known.band_hz
-        passed = np.abs(self.known.value(at))
+        low, high = self.response.band_hz
+        passed = np.abs(self.response.value(at))
         if np.min(at) < low or np.max(at) > high or np.min(passed) < MIN_PASSED * np.max(passed):
             return None
-        gain[used] /= self.known.value(at)
+        gain[used] /= self.response.value(at)
         return gain
 
 
@@ -247,23 +251,26 @@ def compare_with_reference(
     Returns:
         The agreement; None if they are never known together.
     """
-    known = np.isfinite(acceleration) & record.mask & record.reference_mask
-    if not known.any():
+    usable = np.isfinite(acceleration) & record.mask & record.reference_mask
+    if not usable.any():
         return None
     u = np.sqrt(sum(series**2 for series in components.values()))
-    inner = known & (components["ends"] <= np.sqrt(np.maximum(u**2 - components["ends"] ** 2, 0.0)))
-    known = inner if inner.any() else known  # near its ends the filtered reference is as uncertain
-    off = (acceleration - reference)[known]
-    deviation = float(np.std(reference[known]))
+    inner = usable & (
+        components["ends"] <= np.sqrt(np.maximum(u**2 - components["ends"] ** 2, 0.0))
+    )
+    # near its ends the filtered reference is as uncertain
+    usable = inner if inner.any() else usable
+    off = (acceleration - reference)[usable]
+    deviation = float(np.std(reference[usable]))
     rmse = float(np.sqrt(np.mean(off**2)))
     unfiltered = None
-    as_it_is = motion.known is None and DERIVATIVES[motion.quantity] == 0
+    as_it_is = motion.response is None and DERIVATIVES[motion.quantity] == 0
     if as_it_is and record.reference is not None:
-        raw = np.asarray(record.reference)[known]
-        raw = raw - np.mean(raw - reference[known])
-        unfiltered = float(np.sqrt(np.mean((acceleration[known] - raw) ** 2)))
-    top = float(reference[known][np.argmax(np.abs(reference[known]))])
-    inside = float(np.mean(np.abs(off) <= COVERAGE_FACTOR * u[known]))
+        raw = np.asarray(record.reference)[usable]
+        raw = raw - np.mean(raw - reference[usable])
+        unfiltered = float(np.sqrt(np.mean((acceleration[usable] - raw) ** 2)))
+    top = float(reference[usable][np.argmax(np.abs(reference[usable]))])
+    inside = float(np.mean(np.abs(off) <= COVERAGE_FACTOR * u[usable]))
     return ReferenceAgreement(
         rmse, rmse / deviation if deviation > 0 else None, unfiltered, top, inside
     )

@@ -159,13 +159,13 @@ def screened_by_response(
             findings.append(ScreeningFinding("dead_channel", f"{error.found}"))
             continue
         valid = by_response.mask
-        known = np.zeros(record.samples, dtype=bool)
+        reference_valid = np.zeros(record.samples, dtype=bool)
         if record.reference is not None:
             with suppress(InputError):
                 (both,), of_both = screen([record], {"response": unit})
                 # Where the reference moves as oddly, the response's oddity is motion.
                 valid = by_response.mask | both.mask
-                known = both.reference_mask
+                reference_valid = both.reference_mask
                 lost_time = [f for f in of_both if f.code == "clock_suspect"]  # of both channels
                 if lost_time:
                     for edge in np.flatnonzero(np.diff(both.mask.astype(int))).tolist():
@@ -176,7 +176,7 @@ def screened_by_response(
                     text = f"{cause}; the samples beside that are left out."
                     lost_time = [ScreeningFinding("clock_suspect", text)]
                 remarks = (*(f for f in remarks if f in of_both), *lost_time)
-        usable.append(replace(record, valid=valid, reference_valid=known))
+        usable.append(replace(record, valid=valid, reference_valid=reference_valid))
         findings += remarks
     if refused is not None and not usable:
         raise refused
@@ -188,26 +188,26 @@ def bridged_response(record: Record) -> FloatArray:
     return bridged(record.response, record.mask)
 
 
-def bridged(values: FloatArray, known: BoolArray) -> FloatArray:
+def bridged(values: FloatArray, valid: BoolArray) -> FloatArray:
     """Return the values with straight lines where they are not known, shape (samples,)."""
     values = np.array(values)
     index = np.arange(values.size)
-    values[~known] = np.interp(index[~known], index[known], values[known])
+    values[~valid] = np.interp(index[~valid], index[valid], values[valid])
     return values
 
 
-def gap_sum_deviation(values: FloatArray, known: BoolArray) -> FloatArray:
+def gap_sum_deviation(values: FloatArray, valid: BoolArray) -> FloatArray:
     """Return the standard deviation of the response's sum behind bridged gaps, shape (samples,).
 
     It follows from sums of as many samples nearby, less those of the line that would bridge them,
     and is infinite behind a gap that is not short.
     """
     variance = np.zeros(values.size)
-    for first, stop in zip(*runs_of_true(~known), strict=True):
+    for first, stop in zip(*runs_of_true(~valid), strict=True):
         count = stop - first
         near = slice(max(first - NEARBY_SAMPLES, 0), stop + NEARBY_SAMPLES)
         windows = np.lib.stride_tricks.sliding_window_view(values[near], count + 2)
-        complete = np.lib.stride_tricks.sliding_window_view(known[near], count + 2).all(axis=1)
+        complete = np.lib.stride_tricks.sliding_window_view(valid[near], count + 2).all(axis=1)
         error = np.sum(windows[:, 1:-1], axis=1) - 0.5 * count * (windows[:, 0] + windows[:, -1])
         usable = count <= MAX_BRIDGED_SAMPLES and complete.any()
         variance[first:] += float(np.mean(error[complete] ** 2)) if usable else np.inf
@@ -311,10 +311,10 @@ def _spectrum_at_rest(values: FloatArray, rate: float) -> tuple[FloatArray, Floa
     length = min(max(32, values.size // 8), values.size)
     window = np.hanning(length + 1)[:-1]
     # Only the mean of all is removed: slower signals are in the lowest lines.
-    parts = np.lib.stride_tricks.sliding_window_view(values - values.mean(), length)[
+    blocks = np.lib.stride_tricks.sliding_window_view(values - values.mean(), length)[
         :: length - length // 2
     ]
-    power = np.mean(np.abs(np.asarray(fft.rfft(parts * window))) ** 2, axis=0) / np.sum(window**2)
+    power = np.mean(np.abs(np.asarray(fft.rfft(blocks * window))) ** 2, axis=0) / np.sum(window**2)
     spectrum = power[: (length + 1) // 2]
     frequency = np.arange(len(spectrum)) * rate / length
     if frequency[-1] < 0.5 * rate:

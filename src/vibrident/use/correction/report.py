@@ -28,21 +28,21 @@ def correction_document(corrections: Corrections, files: Sequence[str]) -> dict[
 def _row(correction: Correction, file: str) -> dict[str, Any]:
     baseline = correction.baseline
     peak = correction.peak
-    known = np.isfinite(correction.acceleration)
+    finite = np.isfinite(correction.acceleration)
     typical = {
-        name: float(np.median(series[known])) if known.any() else None
+        name: float(np.median(series[finite])) if finite.any() else None
         for name, series in correction.components.items()
     }
     return {
         "name": correction.record.name,
         "file": file,
         "samples": correction.record.samples,
-        "samples_unknown": int(np.sum(~known)),
+        "samples_unknown": int(np.sum(~finite)),
         "band": {
             "low_hz": correction.band.low_hz,
             "high_hz": correction.band.high_hz,
             "zero_from_hz": correction.band.stop_hz,
-            "chosen": correction.band.chosen,
+            "chosen": correction.band.reason,
             "integrated_from_rest": correction.integrated_from_rest,
             "largest_removed": correction.bound,
         },

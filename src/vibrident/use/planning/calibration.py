@@ -169,7 +169,7 @@ def plan(
         points,
         best if best is not None else frequency.size,
         repeats=repeats,
-        chosen=best is not None,
+        is_best=best is not None,
     )
     unit = source.response_unit if source is not None else response_unit
     gain, findings = _systematic_part(source)
@@ -194,11 +194,11 @@ def _plan(
     model = coordinates.model
     scale = sizes_of(coordinates.model, points.coordinates.first, MIN_COORDINATE_SIZE, ratios=True)
     uses = np.ones(count, dtype=int)
-    reached = None
+    reached_efficiency = None
     spread = {}
     if best is not None:
         uses = best_points(points.information, best, criterion, scale, repeats=repeats)
-        reached = efficiency(uses, points.information, criterion, scale)
+        reached_efficiency = efficiency(uses, points.information, criterion, scale)
         even = np.bincount(np.round(np.linspace(0, count - 1, best)).astype(int), minlength=count)
         spread = _deviations(points, even, reference_uncertainty)
     covariance, freedom = _covariance(points, uses)
@@ -214,19 +214,19 @@ def _plan(
     high = float(frequency.max())
     band = np.geomspace(low, high, CURVE_POINTS) if high > low else np.array([low])
     band = with_resonances(band, model.rational(coordinates.values(z)))
-    chosen = np.flatnonzero(uses)
+    used = np.flatnonzero(uses)
     return Plan(
         model.name,
-        frequency[chosen],
-        tuple(int(n) for n in uses[chosen]),
-        points.relative_deviation[chosen],
+        frequency[used],
+        tuple(int(n) for n in uses[used]),
+        points.relative_deviation[used],
         table,
         correlation(model, covariance),
         curve(coordinates, z, covariance, points.subject.quantity, band),
         tuple(w.message for w in warnings) + points.findings,
         criterion if best is not None else None,
         frequency,
-        reached,
+        reached_efficiency,
         spread,
         _deviations(points, np.ones(count, dtype=int), reference_uncertainty),
     )
@@ -258,8 +258,8 @@ def _systematic_part(source: Result | None) -> tuple[float, tuple[str, ...]]:
 def _covariance(points: PlannedPoints, uses: np.ndarray) -> tuple[FloatArray, float]:
     """Return the covariance of z and its degrees of freedom, as of the estimator ``ml``."""
     freedom = np.repeat(points.freedom, uses)
-    known = float(np.mean(1.0 + 4.0 / freedom))  # the weights are estimated too
-    return inverse_normal(total(uses, points.information)) * known, float(np.sum(freedom))
+    inflation = float(np.mean(1.0 + 4.0 / freedom))  # the weights are estimated too
+    return inverse_normal(total(uses, points.information)) * inflation, float(np.sum(freedom))
 
 
 def _deviations(

@@ -25,18 +25,18 @@ def model_and_values(
     """
     if isinstance(sensor, Result) and parameters is None:
         sensor.require_linear()
-        known = sensor.to_sensor("a plan")
-        return known.model, dict(known.values)
+        identified = sensor.to_sensor("a plan")
+        return identified.model, dict(identified.values)
     name = sensor.model if isinstance(sensor, Result) else sensor
     model = parse(name)
-    stated = dict(parameters or {})
+    numbers = dict(parameters or {})
     names = model.parameter_names
     linear = model.is_linear
-    usable = set(stated) == set(names) and all(np.isfinite(value) for value in stated.values())
+    usable = set(numbers) == set(names) and all(np.isfinite(value) for value in numbers.values())
     positive = usable and all(
-        stated[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration")
+        numbers[s.name] > 0 for s in model.parameters if s.kind in ("log", "duration")
     )
-    if not (linear and positive and stated[model.gain_name] != 0):
+    if not (linear and positive and numbers[model.gain_name] != 0):
         raise InputError(
             "The sensor cannot be planned for."
             if linear
@@ -45,35 +45,35 @@ def model_and_values(
                 f"for {model.name!r}: finite {', '.join(names)}; frequencies above 0, a gain that "
                 "is not 0"
             ),
-            found=", ".join(f"{key} = {value:g}" for key, value in stated.items())
+            found=", ".join(f"{key} = {value:g}" for key, value in numbers.items())
             or "no parameters",
             where="plan, parameters",
             remedy="give every parameter of the model, and no other"
             if linear
             else "plan without 'cubic'",
         )
-    return model, {name: float(stated[name]) for name in names}
+    return model, {name: float(numbers[name]) for name in names}
 
 
 def reference_quantity(quantity: Quantity | None, source: Result | None) -> Quantity:
     """Return the quantity of the reference: as stated, or as of the result."""
-    known: Any = (
+    name: Any = (
         quantity
         or (source.reference.get("quantity") if source is not None else None)
         or "acceleration"
     )
-    if known not in QUANTITIES:
-        raise unknown("The reference quantity is not known.", known, QUANTITIES, "plan, quantity")
-    return known
+    if name not in QUANTITIES:
+        raise unknown("The reference quantity is not known.", name, QUANTITIES, "plan, quantity")
+    return name
 
 
 def planned_frequencies(
-    stated: Sequence[float] | FloatArray | None, source: Result | None
+    given_hz: Sequence[float] | FloatArray | None, source: Result | None
 ) -> FloatArray:
     """Return the planned frequencies in ascending order, Hz, shape (n,)."""
-    if stated is None and source is not None:
-        stated = np.unique(source.measured.frequency_hz)
-    frequency = np.atleast_1d(np.asarray([] if stated is None else stated, dtype=float))
+    if given_hz is None and source is not None:
+        given_hz = np.unique(source.measured.frequency_hz)
+    frequency = np.atleast_1d(np.asarray([] if given_hz is None else given_hz, dtype=float))
     if not (
         frequency.ndim == 1
         and frequency.size
@@ -106,7 +106,7 @@ def one_a_frequency(
     return np.broadcast_to(values, frequency.shape).astype(float)
 
 
-def require_points(points: PlannedPoints, count: int, *, repeats: bool, chosen: bool) -> None:
+def require_points(points: PlannedPoints, count: int, *, repeats: bool, is_best: bool) -> None:
     """Refuse a number of points that cannot determine the parameters."""
     needed = len(points.coordinates.model.parameters)
     most = points.subject.frequency_hz.size
@@ -121,6 +121,6 @@ def require_points(points: PlannedPoints, count: int, *, repeats: bool, chosen: 
             "candidates"
         ),
         found=f"{count} points",
-        where="plan, best" if chosen else "plan, frequencies",
+        where="plan, best" if is_best else "plan, frequencies",
         remedy="choose another number, or give more frequencies",
     )

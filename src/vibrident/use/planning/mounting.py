@@ -115,14 +115,14 @@ def predict_mounted(
             f"a response per {sensor.quantity}",
             "give the result of a sensor",
         )
-    stated = {
+    inputs = {
         "stiffness": stiffness,
         "mass": mass,
         "frequency_hz": frequency_hz,
         "standard_uncertainty": standard_uncertainty,
         "damping": damping,
     }
-    require_usable(stated, ("stiffness", "mass", "frequency_hz"), WHERE)
+    require_usable(inputs, ("stiffness", "mass", "frequency_hz"), WHERE)
     mounted = sensor
     if frequency_hz is not None:
         mounted = _at(sensor, frequency_hz, standard_uncertainty, damping)
@@ -181,17 +181,17 @@ def _at(
         names = [*(addon.name for addon in model.add_ons), _mounting().name]
         model = with_add_ons(model.core, "+".join(names))
     damping_ratio = values.get(damping_name, 0.0) if damping is None else damping
-    stated = {
+    of_mounting = {
         frequency_name: (frequency_hz, relative_u * frequency_hz),
         damping_name: (damping_ratio, 0.0),
     }
-    values |= {name: value for name, (value, _) in stated.items()}
+    values |= {name: value for name, (value, _) in of_mounting.items()}
     covariance = np.zeros((len(model.parameter_names),) * 2)
-    present = [name for name in sensor.model.parameter_names if name not in stated]
+    present = [name for name in sensor.model.parameter_names if name not in of_mounting]
     rows = [model.parameter_names.index(name) for name in present]
     before = [sensor.model.parameter_names.index(name) for name in present]
     covariance[np.ix_(rows, rows)] = sensor.covariance[np.ix_(before, before)]
-    for name, (_, u) in stated.items():
+    for name, (_, u) in of_mounting.items():
         index = model.parameter_names.index(name)
         covariance[index, index] = u**2
     ordered = {name: values[name] for name in model.parameter_names}

@@ -186,12 +186,12 @@ def points_of_table(
     Raises:
         InputError: an uncertainty is not above zero.
     """
-    for label, stated in (("magnitude", magnitude), ("phase", phase_rad)):
-        if stated is not None and not (np.isfinite(stated).all() and (stated > 0).all()):
+    for label, u in (("magnitude", magnitude), ("phase", phase_rad)):
+        if u is not None and not (np.isfinite(u).all() and (u > 0).all()):
             raise InputError(
                 f"The uncertainty of the {label} cannot be planned with.",
                 expected="finite numbers above 0",
-                found=f"{np.min(stated):g}",
+                found=f"{np.min(u):g}",
                 where=f"plan, uncertainty of the {label}",
                 remedy="give a standard uncertainty (k = 1)",
             )
@@ -221,10 +221,10 @@ def _points(
     rows = FrequencyProblem(subject.model, subject.quantity, data, polar, has_phase).jacobian(
         z, coordinates
     )
-    parts = rows.reshape(-1, frequency.size, z.size)
-    information = np.einsum("rki,rkj->kij", parts, parts)
+    blocks = rows.reshape(-1, frequency.size, z.size)
+    information = np.einsum("rki,rkj->kij", blocks, blocks)
     return PlannedPoints(
-        coordinates, subject, information, relative, freedom, parts.shape[0], findings
+        coordinates, subject, information, relative, freedom, blocks.shape[0], findings
     )
 
 

@@ -34,15 +34,15 @@ def change_sample(
     high = min(behind.span.start + reach, behind.span.stop)
     residuals = [_residual(record, quantity, regime)[low:high] for regime in (before, behind)]
     free = _free_motion(behind, record.sampling_rate_hz, high - low)
-    places = np.unique(np.linspace(1, high - low - 1, CANDIDATES).astype(int))
+    candidates = np.unique(np.linspace(1, high - low - 1, CANDIDATES).astype(int))
     while True:
-        squares = [_squares(index, residuals, free) for index in places.tolist()]
+        squares = [_squares(index, residuals, free) for index in candidates.tolist()]
         best = int(np.argmin(squares))
-        first = places[max(best - 1, 0)]
-        last = places[min(best + 1, len(places) - 1)]
+        first = candidates[max(best - 1, 0)]
+        last = candidates[min(best + 1, len(candidates) - 1)]
         if last - first <= 2:
-            return low + int(places[best])
-        places = np.unique(np.linspace(first, last, CANDIDATES).astype(int))
+            return low + int(candidates[best])
+        candidates = np.unique(np.linspace(first, last, CANDIDATES).astype(int))
 
 
 def _squares(index: int, residuals: Sequence[FloatArray], free: FloatArray) -> float:

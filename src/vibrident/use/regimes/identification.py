@@ -211,18 +211,18 @@ def _words(
 ) -> str:
     """Return what changed and when, what did not, and which regime the result is of."""
     units = parameter_units(fitted.evidence.model, fitted.evidence.calibration)
-    parts = []
+    spans = []
     for regime in regimes:
         values = ", ".join(
             f"{in_words(name)} {amount(each['value'], units[name], DIGITS)}"
             for name, each in regime["parameters"].items()
             if name not in common
         )
-        parts.append(f"{plain(regime['from_s'], 5)} to {plain(regime['to_s'], 5)} s: {values}")
+        spans.append(f"{plain(regime['from_s'], 5)} to {plain(regime['to_s'], 5)} s: {values}")
     record = fitted.evidence.calibration.records[0].name
-    chosen = regimes[longest]
-    text = f"{record}: The sensor changed; it has {len(regimes)} regimes. {'; '.join(parts)}. "
+    regime_used = regimes[longest]
+    text = f"{record}: The sensor changed; it has {len(regimes)} regimes. {'; '.join(spans)}. "
     if common:
         text += f"The same in all: {', '.join(in_words(name) for name in common)}. "
-    chosen_s = " to ".join(plain(chosen[key], 5) for key in ("from_s", "to_s"))
-    return f"{text}The result is that of {chosen_s} s, the longest."
+    span_s = " to ".join(plain(regime_used[key], 5) for key in ("from_s", "to_s"))
+    return f"{text}The result is that of {span_s} s, the longest."

@@ -165,9 +165,9 @@ def _identified(
     store = None
     if sharing.work is not None:
         store = EstimateStore(Path(sharing.work), records.digest(), order, stretches)
-    known: dict[int, StretchOutcome] = {number: StretchFit.of(stretches[number], fitted)}
+    fitted_before: dict[int, StretchOutcome] = {number: StretchFit.of(stretches[number], fitted)}
     fits: list[StretchOutcome] = []
-    for each in _fits(records, stretches, known, order, store, sharing.scheduler):
+    for each in _fits(records, stretches, fitted_before, order, store, sharing.scheduler):
         fits.append(each)
         _tell(choices.progress, len(fits), len(stretches))
     refused = [each for each in fits if isinstance(each, RefusedStretch)]
@@ -188,7 +188,7 @@ def _tell(progress: Progress, done: int, count: int) -> None:
 def _fits(
     records: LongRecords,
     stretches: Sequence[Stretch],
-    known: Mapping[int, StretchOutcome],
+    outcomes: Mapping[int, StretchOutcome],
     order: FitOrder,
     store: EstimateStore | None,
     scheduler: str | None,
@@ -196,8 +196,8 @@ def _fits(
     """Yield the fit of each stretch in order; those that are known or kept are not fitted again."""
     if store is not None:
         stored = ((number, store.load(number)) for number in range(len(stretches)))
-        known = {number: fit for number, fit in stored if fit is not None} | dict(known)
-    missing = [number for number in range(len(stretches)) if number not in known]
+        outcomes = {number: fit for number, fit in stored if fit is not None} | dict(outcomes)
+    missing = [number for number in range(len(stretches)) if number not in outcomes]
     with contextlib.ExitStack() as stack:
         computed: Iterator[StretchOutcome]
         if scheduler is None or not missing:
@@ -209,8 +209,8 @@ def _fits(
             calls = ((_sent(records, stretches[n]), stretches[n], order) for n in missing)
             computed = cluster.results(fit_stretch, calls)
         for number in range(len(stretches)):
-            if number in known:
-                yield known[number]
+            if number in outcomes:
+                yield outcomes[number]
                 continue
             fitted = next(computed)
             if store is not None:

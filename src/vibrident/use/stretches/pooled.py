@@ -59,24 +59,24 @@ class PooledEstimate:
     worst: tuple[int, int]
 
     @classmethod
-    def of(cls, places: FloatArray, covariances: FloatArray) -> PooledEstimate:
+    def of(cls, estimates: FloatArray, covariances: FloatArray) -> PooledEstimate:
         """Return the estimate by those of stretches.
 
         Args:
-            places: their coordinates, shape (m, P).
+            estimates: their coordinates, shape (m, P).
             covariances: of these, shape (m, P, P).
         """
         information = inverse_normal(covariances)
         covariance = inverse_normal(np.sum(information, axis=0))
         weights = covariance @ information
-        origin = places[0]
-        z = origin + np.sum((weights @ (places - origin)[:, :, None])[..., 0], axis=0)
-        away = places - z
+        origin = estimates[0]
+        z = origin + np.sum((weights @ (estimates - origin)[:, :, None])[..., 0], axis=0)
+        away = estimates - z
         squares = np.einsum("ip,ipq,iq->i", away, information, away)
         deviation = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 1e-300))
         furthest = int(np.argmax(squares))
         parameter = int(np.argmax(np.abs(away[furthest]) / deviation[furthest]))
-        degrees = (len(places) - 1) * places.shape[1]
+        degrees = (len(estimates) - 1) * estimates.shape[1]
         chi2 = float(np.sum(squares))
         return cls(z, covariance, weights, chi2, degrees, (furthest, parameter))
 
@@ -108,7 +108,7 @@ def pooled_result(
         uncertainty: what the uncertainties cover.
     """
     used = [each for each in outcomes if isinstance(each, StretchFit)]
-    pooled = PooledEstimate.of(*_places(first, used))
+    pooled = PooledEstimate.of(*_estimates(first, used))
     widened = 1.0 if pooled.is_one_sensor or uncertainty == "noise" else pooled.birge
     estimate = replace(
         first.estimate,
@@ -143,19 +143,19 @@ def pooled_result(
     )
 
 
-def _places(first: Fitted, used: Sequence[StretchFit]) -> tuple[FloatArray, FloatArray]:
+def _estimates(first: Fitted, used: Sequence[StretchFit]) -> tuple[FloatArray, FloatArray]:
     """Return estimates and covariances in the coordinates of the first, (m, P) and (m, P, P)."""
     coordinates = first.estimate.coordinates
     names = first.evidence.model.parameter_names
-    places = []
+    points = []
     covariances = []
     for fit in used:
         z = coordinates.place(dict(zip(names, fit.values.tolist(), strict=True)))
         slopes = coordinates.slopes(z)
         inverse = np.divide(1.0, slopes, out=np.zeros_like(slopes), where=slopes != 0.0)
-        places.append(z)
+        points.append(z)
         covariances.append(fit.covariance * np.outer(inverse, inverse))
-    return np.array(places), np.array(covariances)
+    return np.array(points), np.array(covariances)
 
 
 def _judged(fitted: Fitted, used: Sequence[StretchFit]) -> Fitted:
@@ -168,9 +168,11 @@ def _judged(fitted: Fitted, used: Sequence[StretchFit]) -> Fitted:
 
     points = _pooled_points(used, response)
     adequacy = assess(points, len(fitted.estimate.z))
-    parts = np.array([fit.shares for fit in used])
-    explained, coherent = np.average(parts[:, :2], axis=0, weights=[f.sums[3] for f in used])
-    shares = Shares(float(explained), float(coherent), float(np.sum(parts[:, 2])))
+    shares_by_fit = np.array([fit.shares for fit in used])
+    explained, coherent = np.average(
+        shares_by_fit[:, :2], axis=0, weights=[f.sums[3] for f in used]
+    )
+    shares = Shares(float(explained), float(coherent), float(np.sum(shares_by_fit[:, 2])))
     lack_of_fit = describe_misfit(adequacy, points, response)
     if shares.lacking:
         lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
@@ -209,15 +211,15 @@ def _pooled_points(used: Sequence[StretchFit], response: Any) -> list[Points]:
         np.add.at(ratio, index, weights * of_model)
         np.add.at(weight, index, weights)
         np.add.at(freedom, index, fit.freedom)
-    shown = weight > 0.0
-    ratio = ratio[shown] / weight[shown]
-    weight = weight[shown]
-    hz = grid[shown]
+    occupied = weight > 0.0
+    ratio = ratio[occupied] / weight[occupied]
+    weight = weight[occupied]
+    hz = grid[occupied]
     deviation = weight**-0.5 / np.abs(ratio)
     squares = np.abs(ratio - 1.0) ** 2 * weight
     name = used[0].records[0] if len(used) == 1 else f"{len(used)} stretches"
     measured = response(hz) * ratio
-    return [Points(hz, measured, deviation, (name,) * len(hz), squares, freedom[shown])]
+    return [Points(hz, measured, deviation, (name,) * len(hz), squares, freedom[occupied])]
 
 
 def _findings(used: Sequence[StretchFit]) -> list[Finding]:
@@ -235,12 +237,12 @@ def _findings(used: Sequence[StretchFit]) -> list[Finding]:
     ]
 
 
-def _warnings(used: Sequence[StretchFit], shown: set[str]) -> list[ResultWarning]:
+def _warnings(used: Sequence[StretchFit], significant: set[str]) -> list[ResultWarning]:
     """Return one warning of each code, with the number of stretches that have it.
 
     Args:
         used: the stretches.
-        shown: codes of departures that are significant among all stretches.
+        significant: codes of departures that are significant among all stretches.
     """
     departures = {finding.code for fit in used for finding in fit.findings}
     firsts: dict[str, ResultWarning] = {}
@@ -248,7 +250,7 @@ def _warnings(used: Sequence[StretchFit], shown: set[str]) -> list[ResultWarning
     for fit in used:
         of_code = {warning.code: warning for warning in reversed(fit.warnings)}
         for code, warning in of_code.items():
-            if code not in departures or code in shown:
+            if code not in departures or code in significant:
                 firsts.setdefault(code, warning)
                 counts[code] += 1
     return [
@@ -265,14 +267,14 @@ def _of_change(
     model = fitted.evidence.model
     name = model.parameter_names[parameter]
     unit = parameter_units(model, fitted.evidence.calibration)[name]
-    there, mean = (
+    worst, mean = (
         amount(float(value), unit, DIGITS)
         for value in (used[stretch].values[parameter], fitted.values[name])
     )
     text = (
         f"The sensor is not the same all along: its estimates by {len(used)} stretches differ by "
         f"more than noise explains (χ² = {plain(pooled.chi2, 4)}, {pooled.degrees_of_freedom} "
-        f"degrees of freedom). Most at {used[stretch].records[0]}: {in_words(name)} {there}, where "
+        f"degrees of freedom). Most at {used[stretch].records[0]}: {in_words(name)} {worst}, where "
         f"all together give {mean}."
     )
     if widened > 1.0:

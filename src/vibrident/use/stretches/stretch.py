@@ -152,7 +152,7 @@ def cut_into(lengths: Sequence[int], samples: int) -> list[Stretch]:
     stretches: list[Stretch] = []
     together: list[RecordSpan] = []
     for record, length in enumerate(lengths):
-        if together and sum(part.samples for part in together) + length > samples:
+        if together and sum(piece.samples for piece in together) + length > samples:
             stretches.append(tuple(together))
             together = []
         if length <= samples:

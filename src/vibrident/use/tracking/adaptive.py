@@ -41,18 +41,18 @@ def correct_tracked(
         result, calibration.records[0].sampling_rate_hz, calibration.quantity, 1.0, settings
     )
     effects = known_effects(data, result.to_sensor())
-    session.effects = replace(session.effects, known=effects)
-    parts = []
+    session.effects = replace(session.effects, channel_effects=effects)
+    pieces = []
     for record, chunk in zip(calibration.records, chunks, strict=True):
         session.take(chunk)
         session.finish()
         now = tracked_result(result, session)
-        parts.append(
+        pieces.append(
             correct(now, replace(calibration, records=(record,)), band_hz=band_hz, noise=noise)
         )
-    findings = tuple(finding for part in parts for finding in part.findings)
+    findings = tuple(finding for piece in pieces for finding in piece.findings)
     return replace(
-        parts[0],
-        corrections=tuple(correction for part in parts for correction in part.corrections),
+        pieces[0],
+        corrections=tuple(correction for piece in pieces for correction in piece.corrections),
         findings=findings,
     )

@@ -88,11 +88,11 @@ def find_cause(
             extended = parse(better_model)
             added = [add_on for add_on in extended.add_ons if add_on not in model.add_ons]
             values = _values(identify(data, better_model))
-            places = ", ".join(
+            instants = ", ".join(
                 f"{add_on.title} at {_first_value(add_on, values)}" for add_on in added
             )
             return Cause(
-                "lack_of_fit", places or f"the model {better_model} explains the response", values
+                "lack_of_fit", instants or f"the model {better_model} explains the response", values
             )
     except VibridentError:
         return None

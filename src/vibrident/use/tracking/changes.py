@@ -47,14 +47,14 @@ class Changes:
         if not s.clock[9] or s.clock[6] or s.pending[0] or s.noise[1] == 0.0:
             return None
         variance, freedom, spread = self.noise()
-        parts = len(thresholds.louder)
-        limit = thresholds.change[:parts, 0] * variance * spread / (NORMAL_KURTOSIS - 1.0)
+        lengths = len(thresholds.louder)
+        limit = thresholds.change[:lengths, 0] * variance * spread / (NORMAL_KURTOSIS - 1.0)
         for end, level in suspect_segments(
-            s.part, count, rows, k, limit, variance * thresholds.louder
+            s.products, count, rows, k, limit, variance * thresholds.louder
         ):
             length = 1 << level
-            gram = segment_products(s.part, count, rows, end - length, end)
-            change = score_test(s.known, gram / variance, k)
+            gram = segment_products(s.products, count, rows, end - length, end)
+            change = score_test(s.root, gram / variance, k)
             statistic = likelihood_ratio(
                 change.statistic * (NORMAL_KURTOSIS - 1.0) / spread, freedom
             )
@@ -80,15 +80,15 @@ class Changes:
         Returns whether one is.
         """
         s = self.knowledge.state
-        parts = self.knowledge.settings.parts
+        lengths = self.knowledge.settings.segment_lengths
         blocks = int(s.clock[4])
         for level in range(self.knowledge.settings.levels):
             if blocks % (1 << level):
                 break
             change, statistic, deviate = self._test_segment(level)
-            limits = self.knowledge.thresholds.change[parts + level]
+            limits = self.knowledge.thresholds.change[lengths + level]
             certain = bool(change.order) and statistic > limits[len(change.order) - 1]
-            if certain or deviate > self.knowledge.thresholds.noise[parts + level]:
+            if certain or deviate > self.knowledge.thresholds.noise[lengths + level]:
                 self._relearn(certain=certain)
                 return True
         if s.pending[0] == CHANGE_DETECTED:
@@ -111,7 +111,7 @@ class Changes:
         s = self.knowledge.state
         _, squares, freedom, variance, behind, spread, _ = s.ladder.meta[level]
         change = score_test(
-            s.ladder.known[level], s.ladder.gram[level], self.knowledge.network.nuisances
+            s.ladder.root[level], s.ladder.gram[level], self.knowledge.network.nuisances
         )
         excess = max(1.0, squares / freedom / (s.noise[0] / s.noise[1]))
         statistic = likelihood_ratio(change.statistic / excess, float(s.noise[1]))
@@ -160,11 +160,11 @@ class Changes:
         amount[net.gain] = gain - before[k + net.gain]
         s.noise[:] = 0.0
         s.lags[:] = 0.0
-        s.known[:] = information.walk(
+        s.root[:] = information.walk(
             self.knowledge.before, amount**2 / information.RETAINED_INFORMATION, k
         )
         self.knowledge.move(before + np.concatenate([np.zeros(k), amount]))
-        s.known[:, -1] = 0.0
+        s.root[:, -1] = 0.0
 
     def _relearn(self, *, certain: bool) -> None:
         """Find when something changed, and open the parameters to what follows."""
@@ -178,29 +178,29 @@ class Changes:
         if s.pending[0] != CHANGE_DETECTED:
             s.pending[1:7] = start, self.knowledge.time_s, variance, behind, spread, blocks
         before, amount = tests[level][0].smallest(self.knowledge.thresholds.further)
-        self._open(s.ladder.known[level], amount, before + amount)
+        self._open(s.ladder.root[level], amount, before + amount)
 
     def contradict(self) -> None:
         """Forget every parameter, as the parts of a run contradict each other."""
         s = self.knowledge.state
         net = self.knowledge.network
         s.pending[2:7] = self.knowledge.time_s, *UNKNOWN_NOISE, 1.0
-        back = information.solve(s.known)[net.nuisances :]
-        self._open(s.known.copy(), np.ones(net.parameters), back)
+        back = information.solve(s.root)[net.nuisances :]
+        self._open(s.root.copy(), np.ones(net.parameters), back)
 
-    def _open(self, known: FloatArray, amount: FloatArray, move: FloatArray) -> None:
+    def _open(self, root: FloatArray, amount: FloatArray, move: FloatArray) -> None:
         """Open what was known to changes of the parameters, and move the point.
 
         Args:
-            known: before the change, shape (m, m + 1).
+            root: before the change, shape (m, m + 1).
             amount: by which each may have changed, shape (P,).
             move: of the point, shape (P,).
         """
         s = self.knowledge.state
         k = self.knowledge.network.nuisances
         s.pending[0] = CHANGE_BEING_LEARNED
-        self.knowledge.before[:] = known
-        s.known[:] = information.walk(known, amount**2 / information.RETAINED_INFORMATION, k)
+        self.knowledge.before[:] = root
+        s.root[:] = information.walk(root, amount**2 / information.RETAINED_INFORMATION, k)
         s.noise[:] = 0.0
         s.lags[:] = 0.0
         s.ladder.meta[:] = 0.0
@@ -212,9 +212,9 @@ class Changes:
         s = self.knowledge.state
         net = self.knowledge.network
         k = net.nuisances
-        before, after = (information.solve(known) for known in (self.knowledge.before, s.known))
+        before, after = (information.solve(root) for root in (self.knowledge.before, s.root))
         spread = information.covariance(self.knowledge.before, k) + information.covariance(
-            s.known, k
+            s.root, k
         )
         _, start, detected, variance, behind, noise_spread, wait = s.pending[:7].tolist()
         changed = changed_coordinates(
@@ -225,7 +225,7 @@ class Changes:
         louder = self._deviate(variance_now / (variance or 1.0), freedom, behind, noise_spread)
         if (
             not changed
-            and louder < self.knowledge.thresholds.noise[self.knowledge.settings.parts]
+            and louder < self.knowledge.thresholds.noise[self.knowledge.settings.segment_lengths]
             and wait > 1.0
         ):
             s.pending[6] -= 1.0
@@ -243,11 +243,11 @@ class Changes:
                 behind = 0.0  # what it does now is no noise of the sensor's
                 break
         if behind > 0.0:
-            if louder > self.knowledge.thresholds.noise[self.knowledge.settings.parts]:
+            if louder > self.knowledge.thresholds.noise[self.knowledge.settings.segment_lengths]:
                 self._say_noise(variance_now, freedom, LOUDER_NOISE)
             elif not changed:
                 self._say_noise(variance_now, freedom, PASSED_DISTURBANCE)
-                s.known[:] = self.knowledge.before
+                s.root[:] = self.knowledge.before
                 self.knowledge.free_run()
         s.pending[0] = s.clock[4] = 0.0
 

@@ -51,20 +51,20 @@ class Thresholds:
 
     @classmethod
     def from_alarm_rate(
-        cls, per_day: float, sample_s: float, parts: int, levels: int, parameters: int
+        cls, per_day: float, sample_s: float, short_lengths: int, levels: int, parameters: int
     ) -> Thresholds:
         """Return the thresholds of an expected rate of false alarms.
 
         Args:
             per_day: false alarms a day.
             sample_s: sampling interval, s.
-            parts: number of lengths within a block.
+            short_lengths: number of lengths within a block.
             levels: number of lengths of whole blocks.
             parameters: number of parameters P.
         """
         from scipy.stats import chi2, norm
 
-        length = 2.0 ** np.arange(parts + levels)
+        length = 2.0 ** np.arange(short_lengths + levels)
         # of one false alarm or more
         chance = -np.expm1(-per_day * sample_s * length / SECONDS_A_DAY / (2 * len(length)))
         freedom = np.arange(1, parameters + 1)
@@ -72,7 +72,7 @@ class Thresholds:
         noise = np.asarray(norm.isf(chance))
         a = 2.0 / 9.0 / length
         # by Wilson & Hilferty, of normal noise
-        louder = (length * (1.0 - a + noise * np.sqrt(a)) ** 3)[:parts]
+        louder = (length * (1.0 - a + noise * np.sqrt(a)) ** 3)[:short_lengths]
         return cls(change, noise, louder, np.asarray(chi2.isf(FURTHER_CHANGE_CHANCE, freedom)))
 
 
@@ -101,16 +101,16 @@ class ChangeTest:
         return self.before[:, 0] - self.before[:, 1:] @ amount, amount
 
 
-def score_test(known: FloatArray, segment: FloatArray, nuisances: int) -> ChangeTest:
+def score_test(root: FloatArray, segment: FloatArray, nuisances: int) -> ChangeTest:
     """Test a change at the start of a segment.
 
     Args:
-        known: square-root information before it, shape (m, m + 1).
+        root: square-root information before it, shape (m, m + 1).
         segment: products of its whitened rows, shape (m + 1, m + 1).
         nuisances: number of columns before the parameters.
     """
-    m = known.shape[0]
-    prior = known.T @ known
+    m = root.shape[0]
+    prior = root.T @ root
     total = prior[:m, :m] + segment[:m, :m]
     size = np.sqrt(np.maximum(total.diagonal(), np.finfo(float).tiny))
     right_sides = segment[:m, nuisances - 1 : m].copy()
@@ -198,13 +198,13 @@ def changed_coordinates(
     """
     inverse: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=float)
     table = np.column_stack([inverse, inverse @ (after - before)])
-    chosen = fewest_changes(*order_by_score(table, inverse.diagonal()), further)
-    if not chosen:
+    indices = fewest_changes(*order_by_score(table, inverse.diagonal()), further)
+    if not indices:
         return []
-    u = np.sqrt(np.linalg.inv(inverse[np.ix_(chosen, chosen)]).diagonal())
-    changed = solve_changes(table, chosen)
+    u = np.sqrt(np.linalg.inv(inverse[np.ix_(indices, indices)]).diagonal())
+    changed = solve_changes(table, indices)
     return [
-        (index, float(changed[index]), float(each)) for index, each in zip(chosen, u, strict=True)
+        (index, float(changed[index]), float(each)) for index, each in zip(indices, u, strict=True)
     ]
 
 
@@ -228,12 +228,12 @@ def variance_deviate(ratio: float, above: float, below: float) -> float:
 
 
 def segment_products(
-    part: FloatArray, count: int, rows: FloatArray, first: int, end: int
+    stored: FloatArray, count: int, rows: FloatArray, first: int, end: int
 ) -> FloatArray:
     """Return the products of rows ``first`` … ``end`` of a block, shape (m + 1, m + 1).
 
     Args:
-        part: products of the segments that make up its first ``count`` rows, at the binary digits
+        stored: products of the segments that make up its first ``count`` rows, at the binary digits
             of that number.
         count: number of rows in the segments.
         rows: rows that follow, shape (…, m + 1).
@@ -244,23 +244,23 @@ def segment_products(
     products = new.T @ new
     for level in range(count.bit_length()):
         if count >> level & 1 and (count >> (level + 1)) << (level + 1) >= first:
-            products += part[level]
+            products += stored[level]
     return products
 
 
-def extend_segments(part: FloatArray, count: int, rows: FloatArray) -> None:
+def extend_segments(products: FloatArray, count: int, rows: FloatArray) -> None:
     """Add rows to the segments of a block of ``count`` rows, in place."""
     total = count + len(rows)
-    for level in range(len(part) - 1, -1, -1):
+    for level in range(len(products) - 1, -1, -1):
         first = (total >> (level + 1)) << (level + 1)
         if not total >> level & 1:
-            part[level] = 0.0
+            products[level] = 0.0
         elif first + (1 << level) > count:
-            part[level] = segment_products(part, count, rows, first, first + (1 << level))
+            products[level] = segment_products(products, count, rows, first, first + (1 << level))
 
 
 def suspect_segments(
-    part: FloatArray,
+    products: FloatArray,
     count: int,
     rows: FloatArray,
     nuisances: int,
@@ -270,7 +270,7 @@ def suspect_segments(
     """Return end and level of each segment to be tested that ends in these rows, in time order.
 
     Args:
-        part: as of :func:`segment_products`.
+        products: as of :func:`segment_products`.
         count: as of :func:`segment_products`.
         rows: as of :func:`segment_products`.
         nuisances: number of columns before the parameters.
@@ -292,7 +292,7 @@ def suspect_segments(
                 (int(count + index + 1) << level, level) for index in np.flatnonzero(tested)
             ]
         if count & 1:  # the first half of the first segment is in the block so far
-            gram = part[level, nuisances:, nuisances:]
+            gram = products[level, nuisances:, nuisances:]
             head = np.concatenate([gram[:p, p], gram.diagonal()])
             sums = np.concatenate([head[:, None], sums], axis=1)
             count = count - 1
@@ -309,7 +309,7 @@ class Ladder:
     """Segments under way, one of each length."""
 
     # square-root information at the start of each segment, shape (levels, m, m + 1)
-    known: FloatArray
+    root: FloatArray
     gram: FloatArray  # products of the rows of each segment, shape (levels, m + 1, m + 1)
     # of each segment: blocks, squares and degrees of freedom of its noise; variance of the noise
     # before it, its degrees of freedom and its spread; time of its start, s; shape (levels, 7)
@@ -318,13 +318,13 @@ class Ladder:
     @classmethod
     def empty(cls, levels: int, columns: int) -> Ladder:
         """Return a ladder without a segment under way."""
-        known = np.zeros((levels, columns, columns + 1))
+        root = np.zeros((levels, columns, columns + 1))
         gram = np.zeros((levels, columns + 1, columns + 1))
-        return cls(known, gram, np.zeros((levels, 7)))
+        return cls(root, gram, np.zeros((levels, 7)))
 
     def add(
         self,
-        known: FloatArray,
+        root: FloatArray,
         gram: FloatArray,
         noise: tuple[float, ...],
         time_s: float,
@@ -333,7 +333,7 @@ class Ladder:
         """Add a block to every segment, and begin those whose length has come round.
 
         Args:
-            known: square-root information before the block, shape (m, m + 1).
+            root: square-root information before the block, shape (m, m + 1).
             gram: products of its rows, shape (m + 1, m + 1).
             noise: squares and degrees of freedom of the block; variance, degrees of freedom and
                 spread of the noise before it.
@@ -341,7 +341,7 @@ class Ladder:
             blocks: number of blocks before it.
         """
         starting = blocks % (1 << np.arange(len(self.meta))) == 0
-        self.known[starting] = known
+        self.root[starting] = root
         self.gram[starting] = 0.0
         self.meta[starting] = (0.0, 0.0, 0.0, *noise[2:], time_s)
         self.gram += gram
@@ -349,12 +349,12 @@ class Ladder:
 
     def shift(self, move: FloatArray) -> None:
         """Count the unknowns from a point that has moved by ``move``, shape (m,)."""
-        self.known[:, :, -1] -= self.known[:, :, :-1] @ move
+        self.root[:, :, -1] -= self.root[:, :, :-1] @ move
         self.gram[:] = information.shifted(self.gram, move)
 
     def drop(self, nuisances: int) -> None:
         """Forget the nuisances, where another run begins."""
-        self.known[:, :nuisances] = 0.0
+        self.root[:, :nuisances] = 0.0
         for level in range(len(self.gram)):
             if self.meta[level, 0] > 0.0:
                 self.gram[level] = information.without_nuisances(self.gram[level], nuisances)

@@ -31,7 +31,7 @@ class CarriedEffects:
     contributions: FloatArray  # standard uncertainty of each in each parameter, (rows, parameters)
     start: FloatArray  # covariance of the calibration, (parameters, parameters)
     reference: FloatArray  # relative u of the session's own reference, at the gain, (parameters,)
-    known: KnownEffects  # of the known responses of the session's own channels
+    channel_effects: KnownEffects  # of the known responses of the session's own channels
 
     @classmethod
     def from_result(
@@ -53,10 +53,10 @@ class CarriedEffects:
             if row.get("type") == "B"
             and not (own_reference and row.get("source") == REFERENCE_SOURCE)
         )
-        parts = [
+        table = [
             [(row.get("contributions") or {}).get(name) or 0.0 for name in names] for row in rows
         ]
-        contributions = np.array(parts).reshape(len(rows), len(names))
+        contributions = np.array(table).reshape(len(rows), len(names))
         return cls(rows, contributions, start, reference, KnownEffects.none(len(names)))
 
     def _variances(self, read: TrackedEstimate) -> FloatArray:
@@ -73,7 +73,7 @@ class CarriedEffects:
         """Return an estimate with the effects in its covariance, correlated as calibrated."""
         variance = np.sum(self.contributions**2, axis=0)
         share = np.sqrt(np.minimum(variance / np.diag(self.start), 1.0)) * self.fresh(read)
-        moves = self.known.contributions * self.fresh(read)
+        moves = self.channel_effects.contributions * self.fresh(read)
         covariance = read.covariance + self.start * np.outer(share, share) + moves.T @ moves
         u = np.sqrt(np.diag(covariance)).tolist()
         named = dict(zip(read.values, u, strict=True))
@@ -89,14 +89,22 @@ class CarriedEffects:
         scatter |= {"unit": "", "degrees_of_freedom": freedom}
         rows = [(scatter, np.sqrt(np.maximum(self._variances(read), 0.0)))]
         if relative := float(self.reference.max()):
-            known = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
-            known |= {"standard_uncertainty": relative, "unit": "", "degrees_of_freedom": None}
-            rows.append((known, self.reference * np.abs(list(read.values.values()))))
-        channels = zip(self.known.rows, fresh * np.abs(self.known.contributions), strict=True)
-        rows += [(dict(row), part) for row, part in channels]
+            session_row = {"source": REFERENCE_SOURCE, "type": "B", "kind": "gain"}
+            session_row |= {
+                "standard_uncertainty": relative,
+                "unit": "",
+                "degrees_of_freedom": None,
+            }
+            rows.append((session_row, self.reference * np.abs(list(read.values.values()))))
+        channels = zip(
+            self.channel_effects.rows,
+            fresh * np.abs(self.channel_effects.contributions),
+            strict=True,
+        )
+        rows += [(dict(row), contribution) for row, contribution in channels]
         carried = zip(self.rows, fresh * self.contributions, strict=True)
-        rows += [(dict(row), part) for row, part in carried]
+        rows += [(dict(row), contribution) for row, contribution in carried]
         return [
-            {**row, "contributions": dict(zip(read.values, part.tolist(), strict=True))}
-            for row, part in rows
+            {**row, "contributions": dict(zip(read.values, contribution.tolist(), strict=True))}
+            for row, contribution in rows
         ]

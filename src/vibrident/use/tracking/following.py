@@ -225,8 +225,8 @@ def track(
         reference_uncertainty=data.reference_standard_uncertainty,
     )
     session = tracker._session
-    known = known_effects(data, start.to_sensor())
-    session.effects = replace(session.effects, known=known)
+    channel_effects = known_effects(data, start.to_sensor())
+    session.effects = replace(session.effects, channel_effects=channel_effects)
     estimates = [estimate for chunk in chunks for estimate in session.take(chunk)]
     estimates.append(tracker.finish())
     return Tracking(tuple(estimates), tracker.alarms, tracker.to_result(), tracker.to_dict())

@@ -40,12 +40,12 @@ def triangle(gram: FloatArray) -> FloatArray:
     return upper
 
 
-def absorb(known: FloatArray, rows: FloatArray) -> FloatArray:
+def absorb(root: FloatArray, rows: FloatArray) -> FloatArray:
     """Return the information with further rows added, shape (m, m + 1).
 
     ``rows``: shape (rows, m + 1).
     """
-    return reduced(np.concatenate([known, rows]))[: len(known)]
+    return reduced(np.concatenate([root, rows]))[: len(root)]
 
 
 def reduced(rows: FloatArray) -> FloatArray:
@@ -54,39 +54,39 @@ def reduced(rows: FloatArray) -> FloatArray:
     return upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]
 
 
-def walk(known: FloatArray, variance: FloatArray, first: int) -> FloatArray:
+def walk(root: FloatArray, variance: FloatArray, first: int) -> FloatArray:
     """Return the information after random steps of the unknowns from ``first`` on.
 
     ``variance``: of the steps, shape (p,).
     """
     moving = np.flatnonzero(variance > 0.0)
     if not moving.size:
-        return known
-    m = known.shape[0]
+        return root
+    m = root.shape[0]
     w = moving.size
     stacked = np.zeros((m + w, w + m + 1))
     stacked[:w, :w] = np.diag(1.0 / np.sqrt(variance[moving]))
-    stacked[w:, :w] = -known[:, first + moving]
-    stacked[w:, w:] = known
+    stacked[w:, :w] = -root[:, first + moving]
+    stacked[w:, w:] = root
     return reduced(stacked)[w : w + m, w:]
 
 
-def solve(known: FloatArray) -> FloatArray:
+def solve(root: FloatArray) -> FloatArray:
     """Return the unknowns, shape (m,); zero where nothing is known."""
-    m = known.shape[0]
+    m = root.shape[0]
     unknowns = np.zeros(m)
     for k in range(m - 1, -1, -1):
-        if known[k, k] > 0.0:
-            unknowns[k] = (known[k, m] - known[k, k + 1 : m] @ unknowns[k + 1 :]) / known[k, k]
+        if root[k, k] > 0.0:
+            unknowns[k] = (root[k, m] - root[k, k + 1 : m] @ unknowns[k + 1 :]) / root[k, k]
     return unknowns
 
 
-def covariance(known: FloatArray, first: int) -> FloatArray:
+def covariance(root: FloatArray, first: int) -> FloatArray:
     """Return the covariance of the unknowns from ``first`` on.
 
     The variance is infinite where nothing is known.
     """
-    r = known[first:, first:-1]
+    r = root[first:, first:-1]
     informed = np.diag(r) > 0.0
     matrix = np.diag(np.where(informed, 0.0, np.inf))
     inverse = np.linalg.inv(r[np.ix_(informed, informed)])

@@ -19,7 +19,7 @@ class Knowledge:
     def __init__(self, network: SensorNetwork, settings: TrackerSettings) -> None:
         self.network: SensorNetwork = network
         self.settings: TrackerSettings = settings
-        lengths = settings.parts, settings.levels
+        lengths = settings.segment_lengths, settings.levels
         self.thresholds: Thresholds = Thresholds.from_alarm_rate(
             settings.false_alarms_per_day, network.interval_s, *lengths, network.parameters
         )
@@ -33,7 +33,7 @@ class Knowledge:
     @property
     def before(self) -> FloatArray:
         """Return the information before a change that is not named yet, shape (m, m + 1)."""
-        return self.state.pending[7:].reshape(self.state.known.shape)
+        return self.state.pending[7:].reshape(self.state.root.shape)
 
     def free_run(self) -> None:
         """Begin a run whose initial states and offset are unknown."""
@@ -46,7 +46,7 @@ class Knowledge:
         s.rows[:] = 0.0
         s.drop_block()
         s.point[: n + 1] = 0.0
-        s.known[: n + 1] = 0.0
+        s.root[: n + 1] = 0.0
         s.ladder.drop(n + 1)
         self.before[: n + 1] = 0.0
         s.clock[6] = 1.0
@@ -59,7 +59,7 @@ class Knowledge:
         rate = np.square(self.settings.drift_per_year) / SECONDS_A_YEAR
         size = np.where([spec.kind == "time" for spec in net.model.parameters], 1.0, s.point[k:])
         variance = rate * size**2 * max(0.0, self.time_s - s.clock[3])
-        return information.walk(s.known, variance, k)
+        return information.walk(s.root, variance, k)
 
     def move(self, move: FloatArray) -> None:
         """Move the point of linearisation by ``move``, shape (m,), with states and information."""
@@ -73,9 +73,9 @@ class Knowledge:
         free = s.cell[n * (1 + p) :].reshape(n, n)
         slopes = s.cell[n : n * (1 + p)].reshape(p, n)
         s.cell[:n] += move[:n] @ free + move[k:] @ slopes
-        for known in (s.known, self.before):
-            known[:, -1] -= known[:, :-1] @ move
+        for root in (s.root, self.before):
+            root[:, -1] -= root[:, :-1] @ move
         s.rows[:, -1] -= s.rows[:, :-1] @ move
         s.ladder.shift(move)
-        side = s.part.shape[1]
+        side = s.products.shape[1]
         s.row[:-2] = information.shifted(s.row[:-2].reshape(side, side), move).ravel()

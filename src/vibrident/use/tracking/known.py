@@ -46,8 +46,8 @@ def without_known(calibration: Calibration) -> Calibration:
     chain = chain_of(calibration)
     if chain is None:
         return calibration
-    known = calibration.known_responses.items()
-    remaining = {f"{name}_known_response": response.taken_out() for name, response in known}
+    by_channel = calibration.known_responses.items()
+    remaining = {f"{name}_known_response": response.taken_out() for name, response in by_channel}
     records = tuple(deconvolved(_without_overdriven(r), chain) for r in calibration.records)
     return replace(calibration, records=records, **remaining)
 

@@ -54,13 +54,13 @@ class Learner:
         fresh = bool(s.clock[6])
         if fresh:
             diagonal = np.arange(k)
-            s.known[diagonal, diagonal] = np.sqrt(
+            s.root[diagonal, diagonal] = np.sqrt(
                 information.INITIAL_INFORMATION * np.maximum(np.diag(gram)[:k], 1e-300) / variance
             )
             s.clock[6] = 0.0
-        s.known[:] = self.knowledge.walked()
+        s.root[:] = self.knowledge.walked()
         s.clock[3] = self.knowledge.time_s
-        learned = information.absorb(s.known, upper[:m] / np.sqrt(variance))
+        learned = information.absorb(s.root, upper[:m] / np.sqrt(variance))
         lags = s.block[3:].copy(), float(s.block[1])
         if not s.clock[9]:
             if s.pending[0] != CHANGE_BEING_LEARNED:
@@ -72,21 +72,21 @@ class Learner:
                 self._learn_whitening(*lags)
                 s.lags[:] = 0.0
             s.block[:] = 0.0
-            s.part[:] = 0.0
+            s.products[:] = 0.0
             self.knowledge.move(information.solve(learned))
             return
         before = self.changes.noise() if known_noise else (0.0, 0.0, 0.0)
         start = self.knowledge.time_s - s.block[0] * net.interval_s
         gram = gram / variance
         if s.pending[0] != CHANGE_BEING_LEARNED:
-            s.ladder.add(s.known, gram, (squares, freedom, *before), start, int(s.clock[4]))
-        s.known[:] = learned
+            s.ladder.add(s.root, gram, (squares, freedom, *before), start, int(s.clock[4]))
+        s.root[:] = learned
         s.row[:-2] += gram.ravel()
         s.row[-2:] += (squares, freedom)
         s.noise += (squares, freedom, s.block[2], s.block[1], squares**2 / freedom, 1.0)
         s.clock[4] += 1.0
         s.block[:] = 0.0
-        s.part[:] = 0.0
+        s.products[:] = 0.0
         if s.pending[0] == CHANGE_BEING_LEARNED:
             self.changes.name()
         elif self.changes.test_segments():
@@ -117,8 +117,8 @@ class Learner:
         s = self.knowledge.state
         net = self.knowledge.network
         k = net.nuisances
-        move = information.solve(s.known)
-        away = s.known[k:, k:-1] @ move[k:]
+        move = information.solve(s.root)
+        away = s.root[k:, k:-1] @ move[k:]
         # the expected square is one for each parameter
         if not fresh and s.clock[4] > 1.0 and away @ away <= len(away):
             return False

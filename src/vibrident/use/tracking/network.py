@@ -98,8 +98,8 @@ class SensorNetwork:
     @cached_property
     def order(self) -> int:
         """Return the number of states n."""
-        ones = dict.fromkeys(self.model.parameter_names, 1.0)
-        return len(self.model.rational(ones, self.quantity).denominator) - 1
+        unit_values = dict.fromkeys(self.model.parameter_names, 1.0)
+        return len(self.model.rational(unit_values, self.quantity).denominator) - 1
 
     @property
     def parameters(self) -> int:

@@ -96,7 +96,7 @@ def estimate_reference_noise(tracker: Tracker) -> ReferenceNoise | None:
         * s.noise[1] ** 2
         / s.noise[0]
     )
-    shift = -information.covariance(s.known, k) @ pull * variances[1] * net.scale
+    shift = -information.covariance(s.root, k) @ pull * variances[1] * net.scale
     misfit = r - design @ variances
     chance = float(chi2.sf(misfit @ weight @ misfit, len(r) - 2))
     return ReferenceNoise(float(variances[1]), float(np.sqrt(covariance[1, 1])), shift, chance)

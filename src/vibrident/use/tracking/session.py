@@ -181,12 +181,12 @@ class TrackingSession:
             self._end_run()
             self.tracker.begin(start, self._tone_hz(chunk))
         elif off < -slack:
-            known = min(round(-off), len(response))
+            repeated = min(round(-off), len(response))
             self.troubles.append(
-                Trouble("late" if known == len(response) else "doubled", start, known)
+                Trouble("late" if repeated == len(response) else "doubled", start, repeated)
             )
-            reference = reference[known:]
-            response = response[known:]
+            reference = reference[repeated:]
+            response = response[repeated:]
         return np.asarray(reference, dtype=float), np.asarray(response, dtype=float)
 
     def _tone_hz(self, chunk: Chunk) -> float | None:

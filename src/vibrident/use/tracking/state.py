@@ -42,7 +42,7 @@ class TrackerSettings:
     levels: int = 16  # number of lengths of segments tested for a change: 1, 2, 4, … blocks
 
     @property
-    def parts(self) -> int:
+    def segment_lengths(self) -> int:
         """Return the number of lengths of segments within a block: 1, 2, 4, … samples."""
         return self.block.bit_length() - 1
 
@@ -78,7 +78,7 @@ class State:
     # unknowns at the point of linearisation, shape (m,); zero for the initial states
     point: FloatArray
     # square-root information about the unknowns less the point, shape (m, m + 1)
-    known: FloatArray
+    root: FloatArray
     # of the block under way: steps, rows, fourth powers; autocovariance; shape (3 + order + 1,)
     block: FloatArray
     whitening: FloatArray  # autoregression of the residual, shape (order,)
@@ -103,8 +103,8 @@ class State:
     cell: FloatArray  # states and their sensitivities, shape (S,)
     rows: FloatArray  # the last rows before whitening, shape (order, m + 1)
     # products of the whitened rows of the block under way, in its segments of 1, 2, 4, … rows at
-    # the binary digits of their number, shape (parts + 1, m + 1, m + 1)
-    part: FloatArray
+    # the binary digits of their number, shape (segment_lengths + 1, m + 1, m + 1)
+    products: FloatArray
     # samples that wait for others
     reference: FloatArray = field(default_factory=lambda: np.zeros(0))
     response: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -128,30 +128,30 @@ class State:
             Ladder.empty(settings.levels, m),
             np.zeros(n * (1 + p + n)),
             np.zeros((settings.order, m + 1)),
-            np.zeros((settings.parts + 1, m + 1, m + 1)),
+            np.zeros((settings.segment_lengths + 1, m + 1, m + 1)),
         )
 
     @property
     def gram(self) -> FloatArray:
         """Return the products of the whitened rows of the block under way, shape (m + 1, m + 1)."""
         count = int(self.block[1])
-        return segment_products(self.part, count, np.zeros((0, len(self.part.T))), 0, count)
+        return segment_products(self.products, count, np.zeros((0, len(self.products.T))), 0, count)
 
     def drop_block(self) -> None:
         """Drop the rows of the block under way, and what whitening would look back to."""
         self.block[:] = 0.0
-        self.part[:] = 0.0
+        self.products[:] = 0.0
         self.clock[5] = 0.0
 
     @property
-    def parts(self) -> list[FloatArray]:
+    def views(self) -> list[FloatArray]:
         """Return views of all numbers but waiting samples, in the order in which they are saved."""
         views = [
             getattr(self, each.name)
             for each in fields(self)
             if each.name not in ("ladder", *WAITING_CHANNELS)
         ]
-        views[9:9] = self.ladder.known, self.ladder.gram, self.ladder.meta
+        views[9:9] = self.ladder.root, self.ladder.gram, self.ladder.meta
         return views
 
     def save(self) -> bytes:
@@ -161,8 +161,8 @@ class State:
         and samples, and a CRC-32.
         """
         waiting = [getattr(self, name) for name in WAITING_CHANNELS]
-        numbers = [np.ravel(part) for part in (*self.parts, *waiting)]
-        counts = sum(part.size for part in self.parts), *(len(each) for each in waiting)
+        numbers = [np.ravel(view) for view in (*self.views, *waiting)]
+        counts = sum(view.size for view in self.views), *(len(each) for each in waiting)
         body = (
             struct.pack("<4sIII", FORMAT_TAG, *counts)
             + np.concatenate(numbers).astype("<f8").tobytes()
@@ -181,22 +181,22 @@ class State:
             and binascii.crc32(saved[:-4]) == struct.unpack("<I", saved[-4:])[0]
         )
         tag, *counts = struct.unpack("<4sIII", saved[:HEADER_BYTES]) if intact else (b"", 0, 0, 0)
-        wanted = sum(part.size for part in self.parts)
+        needed = sum(view.size for view in self.views)
         size = HEADER_BYTES + 8 * sum(counts) + 4
-        if not intact or tag != FORMAT_TAG or counts[0] != wanted or len(saved) != size:
+        if not intact or tag != FORMAT_TAG or counts[0] != needed or len(saved) != size:
             raise InputError(
                 "The saved state of the tracker cannot be used.",
                 expected=(
-                    f"{wanted} numbers, saved by this version with the same model and settings"
+                    f"{needed} numbers, saved by this version with the same model and settings"
                 ),
                 found=f"{counts[0]} numbers" if intact else "damaged data",
                 remedy="start anew in another folder",
             )
         numbers = np.frombuffer(saved[HEADER_BYTES:-4], dtype="<f8").astype(float)
         at = 0
-        for part in self.parts:
-            part[...] = numbers[at : at + part.size].reshape(part.shape)
-            at += part.size
+        for view in self.views:
+            view[...] = numbers[at : at + view.size].reshape(view.shape)
+            at += view.size
         for name, count in zip(WAITING_CHANNELS, counts[1:], strict=True):
             setattr(self, name, numbers[at : at + count].copy())
             at += count

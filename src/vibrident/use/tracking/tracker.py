@@ -66,7 +66,7 @@ class Tracker:
         self._learner = Learner(self.knowledge)
         k = network.nuisances
         state.point[k:] = np.array([values[name] for name in model.parameter_names]) / network.scale
-        state.known[k:, k:-1] = _square_root(covariance / np.outer(network.scale, network.scale))
+        state.root[k:, k:-1] = _square_root(covariance / np.outer(network.scale, network.scale))
         self.begin(0.0)
 
     @property
@@ -138,7 +138,7 @@ class Tracker:
         covariance[net.gain, net.gain] += (
             self.settings.reference_uncertainty * values[net.gain]
         ) ** 2
-        gram = s.row[:-2].reshape(s.part.shape[1:])
+        gram = s.row[:-2].reshape(s.products.shape[1:])
         squares = s.row[-2]
         rows = s.row[-1]
         root = information.triangle(information.without_nuisances(gram, k))[k:-1, k:-1]
@@ -168,7 +168,7 @@ class Tracker:
         s = self.state
         net = self.network
         now = (
-            net.moved(s.point[net.nuisances :], information.solve(s.known)[net.nuisances :])
+            net.moved(s.point[net.nuisances :], information.solve(s.root)[net.nuisances :])
             * net.scale
         )
         return dict(zip(net.model.parameter_names, now.tolist(), strict=True))
@@ -235,11 +235,11 @@ class Tracker:
         if not freedom:
             return
         count = int(freedom) + k + len(rows)
-        table = np.eye(k + 3, s.part.shape[1])  # the nuisances are zero
+        table = np.eye(k + 3, s.products.shape[1])  # the nuisances are zero
         table[k : k + 2, k:] = rows
         table[-1] = 0.0
         table[-1, -1] = np.sqrt(freedom)
-        s.part[(count & -count).bit_length() - 1] = table.T @ table
+        s.products[(count & -count).bit_length() - 1] = table.T @ table
         s.block[:4] = s.clock[2], count, NORMAL_KURTOSIS * count, count
         s.clock[9] = 1.0
         self._learner.end_block()
@@ -292,7 +292,7 @@ class Tracker:
             return skipped + certain[0] - count
         s.cell[:] = cell
         s.clock[5] = min(order, s.clock[5] + len(response))
-        extend_segments(s.part, count, white)
+        extend_segments(s.products, count, white)
         s.block[:3] += (len(response), len(white), np.sum(white[:, m] ** 4))
         late = e[order + skipped :]
         for lag in range(order + 1):
