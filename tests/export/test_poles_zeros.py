@@ -10,7 +10,7 @@ from tests.support.exported import CASES, PAPER, case, paper, result
 
 from vibrident.base.errors import InputError
 from vibrident.export import export
-from vibrident.export.approximation import held
+from vibrident.export.approximation import approximate
 from vibrident.export.poles_zeros import poles_zeros, roots, uncertainties
 from vibrident.export.sensor import sensor_of
 from vibrident.physics.models import parse
@@ -34,7 +34,7 @@ def test_poles_and_zeros_are_the_model(name):
     rational = sensor.without(sensor.apart)
     np.testing.assert_allclose(own.response(f), rational.response(f), rtol=1e-12)
     assert np.all(own.poles.real <= 0)
-    whole, words = held(sensor)
+    whole, words = approximate(sensor)
     np.testing.assert_allclose(whole.response(f), model_response(made, f), rtol=1e-10)
     assert np.all(whole.poles.real <= 0)
     assert bool(words) == bool(sensor.apart)
@@ -55,8 +55,8 @@ def test_uncertainty_of_poles_is_that_of_a_monte_carlo():
     covariance = np.array(made.correlation.matrix) * np.outer(deviation, deviation)
     rng = np.random.default_rng(1)
     draws = rng.multivariate_normal([sensor.values[n] for n in names], covariance, 4000)
-    known = [replace(sensor.known, values=dict(zip(names, draw, strict=True))) for draw in draws]
-    poles = np.array([poles_zeros(replace(sensor, known=one)).poles for one in known])
+    sensors = [replace(sensor.identified, values=dict(zip(names, draw, strict=True))) for draw in draws]
+    poles = np.array([poles_zeros(replace(sensor, identified=drawn)).poles for drawn in sensors])
     u = uncertainties(sensor, "poles")
     np.testing.assert_allclose(u.real, poles.real.std(0), rtol=0.05)
     np.testing.assert_allclose(u.imag, poles.imag.std(0), rtol=0.05)
@@ -134,9 +134,9 @@ def test_a_negative_delay_that_is_zero_within_its_uncertainty_is_left_out(tmp_pa
     """Half of all sensors without a delay are given a negative one."""
     values = {**PAPER, "delay": -1e-9}
     with pytest.raises(InputError, match="ahead of the reference"):
-        sensor_of(result("accelerometer+delay", values, relative=0.4)).known.to_scipy()
+        sensor_of(result("accelerometer+delay", values, relative=0.4)).identified.to_scipy()
     made = result("accelerometer+delay", values, relative=0.6)
-    system, words = held(sensor_of(made))
+    system, words = approximate(sensor_of(made))
     f = sensor_of(made).band
     np.testing.assert_allclose(system.response(f), model_response(case("paper"), f), rtol=1e-12)
     stated = float(words[1].rpartition(" ")[2])

@@ -202,9 +202,9 @@ def _store() -> list[Check]:
 
         with Store() as store:
             if store.revision() is None:
-                return [_judged_place(store.shown)]
+                return [_judged_place(store.printed)]
             with store.reading():
-                return [Check("History", store.shown)]
+                return [Check("History", store.printed)]
     except InputError as error:
         problem = f"{error.where}: {error.problem} {error.found}"
         return [Check("History", problem, "cannot be used", error.remedy, vital=False)]

@@ -73,12 +73,12 @@ def export(
     from vibrident.export.sensor import check_band, sensor_of
     from vibrident.show.issue import issued
 
-    known, _ = issued(result, certificate)
-    chosen = EXPORTS[form]
+    certified, _ = issued(result, certificate)
+    format_ = EXPORTS[form]
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
     options = Options(rate_hz, band, tuple(without), name, xsd, country, channel, online)
-    sensor = sensor_of(known, band).without(options.without)
+    sensor = sensor_of(certified, band).without(options.without)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    return chosen.write(sensor, target, options)
+    return format_.write(sensor, target, options)

@@ -23,16 +23,16 @@ TOLERANCE = 1e-10  # largest relative error of an approximation over the band
 MAX_ORDER = 12
 
 
-def system(known: IdentifiedSensor) -> PolesZeros:
+def system(identified: IdentifiedSensor) -> PolesZeros:
     """Return a sensor as poles and zeros in rad/s; delay and window are approximated in its band.
 
     Raises:
         InputError: the model is not linear, or poles and zeros cannot hold it.
     """
-    return held(Exported(known, known.model, known.band_hz or (0.0, 0.0)))[0]
+    return approximate(Exported(identified, identified.model, identified.band_hz or (0.0, 0.0)))[0]
 
 
-def held(sensor: Exported) -> tuple[PolesZeros, list[str]]:
+def approximate(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     """Return the sensor as poles and zeros, with the approximations and their errors in words.
 
     Raises:

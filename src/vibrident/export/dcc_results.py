@@ -32,7 +32,14 @@ _NAMES = {
     "Ω": "ohm", "K": "kelvin",
     "%": "percent", "min": "minute",
 }  # fmt: skip
-_ONE = {"1", "count", "counts", "LSB", "digit", "digits"}  # spellings of dimensionless counts
+_COUNT_UNITS = {
+    "1",
+    "count",
+    "counts",
+    "LSB",
+    "digit",
+    "digits",
+}  # spellings of dimensionless counts
 _PREFIXES = {
     "f": "femto", "p": "pico", "n": "nano", "u": "micro", "µ": "micro", "μ": "micro",
     "m": "milli", "c": "centi",
@@ -50,12 +57,12 @@ def d_si(unit: str) -> str:
     Raises:
         InputError: the unit is unknown, or dsiUnits is not installed.
     """
-    parts = (
+    powers = (
         name if power == 1 else f"{name}\\tothe{{{power}}}"
         for name, power in _parsed(unit).items()
         if power
     )
-    text = "".join(parts) or "\\one"
+    text = "".join(powers) or "\\one"
     kind = library("dsi_unit", "dcc").DsiUnit
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # ``valid`` reports the same
@@ -115,7 +122,7 @@ def _parsed(unit: str) -> dict[str, int]:
 
 def _named(name: str, unit: str) -> str | None:
     """Return the D-SI name of a symbol with or without prefix; None for a pure number."""
-    if name in _ONE:
+    if name in _COUNT_UNITS:
         return None
     if name in _NAMES:
         return f"\\{_NAMES[name]}"
@@ -142,23 +149,23 @@ def measurement(tree: Tree, result: Result) -> Any:
     """
     make = tree.make
     text = tree.text
-    stated = result.certificate
+    certificate = result.certificate
     version = result.provenance.get("vibrident")
     release = cleaned(f"v{version}" if version else "not stated")
     methods = []
-    if stated.get("procedure"):
-        procedure = tree.stated("description", stated["procedure"])
+    if certificate.get("procedure"):
+        procedure = tree.multiline("description", certificate["procedure"])
         methods.append(make("usedMethod", text("name", "calibration procedure"), procedure))
     about = text(
         "description",
         "identification of a parametric model of the sensor from its calibration data",
     )
     methods.append(make("usedMethod", text("name", evaluation(result, Say(LANGUAGE))), about))
-    equipment = [_equipment(tree, entry) for entry in stated.get("instruments", ())]
+    equipment = [_equipment(tree, entry) for entry in certificate.get("instruments", ())]
     conditions = [
-        _condition(tree, stated, *entry)
+        _condition(tree, certificate, *entry)
         for entry in _CONDITIONS
-        if stated.get(f"{entry[1]}_{entry[2]}") is not None
+        if certificate.get(f"{entry[1]}_{entry[2]}") is not None
     ]
     quantities = [_parameter(tree, result, *p) for p in result.parameters.items()]
     results = [_result(tree, "parameters", tree.titled("parameters"), quantities)]
@@ -199,10 +206,10 @@ _CONDITIONS = (
 
 
 def _condition(
-    tree: Tree, stated: Mapping[str, Any], title: str, key: str, suffix: str, unit: str
+    tree: Tree, certificate: Mapping[str, Any], title: str, key: str, suffix: str, unit: str
 ) -> Any:
-    expanded = stated.get(f"{key}_uncertainty_{suffix}")  # stated with k = 2
-    real = _real(tree, float(stated[f"{key}_{suffix}"]), unit, _expanded(tree, expanded, 0.95))
+    expanded = certificate.get(f"{key}_uncertainty_{suffix}")  # stated with k = 2
+    real = _real(tree, float(certificate[f"{key}_{suffix}"]), unit, _expanded(tree, expanded, 0.95))
     quantity = tree.make("quantity", tree.text("name", title), real)
     return tree.make("influenceCondition", tree.text("name", title), tree.make("data", quantity))
 
@@ -337,14 +344,16 @@ def _curve(tree: Tree, result: Result, curve: Curve, usable: np.ndarray) -> Any:
     u_sizes, u_phases = (
         column(curve, f"{name}_uncertainty")[usable] for name in ("magnitude", "phase_deg")
     )
-    parts = [
+    columns = [
         _list(tree, "Frequency", curve.frequency_hz[usable], d_si("Hz")),
         _list(tree, "Magnitude", sizes, unit, u_sizes, probability),
     ]
     if not np.isnan(phases).any():
-        parts.append(_list(tree, "Phase, lag negative", phases, d_si("deg"), u_phases, probability))
+        columns.append(
+            _list(tree, "Phase, lag negative", phases, d_si("deg"), u_phases, probability)
+        )
     about = tree.text("description", f"response per {result.quantity}")
-    return tree.make("list", tree.text("name", "Sensitivity over frequency"), about, *parts)
+    return tree.make("list", tree.text("name", "Sensitivity over frequency"), about, *columns)
 
 
 def _list(

@@ -44,11 +44,11 @@ class Tree:
 
     def identification(self, issuer: str, value: object, name: str = "") -> Any:
         """Return a number by which its issuer identifies something."""
-        known = self.make("value", text=cleaned(value))
+        value_node = self.make("value", text=cleaned(value))
         return self.make(
             "identification",
             self.make("issuer", text=issuer),
-            known,
+            value_node,
             self.text("name", name) if name else None,
         )
 
@@ -56,7 +56,7 @@ class Tree:
         """Return a ``name`` that is stated: one ``content`` without language."""
         return self.make("name", self.make("content", text=cleaned(text)))
 
-    def stated(self, tag: str, text: object) -> Any:
+    def multiline(self, tag: str, text: object) -> Any:
         """Return text by the laboratory, line by line, in an unknown language."""
         lines = [line for line in str(text).splitlines() if line.strip()] or [""]
         return self.make(tag, *(self.make("content", text=cleaned(line)) for line in lines))

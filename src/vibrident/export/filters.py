@@ -42,7 +42,7 @@ class Taps:
 
 
 def fitted(
-    wanted: Response,
+    target_response: Response,
     base: Response,
     band_hz: tuple[float, float],
     rate_hz: float,
@@ -58,7 +58,7 @@ def fitted(
     They are within ``tolerance``, or the best that exist.
 
     Args:
-        wanted: target response without latency.
+        target_response: target response without latency.
         base: response of the recursive part.
         band_hz: lowest and highest frequency.
         rate_hz: sampling rate.
@@ -86,7 +86,7 @@ def fitted(
         def columns(f: FloatArray) -> np.ndarray:
             return base(f)[:, None] * np.exp(np.multiply.outer(-2j * np.pi * f * ts, order))
 
-        target = wanted(inside) * np.exp(-2j * np.pi * inside * latency * ts)
+        target = target_response(inside) * np.exp(-2j * np.pi * inside * latency * ts)
         largest = float(np.max(np.abs(target)))
         relative = columns(inside) / target[:, None]
         plain = size * float(np.max(np.abs(relative))) * np.eye(taps)
@@ -268,16 +268,16 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
     sections = sections_of(inverse, 1.0 / rate_hz, np.full(missing, -1.0), sensor.band_hz[1])
     near = np.array([0.9, 1.0]) * sensor.band_hz[1]
 
-    def wanted(f: FloatArray) -> np.ndarray:
+    def target_response(f: FloatArray) -> np.ndarray:
         # The taps do not restore what the high-pass removes: they would have to be as long as its
         # impulse response.
         s = 2j * np.pi * f
         return (s / (s + corner)) ** (2 * still) / sensor.response(f)
 
-    ratio = wanted(near) / sections.response(near)
+    ratio = target_response(near) / sections.response(near)
     slope = -np.angle(ratio[1] / ratio[0]) / (2 * np.pi * (near[1] - near[0]))
     taps = fitted(
-        wanted,
+        target_response,
         sections.response,
         sensor.band_hz,
         rate_hz,

@@ -41,7 +41,7 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings
         InputError: the model is not one that the C code has, or an uncertainty is not stated.
     """
     model = sensor.model
-    if model.core.output != "displacement" or not all(part.is_delay for part in model.add_ons):
+    if model.core.output != "displacement" or not all(addon.is_delay for addon in model.add_ons):
         raise InputError(
             "This sensor cannot be exported as a tracker.",
             expected="a displacement pickup of second order, with or without a delay",
@@ -49,9 +49,14 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings
             where="result, model",
             remedy="leave ⟦export.online⟧ out, or track it with ⟦command = track⟧",
         )
-    sensor.known.require_uncertainty()
+    sensor.identified.require_uncertainty()
     return Tracker(
-        sensor.model, sensor.values, sensor.known.covariance, rate_hz, sensor.quantity, settings
+        sensor.model,
+        sensor.values,
+        sensor.identified.covariance,
+        rate_hz,
+        sensor.quantity,
+        settings,
     )
 
 
@@ -71,14 +76,14 @@ def corrector(high_hz: float, rate_hz: float, ahead_s: float) -> FloatArray:
     turn_of_window = 1j * np.pi * rate_hz / (REACH + 1)
     waves = np.exp(turn * t[:, None]) * spectrum
     k = [np.trapezoid((waves * turn**order).real, f, axis=1) / rate_hz for order in range(3)]
-    parts = [
+    responses = [
         [
             c * ((turn_of_window * n) ** order * np.exp(turn_of_window * n * t)).real
             for n, c in enumerate(BLACKMAN)
         ]
         for order in range(3)
     ]
-    w = [np.sum(part, axis=0) for part in parts]
+    w = [np.sum(response, axis=0) for response in responses]
     return np.array(
         [k[0] * w[0], k[1] * w[0] + k[0] * w[1], k[2] * w[0] + 2.0 * k[1] * w[1] + k[0] * w[2]]
     )
@@ -148,7 +153,7 @@ def _numbers(sensor: ExportedSensor, tracked: Tracker, rate: float, name: str) -
         "RESPONSES": str(1 + max(0, lag)),
         "CORRECTOR_TAPS": str(2 * REACH + 1),
         "CORRECTOR_LATENCY": str(REACH + late),
-        "NUMBERS": str(sum(part.size for part in tracked.state.views)),
+        "NUMBERS": str(sum(view.size for view in tracked.state.views)),
         "NAMES": ", ".join(net.model.parameter_names),
         "INPUT": c_comment(sensor.input_unit),
         "OUTPUT": c_comment(sensor.output_unit),

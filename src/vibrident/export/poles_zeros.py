@@ -69,10 +69,10 @@ def poles_zeros(sensor: Exported) -> PolesZeros:
         )
     system = model.rational(values, sensor.quantity)
     unit = Rational(1.0, (1.0,), (1.0,), system.angular_scale)
-    parts = [addon for addon in model.add_ons if addon.rational is not None]
+    rational_add_ons = [addon for addon in model.add_ons if addon.rational is not None]
     core = model.core.rational(values)
     factors = []
-    for addon in parts:
+    for addon in rational_add_ons:
         if addon.moves_poles and addon.rational is not None:
             core = addon.rational(values, core)
         elif addon.rational is not None:
@@ -140,22 +140,27 @@ def uncertainties(sensor: Exported, kind: str) -> np.ndarray | None:
     They follow from the parameters' uncertainties and correlation, to first order; None if one is
     not stated.
     """
-    known = sensor.known
-    if not np.isfinite(known.covariance).all():
+    identified = sensor.identified
+    if not np.isfinite(identified.covariance).all():
         return None
     base = getattr(poles_zeros(sensor), kind)
     slopes = []
-    for name in known.model.parameter_names:
-        step = 1e-6 * abs(known.values[name]) or 1e-9
-        moved = [{**known.values, name: known.values[name] + sign * step} for sign in (-1.0, 1.0)]
-        near = [replace(sensor, known=replace(known, values=values)) for values in moved]
+    for name in identified.model.parameter_names:
+        step = 1e-6 * abs(identified.values[name]) or 1e-9
+        moved = [
+            {**identified.values, name: identified.values[name] + sign * step}
+            for sign in (-1.0, 1.0)
+        ]
+        near = [replace(sensor, identified=replace(identified, values=values)) for values in moved]
         low, high = (getattr(poles_zeros(sensor_near), kind) for sensor_near in near)
         slopes.append(
             (high - low) / (2 * step) if len(low) == len(high) == len(base) else np.zeros(len(base))
         )
     slope: np.ndarray = np.stack(slopes, axis=1)  # (roots, parameters)
     real, imag = (
-        np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", part, known.covariance, part), 0.0))
-        for part in (np.real(slope), np.imag(slope))
+        np.sqrt(
+            np.maximum(np.einsum("ri,ij,rj->r", component, identified.covariance, component), 0.0)
+        )
+        for component in (np.real(slope), np.imag(slope))
     )
     return real + 1j * imag

@@ -6,7 +6,7 @@ import re
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import is_motion
-from vibrident.export.approximation import held
+from vibrident.export.approximation import approximate
 from vibrident.export.form import Options
 from vibrident.export.poles_zeros import PolesZeros
 from vibrident.export.sensor import ExportedSensor
@@ -57,7 +57,7 @@ def described(sensor: ExportedSensor) -> tuple[PolesZeros, list[str]]:
             where="result.json, reference",
             remedy="choose another format, such as csv or c, or calibrate against motion",
         )
-    return held(sensor)
+    return approximate(sensor)
 
 
 def unit(name: str) -> str:

@@ -24,7 +24,7 @@ POINTS = 400  # points at which errors over the band are computed
 class Exported:
     """Identified sensor over a band, complete or without add-ons."""
 
-    known: IdentifiedSensor  # the identified sensor
+    identified: IdentifiedSensor  # the identified sensor
     model: SensorModel  # the exported model: the result's without what is left out
     band_hz: tuple[float, float]  # lowest and highest frequency of the data, or the user's choice
     left_out: tuple[str, ...] = field(
@@ -34,12 +34,12 @@ class Exported:
     @property
     def values(self) -> Mapping[str, float]:
         """Return parameter name → value as in the result, SI units, frequencies in Hz."""
-        return self.known.values
+        return self.identified.values
 
     @property
     def quantity(self) -> Quantity:
         """Return the input quantity of the exported sensitivity: acceleration or the drive."""
-        return self.known.quantity
+        return self.identified.quantity
 
     @property
     def band(self) -> FloatArray:
@@ -63,18 +63,20 @@ class Exported:
     @property
     def delay_u_s(self) -> float:
         """Return the standard uncertainty of the delay, s."""
-        times = [i for i, spec in enumerate(self.known.model.parameters) if spec.kind == "time"]
-        return float(np.sqrt(np.sum(np.diag(self.known.covariance)[times])))
+        times = [
+            i for i, spec in enumerate(self.identified.model.parameters) if spec.kind == "time"
+        ]
+        return float(np.sqrt(np.sum(np.diag(self.identified.covariance)[times])))
 
     @property
     def input_unit(self) -> str:
         """Return the unit of the exported input."""
-        return self.known.input_unit
+        return self.identified.input_unit
 
     @property
     def output_unit(self) -> str:
         """Return the unit of the exported output."""
-        return self.known.response_unit
+        return self.identified.response_unit
 
     @property
     def error_of_leaving_out(self) -> float:
@@ -84,7 +86,7 @@ class Exported:
         """
         if not self.left_out:
             return 0.0
-        complete = self.known.frequency_response(self.band)
+        complete = self.identified.frequency_response(self.band)
         return float(np.max(np.abs(self.response(self.band) / complete - 1.0)))
 
     def without(self, names: Sequence[str]) -> Self:
@@ -138,8 +140,8 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Exp
     Raises:
         InputError: the result lacks a parameter of its model or a band, or the band cannot be used.
     """
-    known = result.to_sensor("an export")
-    band = band_hz or known.band_hz
+    identified = result.to_sensor("an export")
+    band = band_hz or identified.band_hz
     if band is None:
         raise InputError(
             "The result states no frequencies.",
@@ -148,7 +150,7 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Exp
             where="result.json",
             remedy="give ⟦export.band_hz = (LOW, HIGH)⟧, or run ⟦command = identify⟧ again",
         )
-    return ExportedSensor(known, known.model, band, result)
+    return ExportedSensor(identified, identified.model, band, result)
 
 
 def require_linear(sensor: Exported) -> None:
@@ -184,7 +186,7 @@ def identity(sensor: ExportedSensor) -> list[str]:
     """Return the header of every file: sensor, model, origin, uncertainties; one line each."""
     result = sensor.result
     named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]
-    lines = ["sensor: " + (" ".join(part for part in named if part) or "not named")]
+    lines = ["sensor: " + (" ".join(word for word in named if word) or "not named")]
     lines.append(
         f"model: {result.model}, identified by vibrident ({result.estimator}), written by "
         f"{__version__}"
@@ -204,7 +206,9 @@ def identity(sensor: ExportedSensor) -> list[str]:
         lines.append("warnings of the result: " + ", ".join(result.warning_codes))
     lines += [f"left out on request: {name}" for name in sensor.left_out]
     bent = {
-        addon.name: addon.title for addon in sensor.known.model.add_ons if addon.force is not None
+        addon.name: addon.title
+        for addon in sensor.identified.model.add_ons
+        if addon.force is not None
     }
     spring = "without the {} this is the sensor's response to small signals only"
     lines += [spring.format(bent[name]) for name in sensor.left_out if name in bent]

@@ -56,7 +56,7 @@ class History:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<History in {self._store.shown}>"
+        return f"<History in {self._store.printed}>"
 
     def close(self) -> None:
         """Close the connections to the store."""
@@ -89,10 +89,10 @@ class History:
         from vibrident.lab.history.entry import add_all
 
         listed = [results] if isinstance(results, Result | str | os.PathLike) else results
-        known = (issued(result, certificate)[0] for result in listed)
+        certified = (issued(result, certificate)[0] for result in listed)
         return sum(
             added.new
-            for added in add_all(self._store, known, serial_number=serial_number, date=date)
+            for added in add_all(self._store, certified, serial_number=serial_number, date=date)
         )
 
     def sensors(self, *, sensor_type: str | None = None) -> list[dict[str, Any]]:

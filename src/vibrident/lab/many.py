@@ -201,7 +201,7 @@ def _next(waiting: deque[_Waiting], settings: dict[str, Any]) -> Result | Vibrid
         if waiting[0][1].done():
             break
         if future.cancel():
-            here: Future[Result | VibridentError] = Future()
-            here.set_result(_identified(calibration, settings))
-            waiting[number] = calibration, here
+            computed: Future[Result | VibridentError] = Future()
+            computed.set_result(_identified(calibration, settings))
+            waiting[number] = calibration, computed
     return waiting.popleft()[1].result()

@@ -78,7 +78,9 @@ def fit_recurrent(
     dataset: Dataset, kind: Kind, schedule: Schedule, *, seed: int
 ) -> TrainingOutcome:
     """Train a recurrent network in float32 on the training records' windows."""
-    windows, held_back = (Windows(*(a.astype(np.float32) for a in part)) for part in cut(dataset))
+    windows, held_back = (
+        Windows(*(a.astype(np.float32) for a in data_windows)) for data_windows in cut(dataset)
+    )
 
     def loss(network: Any, batch: Windows) -> Any:
         return weighted_mse(network(batch.inputs[:, :, 0].T).T, batch)

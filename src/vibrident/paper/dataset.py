@@ -212,7 +212,7 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
     records = tuple(record for record, _ in pairs)
     order = np.random.default_rng([seed, count]).permutation(count)
     first = min(count - 1, round(TRAINING_SHARE * count))
-    training, test = (tuple(sorted(part.tolist())) for part in (order[:first], order[first:]))
+    training, test = (tuple(sorted(indices.tolist())) for indices in (order[:first], order[first:]))
     return Dataset(
         replace(calibration, records=records),
         training,
@@ -318,13 +318,17 @@ AS_SAMPLED = NetworkInputs(method("euler"))
 
 def cut(dataset: Dataset, network_inputs: NetworkInputs = AS_SAMPLED) -> tuple[Windows, Windows]:
     """Cut the training records into windows to train on, and those held back."""
-    parts = [
+    by_record = [
         _windows_of(dataset, dataset.calibration.records[i], network_inputs)
         for i in dataset.training
     ]
-    windows = Windows(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-    held = np.arange(len(windows.targets)) % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
-    return Windows(*(a[~held] for a in windows)), Windows(*(a[held] for a in windows))
+    windows = Windows(*(np.concatenate(arrays) for arrays in zip(*by_record, strict=True)))
+    is_held_back = (
+        np.arange(len(windows.targets)) % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
+    )
+    return Windows(*(a[~is_held_back] for a in windows)), Windows(
+        *(a[is_held_back] for a in windows)
+    )
 
 
 def _windows_of(dataset: Dataset, record: Record, network_inputs: NetworkInputs) -> Windows:

@@ -45,8 +45,10 @@ class Picture:
 
 def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
     """Draw every picture of the run into ``folder`` as PNG; return them in order."""
-    wanted = [p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")]
-    drawn = [(picture, picture.draw(run)) for picture in wanted]
+    pictures = [
+        p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")
+    ]
+    drawn = [(picture, picture.draw(run)) for picture in pictures]
     figures = [
         Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0)
         for p, stacks in drawn
@@ -63,10 +65,10 @@ def signals(run: Reproduction) -> Stacks:
     stacks = []
     for number, frequency in enumerate(TYPICAL_HZ):
         record = min(records, key=lambda r: abs(np.log((r.frequency_hz or 1.0) / frequency)))
-        shown = slice(0, min(record.samples, round(6.0 * record.sampling_rate_hz / frequency)))
-        time = 1e3 * record.time_s[shown]
-        reference = np.asarray(record.reference)[shown] / section.published.reference.unit
-        response = record.response[shown] / section.published.response.unit
+        span = slice(0, min(record.samples, round(6.0 * record.sampling_rate_hz / frequency)))
+        time = 1e3 * record.time_s[span]
+        reference = np.asarray(record.reference)[span] / section.published.reference.unit
+        response = record.response[span] / section.published.response.unit
         series = (
             Series(time, reference, "excitation", Look("#9a9a9a", width=0.5)),
             Series(time, response, "response", Look(BLUE, width=1.2)),

@@ -36,8 +36,8 @@ def from_sine_fits(calibration: Calibration) -> dict[str, float]:
     real = np.stack([np.ones_like(rate), np.zeros_like(rate), -(rate**2)], axis=1)
     imaginary = np.stack([np.zeros_like(rate), rate, np.zeros_like(rate)], axis=1)
     matrix = np.concatenate([real, imaginary])
-    wanted = np.concatenate([inverse.real, inverse.imag])
-    static, viscous, inertial = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    right_side = np.concatenate([inverse.real, inverse.imag])
+    static, viscous, inertial = np.linalg.lstsq(matrix, right_side, rcond=None)[0]
     if not (static / inertial > 0.0 and viscous / static > 0.0):
         raise NotConverged(
             "Plain least squares on 1/H gives no stable oscillator: "

@@ -145,10 +145,10 @@ def unrolled_network(
     )
 
 
-def estimator(judge: Judge, name: str, chosen: Estimator) -> MethodResult:
+def estimator(judge: Judge, name: str, method: Estimator) -> MethodResult:
     """Run an estimator of the package on the training records."""
     begin = time.perf_counter()
-    result = identify(judge.recorded.training_calibration, None, chosen)
+    result = identify(judge.recorded.training_calibration, None, method)
     parameters = {key: float(p.value) for key, p in result.parameters.items() if not p.derived}
     seconds = time.perf_counter() - begin
     return judge.row_of_parameters(name, len(parameters), parameters, seconds)

@@ -74,7 +74,7 @@ def fit_pinn(
     )
     response = np.stack([r.response[window] for r in records], axis=1) / dataset.response.unit
     points = CollocationPoints(np.arange(span) / span, excitation, response)
-    held = np.arange(span) % 5 == 4
+    is_held_back = np.arange(span) % 5 == 4
     duration = span * records[0].sampling_interval_s
     coordinates = start_of_training(model, near)
     gain = dataset.reference.unit / dataset.response.unit
@@ -91,7 +91,8 @@ def fit_pinn(
     begin = {"layers": _layers(len(records), seed), "sensor": jnp.asarray(coordinates.first)}
     schedule = replace(schedule, batch=BATCH_POINTS)
     training, held_back = (
-        CollocationPoints(*(a[chosen] for a in points)) for chosen in (~held, held)
+        CollocationPoints(*(a[selection] for a in points))
+        for selection in (~is_held_back, is_held_back)
     )
     rng = np.random.default_rng([seed, 2])
     trained = train(begin, loss, training, held_back, schedule, rng=rng, progress=progress)

@@ -108,9 +108,9 @@ def train(
 
     @jax.jit
     def epoch(moving: Any, state: Any, windows: Any, order: Any) -> tuple[Any, Any, Any]:
-        def step(carry: Any, chosen: Any) -> tuple[Any, Any]:
+        def step(carry: Any, batch: Any) -> tuple[Any, Any]:
             moving, state = carry
-            value, slope = value_and_slope(moving, jax.tree.map(lambda a: a[chosen], windows))
+            value, slope = value_and_slope(moving, jax.tree.map(lambda a: a[batch], windows))
             change, state = optimiser.update(slope, state, moving)
             return (optax.apply_updates(moving, change), state), value
 

@@ -255,5 +255,5 @@ def test_the_default_is_the_environment_s_then_the_user_s_folder(tmp_path, monke
     monkeypatch.delenv(location.VARIABLE)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     if sys.platform.startswith("linux"):
-        assert location.chosen(None) == f"sqlite:///{tmp_path}/vibrident/history.sqlite"
-    assert location.chosen("postgresql://lab@host/db").startswith("postgresql+psycopg://")
+        assert location.store_url(None) == f"sqlite:///{tmp_path}/vibrident/history.sqlite"
+    assert location.store_url("postgresql://lab@host/db").startswith("postgresql+psycopg://")

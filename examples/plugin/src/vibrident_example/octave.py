@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from vibrident.export.approximation import held
+from vibrident.export.approximation import approximate
 from vibrident.export.form import Format
 from vibrident.export.sensor import identity
 
 
 def write(sensor, folder, options):
     """Write ``NAME.m``."""
-    system, words = held(sensor)
+    system, words = approximate(sensor)
     top, bottom = system.polynomials()
     path = folder / f"{options.name}.m"
     lines = [

@@ -54,9 +54,10 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     common = _common(code, options.name, about)
     paths = []
     for ending in ("h", "c"):
-        part = template(f"sensor_part.{ending}")
+        sensor_template = template(f"sensor_part.{ending}")
         body = "".join(
-            _filled(part, {**common, **_numbers(code, single)}) for single in (False, True)
+            _filled(sensor_template, {**common, **_numbers(code, single)})
+            for single in (False, True)
         )
         path = folder / f"{options.name}.{ending}"
         path.write_text(
@@ -84,14 +85,14 @@ def description(code: Firmware) -> list[str]:
     model = code.model
     correction = code.correction
     f = sensor.band
-    wanted = sensor.response(f)
+    exact = sensor.response(f)
     rational = np.asarray(poles_zeros(sensor).response(f))
     without = ""
     if sensor.apart:
         without = f" (without {' and '.join(sensor.apart)}, which it does not hold)"
     low, high = sensor.band_hz
     ms = 1e3 / code.rate_hz
-    inverse = correction.late(f) / wanted
+    inverse = correction.late(f) / exact
     upper_hz = f[f >= np.sqrt(low * high)]
     above_hz = np.linspace(high, 0.5 * code.rate_hz, 1000)
     passed = np.abs(correction.response(above_hz)) / np.max(np.abs(inverse))
@@ -116,8 +117,8 @@ def description(code: Firmware) -> list[str]:
             f"  latency {model.latency} samples ({model.latency * ms:.6g} ms), the sensor's own "
             "delay not counted"
         ),
-        f"  error {_error(model.response(f), wanted * model.late(f))} (double), "
-        f"{_error(model.in_single_precision().response(f), wanted * model.late(f))} (float)",
+        f"  error {_error(model.response(f), exact * model.late(f))} (double), "
+        f"{_error(model.in_single_precision().response(f), exact * model.late(f))} (float)",
         (
             "  sections alone, without latency: error "
             f"{_error(model.sections.response(f), rational)}{without}"
@@ -161,8 +162,8 @@ def description(code: Firmware) -> list[str]:
     return lines
 
 
-def _error(values: np.ndarray, wanted: np.ndarray) -> str:
-    return f"{float(np.max(np.abs(values / wanted - 1.0))):.2e}"
+def _error(values: np.ndarray, exact: np.ndarray) -> str:
+    return f"{float(np.max(np.abs(values / exact - 1.0))):.2e}"
 
 
 def _single_cmsis(sections: SecondOrderSections, f: FloatArray) -> np.ndarray:
@@ -201,8 +202,8 @@ def _numbers(code: Firmware, single: bool) -> dict[str, str]:
 
     def text(values: np.ndarray | float) -> str:
         flat = np.ravel(values)
-        shown = [_single(v) if single else repr(float(v)) for v in flat]
-        wide = [", ".join(shown[k : k + 5]) for k in range(0, len(shown), 5)]
+        numerals = [_single(v) if single else repr(float(v)) for v in flat]
+        wide = [", ".join(numerals[k : k + 5]) for k in range(0, len(numerals), 5)]
         return wide[0] if len(wide) == 1 else "\n    " + ",\n    ".join(wide)
 
     cell = code.cell
@@ -231,7 +232,7 @@ def _single(value: float) -> str:
 
 def _filled(text: str, values: Mapping[str, str]) -> str:
     """Fill a template in one pass, so that inserted text is no template."""
-    return re.sub("@(\\w+)@", lambda place: values[place[1]], text)
+    return re.sub("@(\\w+)@", lambda match: values[match[1]], text)
 
 
 C = Format(

@@ -33,7 +33,7 @@ _MEASURED = {
     "deviation_phase_uncertainty_deg": "model_deviation_phase_standard_uncertainty_deg",
 }
 #: Part of a source of the points' budget → heading.
-_PARTS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
+_U_HEADINGS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -125,7 +125,7 @@ def _point_budget(points: Mapping[str, Any], per: str) -> Sheet:
     heads = ["frequency_hz"]
     columns = [points["frequency_hz"]]
     for source in points["sources"]:
-        for key, heading in _PARTS.items():
+        for key, heading in _U_HEADINGS.items():
             heads.append(f"{heading} of {source['source']}".format(per=per))
             columns.append(source[key])
     return heads, list(zip(*columns, strict=True))
@@ -143,10 +143,10 @@ def _level(result: Result, per: str) -> Sheet:
         points.deviation_percent,
         strict=True,
     ):
-        known = size > 0 and off > -100.0
+        is_finite = size > 0 and off > -100.0
         values = (
             (f, math.log(size) * factor, u / size * factor, math.log1p(off / 100.0) * factor)
-            if known
+            if is_finite
             else (f,)
         )
         rows.append(

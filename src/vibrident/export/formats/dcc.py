@@ -50,7 +50,7 @@ _NEEDED = (
     "date_of_calibration",
 )  # required keys of [certificate]
 #: DCC's terms for the place of calibration; any other place is "other" with a statement.
-_PLACES = {
+_LOCATIONS = {
     word.lower(): word
     for word in ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
 }
@@ -87,9 +87,9 @@ def _check(result: Result, options: Options) -> None:
             where="result.json, estimator",
             remedy="export the result that the tracking began with",
         )
-    stated = result.certificate
-    missing = [f"[certificate] {key}" for key in _NEEDED if _blank(stated.get(key))]
-    if all(_blank(stated.get(key)) for key in ("approved_by", "operator")):
+    certificate = result.certificate
+    missing = [f"[certificate] {key}" for key in _NEEDED if _blank(certificate.get(key))]
+    if all(_blank(certificate.get(key)) for key in ("approved_by", "operator")):
         missing.append("[certificate] approved_by or operator")
     missing += ["[sensor] serial_number"] if _blank(result.sensor.get("serial_number")) else []
     if missing:
@@ -103,7 +103,7 @@ def _check(result: Result, options: Options) -> None:
                 "calibration file and identify again"
             ),
         )
-    check_dates(stated, "result.json")
+    check_dates(certificate, "result.json")
     country = _country(result, options)
     if not re.fullmatch("[A-Z]{2}", country or ""):
         raise InputError(
@@ -126,29 +126,33 @@ def _blank(value: object) -> bool:
 def _administration(
     tree: Tree, result: Result, options: Options, unstated_sources: Iterable[Sentence]
 ) -> Any:
-    stated = result.certificate
+    certificate = result.certificate
     named = result.sensor
     make = tree.make
     text = tree.text
-    date = str(stated["date_of_calibration"])
-    place = str(stated.get("place") or "laboratory").strip().lower()
-    order = stated.get("order_number")
+    date = str(certificate["date_of_calibration"])
+    place = str(certificate.get("place") or "laboratory").strip().lower()
+    order = certificate.get("order_number")
     core = make(
         "coreData",
         make("countryCodeISO3166_1", text=_country(result, options)),
         make("usedLangCodeISO639_1", text=LANGUAGE),
         make("mandatoryLangCodeISO639_1", text=LANGUAGE),
-        make("uniqueIdentifier", text=cleaned(f"{stated['laboratory']} {stated['number']}")),
+        make(
+            "uniqueIdentifier", text=cleaned(f"{certificate['laboratory']} {certificate['number']}")
+        ),
         make(
             "identifications",
-            tree.identification("calibrationLaboratory", stated["number"], "certificate number"),
+            tree.identification(
+                "calibrationLaboratory", certificate["number"], "certificate number"
+            ),
             tree.identification("customer", order, "order number") if order else None,
         ),
-        tree.optional("receiptDate", stated.get("date_of_receipt")),
+        tree.optional("receiptDate", certificate.get("date_of_receipt")),
         make("beginPerformanceDate", text=date),
         make("endPerformanceDate", text=date),
-        make("performanceLocation", text=_PLACES.get(place, "other")),
-        tree.optional("issueDate", stated.get("date_of_issue")),
+        make("performanceLocation", text=_LOCATIONS.get(place, "other")),
+        tree.optional("issueDate", certificate.get("date_of_issue")),
     )
     maker = named.get("manufacturer")
     kind = named.get("type")
@@ -162,7 +166,7 @@ def _administration(
             tree.identification("manufacturer", named["serial_number"], "serial number"),
         ),
     )
-    persons = [(stated.get("approved_by"), _SIGNER), (stated.get("operator"), "operator")]
+    persons = [(certificate.get("approved_by"), _SIGNER), (certificate.get("operator"), "operator")]
     responsible = (
         make(
             "respPerson",
@@ -174,9 +178,9 @@ def _administration(
         if not _blank(name)
     )
     statements = _statements(tree, result, unstated_sources)
-    declared = (make("statement", text("name", title), *parts) for title, *parts in statements)
+    declared = (make("statement", text("name", title), *nodes) for title, *nodes in statements)
     country = _country(result, options)
-    place = stated.get("laboratory_address")
+    place = certificate.get("laboratory_address")
     return make(
         "administrativeData",
         make(
@@ -187,11 +191,13 @@ def _administration(
         make("items", item),
         make(
             "calibrationLaboratory",
-            tree.optional("calibrationLaboratoryCode", stated.get("accreditation")),
-            _contact(tree, "contact", stated["laboratory"], place, country),
+            tree.optional("calibrationLaboratoryCode", certificate.get("accreditation")),
+            _contact(tree, "contact", certificate["laboratory"], place, country),
         ),
         make("respPersons", *responsible),
-        _contact(tree, "customer", stated["customer"], stated.get("customer_address"), None),
+        _contact(
+            tree, "customer", certificate["customer"], certificate.get("customer_address"), None
+        ),
         make("statements", *declared),
     )
 
@@ -201,7 +207,7 @@ def _contact(tree: Tree, tag: str, name: str, address: str | None, country: str 
     further = (
         tree.text("further", "address not stated")
         if _blank(address)
-        else tree.stated("further", address)
+        else tree.multiline("further", address)
     )
     return tree.make(tag, tree.named(name), tree.make("location", code, further))
 
@@ -238,15 +244,15 @@ def _statements(
         yield "least uncertainty", ours(raised)
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):
-        yield "replaces certificate", tree.stated("declaration", result.certificate["replaces"])
-    for key in _STATED:
+        yield "replaces certificate", tree.multiline("declaration", result.certificate["replaces"])
+    for key in _DECLARED_KEYS:
         statement = result.certificate.get(key) or ()
         for line in statement if isinstance(statement, list | tuple) else [statement]:
-            yield "remark" if key == "remarks" else key, tree.stated("declaration", line)
+            yield "remark" if key == "remarks" else key, tree.multiline("declaration", line)
 
 
 #: Statements of the laboratory without an element of their own.
-_STATED = (
+_DECLARED_KEYS = (
     *(
         "traceability",
         "condition",
@@ -266,9 +272,11 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
     if not result.certificate.get("requirements") or "gain" in unstated(result):
         return
     point = reference_value(result)
-    place = None if point is None else (point.magnitude, point.magnitude_uncertainty)
+    reference_point = None if point is None else (point.magnitude, point.magnitude_uncertainty)
     rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
-    for row in judge_requirements(result, None if point is None else point.frequency_hz, place):
+    for row in judge_requirements(
+        result, None if point is None else point.frequency_hz, reference_point
+    ):
         numbers = {
             "low": row.low,
             "high": row.high,
@@ -280,14 +288,14 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
         name = parameter_name(row.quantity).words
         if row.quantity == DEVIATION:
             name = "deviation of the sensitivity from that at the reference frequency"
-        parts = [f"{name}, unit {row.unit}"]
-        parts += [
+        details = [f"{name}, unit {row.unit}"]
+        details += [
             f"{name} {numeral(n)}"
             for name, n in numbers.items()
             if n is not None and math.isfinite(n)
         ]
-        parts += [f"stated in {row.source}"] if row.source else []
-        declaration = tree.text("declaration", rule, ", ".join(parts))
+        details += [f"stated in {row.source}"] if row.source else []
+        declaration = tree.text("declaration", rule, ", ".join(details))
         met = (
             None if row.met is None else tree.make("conformity", text="pass" if row.met else "fail")
         )
@@ -365,17 +373,23 @@ def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
     while todo:
         file = todo.pop()
         for node in etree.parse(str(file)).iter(f"{_XSD}import", f"{_XSD}include"):
-            place = node.get("schemaLocation", "")
+            schema_location = node.get("schemaLocation", "")
             name = node.get("namespace", "")
-            if not place or name in files:
+            if not schema_location or name in files:
                 continue
             local = next(
-                (path for path in _places(place, file.parent, schema.parent) if path.is_file()),
+                (
+                    path
+                    for path in _candidate_files(schema_location, file.parent, schema.parent)
+                    if path.is_file()
+                ),
                 None,
             )
             if local is None:
                 missing.update(
-                    {} if name.startswith(_BROUGHT) else {f"{place} ({name or 'included'})": None}
+                    {}
+                    if name.startswith(_BROUGHT)
+                    else {f"{schema_location} ({name or 'included'})": None}
                 )
                 continue
             if name:
@@ -386,14 +400,16 @@ def _imports(schema: Path, etree: Any) -> tuple[dict[str, str], list[str]]:
     return files, list(missing)
 
 
-def _places(place: str, *folders: Path) -> Iterator[Path]:
+def _candidate_files(schema_location: str, *folders: Path) -> Iterator[Path]:
     """Yield candidate paths for an address: its ever shorter ends, then one folder below."""
-    parts = [part for part in urlsplit(place).path.split("/") if part not in ("", ".", "..")]
+    steps = [
+        step for step in urlsplit(schema_location).path.split("/") if step not in ("", ".", "..")
+    ]
     for folder in folders:
-        if "://" not in place:
-            yield folder / place
-        yield from (folder.joinpath(*parts[k:]) for k in range(len(parts)))
+        if "://" not in schema_location:
+            yield folder / schema_location
+        yield from (folder.joinpath(*steps[k:]) for k in range(len(steps)))
     for folder in folders:
         yield from sorted(
-            below / parts[-1] for below in folder.iterdir() if parts and below.is_dir()
+            below / steps[-1] for below in folder.iterdir() if steps and below.is_dir()
         )

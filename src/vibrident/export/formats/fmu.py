@@ -102,9 +102,13 @@ def slave(sensor: ExportedSensor, options: Options) -> str:
     ]
     constants = [("response_latency", late, "s"), ("response_cell_latency", once, "s")]
     for name, p in sensor.result.parameters.items():
-        known = described(name) is not None and p.value is not None and math.isfinite(p.value)
-        constants += [(name, p.value, p.unit)] if known else []
-        if known and p.standard_uncertainty is not None and math.isfinite(p.standard_uncertainty):
+        is_usable = described(name) is not None and p.value is not None and math.isfinite(p.value)
+        constants += [(name, p.value, p.unit)] if is_usable else []
+        if (
+            is_usable
+            and p.standard_uncertainty is not None
+            and math.isfinite(p.standard_uncertainty)
+        ):
             constants.append(
                 (f"{name}_u", p.standard_uncertainty, f"{p.unit}, standard uncertainty")
             )

@@ -47,7 +47,7 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
     from obspy.core.inventory import Channel, Comment, Equipment, Inventory, Network, Site, Station
 
     response, words = _response(sensor)
-    network, place, location, code = codes(sensor, options)
+    network, station_code, location, code = codes(sensor, options)
     named = sensor.result.sensor
     start, since = _start(sensor)
     notes = [
@@ -70,16 +70,22 @@ def build(sensor: ExportedSensor, options: Options) -> Any:
         *(0.0, 0.0, 0.0, 0.0),
         response=response,
         sensor=Equipment(
-            type=_stated(named, "type"),
-            manufacturer=_stated(named, "manufacturer"),
-            serial_number=_stated(named, "serial_number"),
+            type=_named_value(named, "type"),
+            manufacturer=_named_value(named, "manufacturer"),
+            serial_number=_named_value(named, "serial_number"),
             description=sensor.model.core.title,
         ),
         start_date=start,
         comments=[Comment(xml_text(text)) for text in notes],
     )
     station = Station(
-        place, 0.0, 0.0, 0.0, channels=[channel], site=Site(name="not stated"), start_date=start
+        station_code,
+        0.0,
+        0.0,
+        0.0,
+        channels=[channel],
+        site=Site(name="not stated"),
+        start_date=start,
     )
     return Inventory(networks=[Network(network, stations=[station])], source="vibrident")
 
@@ -89,15 +95,15 @@ def _start(sensor: ExportedSensor) -> tuple[Any, str]:
     from obspy import UTCDateTime
 
     day = date_of(sensor.result)
-    stated = sensor.result.certificate.get("date_of_calibration")
+    certificate_date = sensor.result.certificate.get("date_of_calibration")
     if day is None:
         return None, "no date of the calibration is stated: the start date is left out"
-    known = str(stated or "")[:10] == day.isoformat()
-    words = "calibration" if known else "evaluation, as no date of the calibration is stated"
+    is_stated = str(certificate_date or "")[:10] == day.isoformat()
+    words = "calibration" if is_stated else "evaluation, as no date of the calibration is stated"
     return UTCDateTime(day.year, day.month, day.day), f"the start date is that of the {words}"
 
 
-def _stated(named: Mapping[str, str], key: str) -> str | None:
+def _named_value(named: Mapping[str, str], key: str) -> str | None:
     return xml_text(named[key]) if named.get(key) else None
 
 

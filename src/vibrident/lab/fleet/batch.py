@@ -126,7 +126,7 @@ _PROBLEMS = {
     ),
 }
 
-_here = threading.local()
+_local = threading.local()
 _processes: weakref.WeakSet[Identifier] = weakref.WeakSet()
 
 
@@ -134,7 +134,7 @@ _processes: weakref.WeakSet[Identifier] = weakref.WeakSet()
 class Done:
     """Summary of a batch; its rows are on the disk."""
 
-    part: str  # name of the file with the rows
+    part_file: str  # name of the file with the rows
     statuses: dict[str, int]  # number of rows by status
     seconds: float  # duration of the batch
     # former key → key now, of calibrations whose files changed meanwhile
@@ -163,14 +163,14 @@ def work_off(tasks: Sequence[Task], orders: Orders) -> Done:
     process = _process(orders)
     rows = [_row(process, task) for task in tasks]
     try:
-        part = write_part(orders.parts_folder, rows, orders.time_limit_s, process.memory_bytes)
+        part_file = write_part(orders.parts_folder, rows, orders.time_limit_s, process.memory_bytes)
     except OSError as error:
         raise unwritable(error, orders.folder) from error
     moved = {
         key: row["key"] for (_, key), row in zip(tasks, rows, strict=True) if row["key"] != key
     }
     seconds = sum(row["seconds"] for row in rows)
-    return Done(part, dict(Counter(row["status"] for row in rows)), seconds, moved)
+    return Done(part_file, dict(Counter(row["status"] for row in rows)), seconds, moved)
 
 
 def end_processes(run: str) -> None:
@@ -183,11 +183,11 @@ def end_processes(run: str) -> None:
 def _process(orders: Orders) -> Identifier:
     """Return this thread's process; a new one if the orders differ."""
     _require_same_version(orders)
-    process: Identifier | None = getattr(_here, "process", None)
+    process: Identifier | None = getattr(_local, "process", None)
     if process is None or process.ended or process.orders != orders:
         if process is not None:
             process.close()
-        process = _here.process = Identifier(orders)
+        process = _local.process = Identifier(orders)
         _processes.add(process)
     return process
 

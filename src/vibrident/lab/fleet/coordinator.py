@@ -171,11 +171,11 @@ def run(
             scheduler.close(orders.run)
         seconds = time.monotonic() - begin
         computed = work.computed
-        known = work.keys != b""
-        names = itertools.compress(named.paths, known.tolist())
-        keys = work.keys[known]
+        is_hashed = work.keys != b""
+        names = itertools.compress(named.paths, is_hashed.tolist())
+        keys = work.keys[is_hashed]
         table = Path(orders.folder) / "fleet.parquet"
-        left_out = int(np.sum(~known))
+        left_out = int(np.sum(~is_hashed))
         del work
         memory.return_freed()
         tally = write_table(table, names, keys, orders)
@@ -211,7 +211,7 @@ class _Work:
         self,
         named: patterns.NamedFiles,
         orders: Orders,
-        there: set[bytes],
+        finished: set[bytes],
         scheduler: Scheduler,
         progress: Callable[[RunProgress], None],
     ) -> None:
@@ -225,12 +225,12 @@ class _Work:
         self.computed = 0
         self._lost: Counter[str] = Counter()
         self._moves: Counter[int] = Counter()
-        self._there = there  # or on the way
+        self._finished = finished  # or on the way
         self._batches = Batches()
         self._hashing: dict[int, list[int]] = {}
         self._work: dict[int, tuple[str, list[Task]]] = {}
         self._next = 0
-        self._seen = 0
+        self._hashed = 0
         self._waiting_for = 0
         self._begin = time.monotonic()
 
@@ -258,7 +258,7 @@ class _Work:
             ):
                 size = (
                     _FIRST_HASHED_AT_ONCE
-                    if self._seen < WINDOW * _MAX_HASHED_AT_ONCE
+                    if self._hashed < WINDOW * _MAX_HASHED_AT_ONCE
                     else _MAX_HASHED_AT_ONCE
                 )
                 first = self._next
@@ -270,52 +270,54 @@ class _Work:
             else:
                 return
 
-    def _hash(self, places: list[int]) -> None:
-        paths = [os.path.abspath(self.named.paths[place]) for place in places]
-        self._hashing[self.scheduler.submit(fingerprints, paths, self.orders)] = places
+    def _hash(self, indices: list[int]) -> None:
+        paths = [os.path.abspath(self.named.paths[index]) for index in indices]
+        self._hashing[self.scheduler.submit(fingerprints, paths, self.orders)] = indices
 
     def _take(self, reply: Reply) -> None:
         if reply.error is not None:
             raise reply.error
         if reply.call in self._hashing:
-            places = self._hashing.pop(reply.call)
-            self._hash(places) if reply.lost else self._take_hashes(places, reply.value)
+            indices = self._hashing.pop(reply.call)
+            self._hash(indices) if reply.lost else self._take_hashes(indices, reply.value)
             return
         shape, tasks = self._work.pop(reply.call)
         if not reply.lost:
             self._done(shape, tasks, reply.value)
         elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MAX_RESENT:
             row = lost(*tasks[0], self.orders)
-            part = parts.write_part(self.orders.parts_folder, [row], self.orders.time_limit_s, None)
-            self._done(shape, tasks, Done(part, {row["status"]: 1}, 0.0, {}))
+            part_file = parts.write_part(
+                self.orders.parts_folder, [row], self.orders.time_limit_s, None
+            )
+            self._done(shape, tasks, Done(part_file, {row["status"]: 1}, 0.0, {}))
         else:  # in halves: one of them holds the calibration that ended the workers
             self._lost.update(key for _, key in tasks)
             middle = (len(tasks) + 1) // 2
             for half in filter(None, (tasks[:middle], tasks[middle:])):
                 self._work[self.scheduler.submit(work_off, half, self.orders)] = (shape, half)
 
-    def _take_hashes(self, places: list[int], hashes: list[Fingerprint]) -> None:
-        for place, fingerprint in zip(places, hashes, strict=True):
-            self._seen += 1
-            if self.named.in_folder[place] and not fingerprint.calibration:
+    def _take_hashes(self, indices: list[int], hashes: list[Fingerprint]) -> None:
+        for index, fingerprint in zip(indices, hashes, strict=True):
+            self._hashed += 1
+            if self.named.in_folder[index] and not fingerprint.calibration:
                 continue
-            if not fingerprint.there and os.path.exists(self.named.paths[place]):
+            if not fingerprint.exists and os.path.exists(self.named.paths[index]):
                 raise InputError(
                     "A worker does not see the calibrations.",
                     expected="the same files under the same names on all machines",
                     found="no file of that name, where the worker runs",
-                    where=os.path.abspath(self.named.paths[place]),
+                    where=os.path.abspath(self.named.paths[index]),
                     remedy=(
                         "put data and output on a drive that all machines share, or start the "
                         "workers on this machine"
                     ),
                 )
-            self.keys[place] = key = parts.packed([fingerprint.key])[0]
-            if key not in self._there:
-                self._there.add(bytes(key))
+            self.keys[index] = key = parts.packed([fingerprint.key])[0]
+            if key not in self._finished:
+                self._finished.add(bytes(key))
                 self._waiting_for += 1
                 self._batches.add(
-                    fingerprint.shape, (os.path.abspath(self.named.paths[place]), fingerprint.key)
+                    fingerprint.shape, (os.path.abspath(self.named.paths[index]), fingerprint.key)
                 )
 
     def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
@@ -328,21 +330,21 @@ class _Work:
     def _moved(self, before: str, after: str) -> None:
         """Hash again all calibrations of a key, as files changed after they were hashed."""
         old, new = parts.packed([before, after]).tolist()
-        self._there.discard(old)
-        self._there.add(new)
-        places = np.flatnonzero(self.keys == old).tolist()
-        again = [place for place in places if self._moves[place] < _MAX_REHASHED]
-        for place in set(places) - set(again):  # its files keep changing: use the latest row
-            self.keys[place] = new
+        self._finished.discard(old)
+        self._finished.add(new)
+        indices = np.flatnonzero(self.keys == old).tolist()
+        again = [index for index in indices if self._moves[index] < _MAX_REHASHED]
+        for index in set(indices) - set(again):  # its files keep changing: use the latest row
+            self.keys[index] = new
         self._moves.update(again)
-        self._seen -= len(again)
+        self._hashed -= len(again)
         if again:
             self._hash(again)
 
     def _report_progress(self) -> None:
         elapsed = time.monotonic() - self._begin
         rate = self.computed / elapsed if elapsed > 0 else 0.0
-        remaining = len(self.named.paths) - self._seen + self._waiting_for
+        remaining = len(self.named.paths) - self._hashed + self._waiting_for
         left_s = remaining / rate if rate > 0 else None
         workers = self.scheduler.workers()
         self.progress(

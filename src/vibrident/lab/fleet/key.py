@@ -34,7 +34,7 @@ class Fingerprint:
     key: str
     shape: str  # equal for calibrations that take about the same time
     calibration: bool = True  # False for a TOML file that is no calibration file
-    there: bool = True  # False if the file does not exist
+    exists: bool = True  # False if the file does not exist
 
 
 def fingerprint(path: str, orders: Orders) -> Fingerprint:
@@ -44,7 +44,7 @@ def fingerprint(path: str, orders: Orders) -> Fingerprint:
     """
     file = Path(path)
     if not file.is_file():
-        return Fingerprint(_key(file, [], orders), "not readable", there=file.exists())
+        return Fingerprint(_key(file, [], orders), "not readable", exists=file.exists())
     try:
         document = read_calibration_file(file)
     except InputError:
@@ -98,14 +98,14 @@ def _shape(document: CalibrationFile, folder: Path, names: list[str]) -> str:
     size = sum(os.path.getsize(folder / name) for name in names if os.path.isfile(folder / name))
     kinds = {entry.excitation for entry in document.records} or {"table"}
     endings = {Path(name).suffix.lower() for name in names}
-    parts = [
+    numbers = [
         document.sensor.model,
         *sorted(kinds),
         *sorted(endings),
         len(names),
         round(math.log2(size + 1)),
     ]
-    return " ".join(str(part) for part in parts)
+    return " ".join(str(number) for number in numbers)
 
 
 def _may_be_one(file: Path) -> bool:

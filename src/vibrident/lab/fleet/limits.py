@@ -67,9 +67,9 @@ class Specification(FileSection):
 
     def limit(self, type_: str | None, parameter: str) -> Limit | None:
         """Return the limit for a parameter of a type of sensor, else that of all types, or None."""
-        for wanted in (type_, None):
+        for sensor_type in (type_, None):
             for limit in self.limits:
-                if limit.parameter == parameter and limit.type == wanted:
+                if limit.parameter == parameter and limit.type == sensor_type:
                     return limit
         return None
 
@@ -96,9 +96,11 @@ def read_limits(path: Path) -> Specification:
 def _check(specification: Specification, where: str) -> None:
     numbers: dict[tuple[str | None, str], int] = {}
     for number, limit in enumerate(specification.limits, start=1):
-        here = f"{where}, [[limits]] entry {number}"
+        location = f"{where}, [[limits]] entry {number}"
         if limit.parameter not in parameter_names():
-            raise unknown("There is no such parameter.", limit.parameter, parameter_names(), here)
+            raise unknown(
+                "There is no such parameter.", limit.parameter, parameter_names(), location
+            )
         if (limit.tolerance is None) == (limit.tolerance_percent is None):
             raise InputError(
                 "A limit has one tolerance.",
@@ -107,7 +109,7 @@ def _check(specification: Specification, where: str) -> None:
                     "value)"
                 ),
                 found="neither" if limit.tolerance is None else "both",
-                where=here,
+                where=location,
                 remedy="keep one of the two",
             )
         if limit.half_width == 0:
@@ -115,7 +117,7 @@ def _check(specification: Specification, where: str) -> None:
                 "A per cent of zero is zero.",
                 expected="tolerance, in the parameter's unit, where nominal is 0",
                 found=f"tolerance_percent = {limit.tolerance_percent!r}",
-                where=here,
+                where=location,
                 remedy="give tolerance",
             )
         first = numbers.setdefault((limit.type, limit.parameter), number)
@@ -124,6 +126,6 @@ def _check(specification: Specification, where: str) -> None:
                 "Two limits are for the same.",
                 expected="one limit for each type and parameter",
                 found=f"{limit.parameter!r} of {limit.type or 'every type'}, as in entry {first}",
-                where=here,
+                where=location,
                 remedy="remove one of the two",
             )

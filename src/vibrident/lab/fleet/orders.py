@@ -44,8 +44,8 @@ class Orders:
     @property
     def settings(self) -> dict[str, Any]:
         """Return the settings that change the numbers of an outcome."""
-        chosen = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
-        return {**chosen, "version": self.version, "plug_ins": list(self.plug_ins)}
+        settings = {"model": self.model, "estimator": self.estimator, "uncertainty": "auto"}
+        return {**settings, "version": self.version, "plug_ins": list(self.plug_ins)}
 
     @property
     def parts_folder(self) -> Path:

@@ -101,7 +101,7 @@ class _ListedRows:
         self.of: dict[int, tuple[str, str, str]] = {}  # row → calibration, serial number, key
         self.kinds: Counter[tuple[str, str]] = Counter()  # status and problem
         self.examples: dict[tuple[str, str], tuple[str, list[str]]] = {}  # message, calibrations
-        wanted = set(rows)
+        listed = set(rows)
         start = 0
         seconds = []
         with pq.ParquetFile(table) as file:
@@ -109,7 +109,7 @@ class _ListedRows:
             for batch in file.iter_batches(_BATCH_ROWS, columns=columns):
                 columns_of_batch = batch.to_pydict()
                 for i, status in enumerate(columns_of_batch["status"]):
-                    if start + i in wanted:
+                    if start + i in listed:
                         texts = (
                             columns_of_batch["calibration"][i],
                             columns_of_batch["serial_number"][i] or "",
@@ -136,8 +136,8 @@ class _ListedRows:
             names.append(calibration)
 
 
-def _percent(part: int, total: int) -> str:
-    share = 100 * part / total if total else 0.0
+def _percent(count: int, total: int) -> str:
+    share = 100 * count / total if total else 0.0
     return f"{share:.4g} %" if share in (0.0, 100.0) else f"{share:.2f} %"
 
 
@@ -219,7 +219,7 @@ def _numbers(group: FleetGroup, specification: Specification) -> Table:
 
     A limit in another unit than the values does not apply.
     """
-    title = " · ".join(part for part in (group.type or "type not stated", group.model) if part)
+    title = " · ".join(word for word in (group.type or "type not stated", group.model) if word)
     notes = []
     for each in group.distributions:
         limit = specification.limit(group.type, each.parameter)

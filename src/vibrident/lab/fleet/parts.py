@@ -33,7 +33,7 @@ PACKED = np.dtype("S32")  # type of an array of keys
 
 
 #: A row on the disk: its key, where it is, and what decides between rows of one key.
-_PLACE = np.dtype(
+_ROW_DTYPE = np.dtype(
     [
         ("key", PACKED),
         ("part", "i4"),
@@ -94,7 +94,7 @@ class Index:
     parts: list[str]  # names of the files
     parameters: list[tuple[str, ...]]  # that each part has columns for
 
-    def places(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
+    def positions_of(self, keys: NDArray[np.bytes_]) -> NDArray[np.intp]:
         """Return the positions of keys in the index, −1 for a key that is not in it."""
         if not self.keys.size:
             return np.full(keys.shape, -1)
@@ -174,8 +174,8 @@ def _units(row: Row) -> str:
 
 def parameters_of(columns: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the parameters that a part has columns for."""
-    known = {*_TEXTS, *_NUMBERS, *_FLAGS, "warnings"}
-    return tuple(name for name in columns if name not in known and f"{name}_u" in columns)
+    fixed = {*_TEXTS, *_NUMBERS, *_FLAGS, "warnings"}
+    return tuple(name for name in columns if name not in fixed and f"{name}_u" in columns)
 
 
 def index(
@@ -192,7 +192,7 @@ def index(
         stored = {entry.name for entry in os.scandir(results) if entry.stat().st_size}
     names = []
     parameters = []
-    blocks = [np.zeros(0, dtype=_PLACE)]
+    blocks = [np.zeros(0, dtype=_ROW_DTYPE)]
     for path in sorted(folder.glob("*.parquet")):
         if (read := _read(path)) is None:
             continue
@@ -206,11 +206,11 @@ def index(
         blocks.append(block)
         names.append(path.name)
         parameters.append(parameters_of(columns))
-    places = np.concatenate(blocks)
+    entries = np.concatenate(blocks)
     del blocks
-    places = places[_latest_of_each_key(places)]
+    entries = entries[_latest_of_each_key(entries)]
     key, part, row, is_final = (
-        np.ascontiguousarray(places[name]) for name in ("key", "part", "row", "is_final")
+        np.ascontiguousarray(entries[name]) for name in ("key", "part", "row", "is_final")
     )
     return Index(key, part, row, is_final, names, parameters)
 
@@ -226,7 +226,7 @@ def _block(
         time_limit_s: of this run.
         memory_limit_bytes: of this run; None: no limit.
     """
-    block = np.zeros(len(values["key"]), dtype=_PLACE)
+    block = np.zeros(len(values["key"]), dtype=_ROW_DTYPE)
     failed = np.array(values["status"]) == FAILED
     passing = np.array(values["passing"])
     seconds = np.array(values["time_limit_s"], dtype=float)
@@ -234,9 +234,9 @@ def _block(
         [math.inf if limit is None else limit for limit in values["memory_limit_bytes"]],
         dtype=float,
     )
-    wanted = math.inf if memory_limit_bytes is None else memory_limit_bytes
+    memory_needed = math.inf if memory_limit_bytes is None else memory_limit_bytes
     ended = ~failed & ~passing
-    failed_for_good = failed & ~passing & (time_limit_s <= seconds) & (wanted <= memory)
+    failed_for_good = failed & ~passing & (time_limit_s <= seconds) & (memory_needed <= memory)
     block["key"] = packed(values["key"])
     block["part"] = part
     block["row"] = np.arange(block.size)
@@ -247,11 +247,11 @@ def _block(
     return block
 
 
-def _latest_of_each_key(places: NDArray[np.void]) -> NDArray[np.intp]:
+def _latest_of_each_key(entries: NDArray[np.void]) -> NDArray[np.intp]:
     """Return the index of each key's row that ended, else of that with the widest limits."""
-    order = np.lexsort([places[name] for name in ("memory", "seconds", "ended", "key")])
-    keys = places["key"][order]
-    is_last = np.ones(places.size, dtype=bool)
+    order = np.lexsort([entries[name] for name in ("memory", "seconds", "ended", "key")])
+    keys = entries["key"][order]
+    is_last = np.ones(entries.size, dtype=bool)
     is_last[:-1] = keys[1:] != keys[:-1]
     return order[is_last]
 

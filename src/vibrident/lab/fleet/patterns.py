@@ -110,7 +110,7 @@ def _files_of(path: str) -> Iterator[tuple[str, bool]]:
         yield path, False
         return
     roots = [path]
-    places = [os.path.realpath(path)]
+    visited = [os.path.realpath(path)]
     for root in roots:  # links to folders elsewhere are roots too, after the folder that has them
         for folder, below, files in os.walk(root):
             below[:] = sorted(name for name in below if not name.startswith("."))
@@ -119,12 +119,12 @@ def _files_of(path: str) -> Iterator[tuple[str, bool]]:
                     yield os.path.join(folder, name), True
             for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
                 target = os.path.realpath(link)
-                here = os.path.realpath(folder)
-                if not _within(here, target) and not any(
-                    _within(target, known) for known in places
+                real_folder = os.path.realpath(folder)
+                if not _within(real_folder, target) and not any(
+                    _within(target, above) for above in visited
                 ):
                     roots.append(link)
-                    places.append(target)
+                    visited.append(target)
 
 
 def _within(path: str, folder: str) -> bool:

@@ -161,7 +161,7 @@ def statistics(table: Path, tally: Tally, specification: Specification) -> Stati
 
 
 def _grouped(
-    parts: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
+    columns: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return the kinds that occur, and the kind of each row.
 
@@ -169,8 +169,8 @@ def _grouped(
         Kinds, the most frequent first, shape (parts, kinds); kind of each row, −1 if it is not
         identified.
     """
-    sizes = tuple(int(column.max(initial=-1)) + 2 for column in parts)  # −1 is a number too
-    kind = np.ravel_multi_index(tuple(column[identified] + 1 for column in parts), sizes)
+    sizes = tuple(int(column.max(initial=-1)) + 2 for column in columns)  # −1 is a number too
+    kind = np.ravel_multi_index(tuple(column[identified] + 1 for column in columns), sizes)
     distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(order.size, dtype=np.int32)
@@ -194,11 +194,11 @@ class _LimitVerdict:
         """Judge one parameter of all rows by the limit of each row's group."""
         for number, limit in enumerate(limits):
             if limit is not None:
-                here = self._group == number
-                inside = limit.inside(values[here])
-                self.limited |= here
-                self._conforming[here] &= inside
-                self._certain[here] &= inside & limit.certain(values[here], u[here])
+                in_group = self._group == number
+                inside = limit.inside(values[in_group])
+                self.limited |= in_group
+                self._conforming[in_group] &= inside
+                self._certain[in_group] &= inside & limit.certain(values[in_group], u[in_group])
 
     def of_all(self, sound: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the rows that conform, and those that conform for all values within U.
@@ -231,7 +231,7 @@ def _limit(
 def _distribution(
     parameter: str, unit: str, values: FloatArray, u: FloatArray, limit: Limit | None
 ) -> Distribution:
-    stated = u[np.isfinite(u)]
+    finite_u = u[np.isfinite(u)]
     mean = float(np.mean(values))
     sd = float(np.std(values, ddof=1)) if values.size > 1 else 0.0
     capability = None
@@ -249,7 +249,7 @@ def _distribution(
         sd=sd,
         least=float(values.min()),
         greatest=float(values.max()),
-        median_u=float(np.median(stated)) if stated.size else None,
+        median_u=float(np.median(finite_u)) if finite_u.size else None,
         histogram=_histogram(values, limit),
         limit=limit,
         conforming=conforming,
@@ -375,7 +375,7 @@ class _Columns:
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
         codes = self.codes(name)
-        return np.array([*(known == text for known in codes.texts), False])[
+        return np.array([*(own_text == text for own_text in codes.texts), False])[
             codes.numbers
         ]  # −1 takes the last
 

@@ -46,8 +46,8 @@ def _lines(tally: Tally) -> Iterator[tuple[str, int]]:
 
 
 def _rate(outcome: Outcome) -> str:
-    there = outcome.tally.rows - outcome.computed
-    note = f"; {there} were there, or are the same as others" if there > 0 else ""
+    reused = outcome.tally.rows - outcome.computed
+    note = f"; {reused} were there, or are the same as others" if reused > 0 else ""
     if not outcome.computed:
         return "Nothing was left to compute."
     rate = outcome.computed / max(outcome.seconds, 1e-9)

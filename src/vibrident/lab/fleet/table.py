@@ -104,8 +104,8 @@ def write_table(
     import pyarrow.parquet as pq
 
     index = index_of(orders)
-    places = index.places(keys)
-    if missing := int(np.sum(places < 0)):
+    positions = index.positions_of(keys)
+    if missing := int(np.sum(positions < 0)):
         raise InputError(
             "Rows were removed during the run.",
             expected="parts that stay where they are",
@@ -116,7 +116,7 @@ def write_table(
                 "same command again"
             ),
         )
-    schema = _schema(_parameters(index, places))
+    schema = _schema(_parameters(index, positions))
     tally = Tally()
     with (
         atomic_write(path) as partial,
@@ -124,7 +124,7 @@ def write_table(
     ):
         named = map(parts.text, names)
         for start in range(0, keys.size, _BLOCK):
-            block = _block(orders.parts_folder, index, places[start : start + _BLOCK], schema)
+            block = _block(orders.parts_folder, index, positions[start : start + _BLOCK], schema)
             tally.add(block)
             names_of_block = pa.array(itertools.islice(named, block.num_rows), pa.string())
             writer.write_table(
@@ -146,28 +146,30 @@ def identified_keys(path: Path) -> list[str]:
     return parts.digits(np.unique(np.concatenate(keys)))
 
 
-def _parameters(index: parts.Index, places: NDArray[np.intp]) -> list[str]:
+def _parameters(index: parts.Index, positions: NDArray[np.intp]) -> list[str]:
     """Return all parameters of the rows, the estimated first, in the documentation's order."""
     names = {
-        name for part in np.unique(index.part[places]).tolist() for name in index.parameters[part]
+        name
+        for part in np.unique(index.part[positions]).tolist()
+        for name in index.parameters[part]
     }
-    known = [name for name in parameter_names() if name in names]
-    return [*known, *sorted(names.difference(known))]
+    ordered = [name for name in parameter_names() if name in names]
+    return [*ordered, *sorted(names.difference(ordered))]
 
 
-def _block(folder: Path, index: parts.Index, places: NDArray[np.intp], schema: Any) -> Any:
+def _block(folder: Path, index: parts.Index, positions: NDArray[np.intp], schema: Any) -> Any:
     """Return rows at these places of the index, with all columns."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     pieces = []
     where = []
-    part = index.part[places]
-    for number in np.unique(part).tolist():
-        where.append(np.flatnonzero(part == number))
+    part_numbers = index.part[positions]
+    for number in np.unique(part_numbers).tolist():
+        where.append(np.flatnonzero(part_numbers == number))
         with pq.ParquetFile(folder / index.parts[number]) as file:  # read_table would load far more
             table = file.read()
-        pieces.append(_completed(table.take(pa.array(index.row[places[where[-1]]])), schema))
+        pieces.append(_completed(table.take(pa.array(index.row[positions[where[-1]]])), schema))
     order = np.argsort(np.concatenate(where), kind="stable")
     return pa.concat_tables(pieces).take(pa.array(order))
 
@@ -188,8 +190,8 @@ def _completed(table: Any, schema: Any) -> Any:
     """
     import pyarrow as pa
 
-    wanted = pa.schema([*schema, ("units", pa.string()), ("finished", pa.float64())])
-    present = table.select([name for name in wanted.names if name in table.column_names])
-    return pa.concat_tables([wanted.empty_table(), present], promote_options="permissive").cast(
-        wanted
-    )
+    full_schema = pa.schema([*schema, ("units", pa.string()), ("finished", pa.float64())])
+    present = table.select([name for name in full_schema.names if name in table.column_names])
+    return pa.concat_tables(
+        [full_schema.empty_table(), present], promote_options="permissive"
+    ).cast(full_schema)

@@ -33,8 +33,8 @@ def approve_within(
 ) -> list[int]:
     """Approve a calibration as :func:`approve` does, within its caller's transaction."""
     columns = calibration.c
-    wanted = columns.sensor_id, columns.data_files, columns.estimator, columns.document
-    selection = sa.select(*wanted).where(columns.id == calibration_id)
+    selected = columns.sensor_id, columns.data_files, columns.estimator, columns.document
+    selection = sa.select(*selected).where(columns.id == calibration_id)
     row = connection.execute(selection).one_or_none()
     if row is None:
         raise query.no_calibration(store, calibration_id)
@@ -43,7 +43,7 @@ def approve_within(
             "A tracked result is no calibration, and cannot be approved as one.",
             expected="the number of a calibration",
             found=f"{calibration_id}, which a sensor's tracking wrote",
-            where=store.shown,
+            where=store.printed,
             remedy="approve the calibration that it began with",
         )
     newest = (
@@ -56,7 +56,7 @@ def approve_within(
             "This calibration was recalled.",
             expected="a calibration that counts",
             found=f"calibration {calibration_id}, recalled",
-            where=store.shown,
+            where=store.printed,
             remedy="calibrate again, and add the new result",
         )
     if by is None:

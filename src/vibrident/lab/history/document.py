@@ -70,7 +70,7 @@ def of_sensor(
     history = _life(store, sensor, entries)
     document = {
         "schema": SCHEMA,
-        "store": store.shown,
+        "store": store.printed,
         "sensor": sensor.as_dict(),
         "quantity": _quantity(history, question.quantity),
         "calibrations": _calibrations(history),
@@ -95,13 +95,13 @@ def of_result(store: Store, result: Result) -> dict[str, Any] | None:
     """
     if store.revision() is None:
         return None
-    sensor = query.known(store, result.sensor)
+    sensor = query.stored_sensor(store, result.sensor)
     return None if sensor is None else of_sensor(store, sensor)
 
 
 def random_walks(store: Store, result: Result) -> dict[str, float]:
     """Return parameter → its relative random walk in a year, for those that the store knows."""
-    sensor = None if store.revision() is None else query.known(store, result.sensor)
+    sensor = None if store.revision() is None else query.stored_sensor(store, result.sensor)
     walks = dict[str, float]()
     if sensor is None:
         return walks
@@ -116,10 +116,10 @@ def random_walks(store: Store, result: Result) -> dict[str, float]:
 def _no_such_quantity(store: Store, sensor: StoredSensor, question: Question) -> InputError:
     at = question.frequency_hz
     column = schema.parameter.c.name if at is None else schema.point.c.nominal_hz
-    known = query.known_values(store, sensor.id, column)
+    stored_values = query.known_values(store, sensor.id, column)
     return InputError(
         "No calibration of this sensor has such a quantity.",
-        expected=", ".join(value if at is None else f"{value:g}" for value in known),
+        expected=", ".join(value if at is None else f"{value:g}" for value in stored_values),
         found=question.quantity if at is None else f"{at:g} Hz",
         where=sensor.name,
         remedy=(
@@ -298,10 +298,10 @@ def _control(history: Life) -> dict[str, Any] | None:
     ``if_new``: dates of alarms where a source that no instrument identifies is new each time; None
     where there is none.
     """
-    residuals, restart, places = _residuals(history, history.covariance)
+    residuals, restart, indices = _residuals(history, history.covariance)
     if not residuals:
         return None
-    dates = [history.entries[i].date for i in places]
+    dates = [history.entries[i].date for i in indices]
     charts = control.charts(np.array(residuals), np.array(restart))
     unassumed: Sequence[control.ControlChart | None] = [None] * len(charts)
     if history.assumed:
@@ -326,7 +326,7 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
     """Return recursive residuals, where a series restarts, and the places of the calibrations."""
     residuals = []
     restart = []
-    places = []
+    indices = []
     for number in np.unique(history.group):
         places_of = np.flatnonzero(history.group == number)
         if places_of.size > 1:
@@ -335,8 +335,8 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
                 history.value[places_of], covariance[block]
             ).tolist()
             restart += [True] + [False] * (places_of.size - 2)
-            places += places_of[1:].tolist()
-    return residuals, restart, places
+            indices += places_of[1:].tolist()
+    return residuals, restart, indices
 
 
 def _due(history: Life, question: Question) -> dict[str, Any] | None:

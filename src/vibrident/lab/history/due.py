@@ -91,10 +91,10 @@ def _first_date(life: Life, tolerance: Tolerance) -> datetime.date | None:
     looks = np.concatenate([[0.0], np.geomspace(1 / 24, FARTHEST_YEARS, _LOOKS)])
     limits = tolerance.limits(life)
     while True:
-        reached = life.drift.outside(life.years[-1] + looks, *limits) >= RISK
-        if not reached.any():
+        is_outside = life.drift.outside(life.years[-1] + looks, *limits) >= RISK
+        if not is_outside.any():
             return None
-        first = int(np.argmax(reached))
+        first = int(np.argmax(is_outside))
         if first == 0 or looks[first] - looks[first - 1] < 0.5 / DAYS_A_YEAR:
             return later(life.entries[-1].date, float(looks[first]))
         looks = np.linspace(looks[first - 1], looks[first], _LOOKS)

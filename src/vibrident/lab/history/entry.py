@@ -114,17 +114,17 @@ def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> 
     Evaluations of the same data state one number, and so do the axes of one sensor; one of them
     is certified.
     """
-    known = rows.calibration
+    row_added = rows.calibration
     columns = calibration.c
-    if not known["certificate_number"]:
+    if not row_added["certificate_number"]:
         return
     query_of_number = (
         sa.select(columns.id, columns.data_files, *schema.sensor.c)
         .join(schema.sensor, columns.sensor_id == schema.sensor.c.id)
-        .where(columns.certificate_number == known["certificate_number"])
-        .where(columns.laboratory == known["laboratory"])
+        .where(columns.certificate_number == row_added["certificate_number"])
+        .where(columns.laboratory == row_added["laboratory"])
     )
-    files = set(json.loads(known["data_files"]))
+    files = set(json.loads(row_added["data_files"]))
     for row in connection.execute(query_of_number).mappings():
         same_device = all(row[key] == rows.sensor[key] for key in SENSOR_KEYS if key != "axis")
         other_axis = same_device and row["axis"] != rows.sensor["axis"]
@@ -134,10 +134,10 @@ def _check_number(store: Store, connection: sa.Connection, rows: ResultRows) -> 
             "Another calibration has this certificate number.",
             expected="a number of its own for each certificate",
             found=(
-                f"{known['certificate_number']}, as calibration {row[columns.id]} of sensor "
+                f"{row_added['certificate_number']}, as calibration {row[columns.id]} of sensor "
                 f"{row['serial_number']}"
             ),
-            where=store.shown,
+            where=store.printed,
             remedy="correct [certificate] number in the calibration file and identify again",
         )
 
@@ -168,10 +168,10 @@ def _redate(
 
 
 def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, str]) -> int:
-    wanted = sa.select(schema.sensor.c.id).where(
+    selection = sa.select(schema.sensor.c.id).where(
         sa.and_(*(schema.sensor.c[key] == value for key, value in identity.items()))
     )
-    sensor_id = connection.execute(wanted).scalar_one_or_none()
+    sensor_id = connection.execute(selection).scalar_one_or_none()
     if sensor_id is not None:
         return sensor_id
     new = (
@@ -181,20 +181,20 @@ def _sensor_id(store: Store, connection: sa.Connection, identity: Mapping[str, s
         .returning(schema.sensor.c.id)
     )
     sensor_id = connection.execute(new).scalar_one_or_none()
-    return connection.execute(wanted).scalar_one() if sensor_id is None else sensor_id
+    return connection.execute(selection).scalar_one() if sensor_id is None else sensor_id
 
 
 def record(connection: sa.Connection, event: Mapping[str, Any]) -> None:
     """Add an event with the time and user of its entry; the date is today's unless given."""
     now = datetime.datetime.now(datetime.UTC)
-    known = {
+    row = {
         "date": now.date(),
         "recorded": now.isoformat(timespec="seconds"),
         "by": user(),
         "note": "",
     }
     connection.execute(
-        sa.insert(schema.event), [known | {k: v for k, v in event.items() if v is not None}]
+        sa.insert(schema.event), [row | {k: v for k, v in event.items() if v is not None}]
     )
 
 

@@ -146,23 +146,23 @@ class Life:
         firsts = {next((i for i, date in enumerate(dates) if date >= day), 0) for day in days}
         return sorted(firsts - {0})
 
-    def _unexplained_step(self, known: Sequence[Break]) -> Break | None:
+    def _unexplained_step(self, explained: Sequence[Break]) -> Break | None:
         """Return the most significant step without an event, or None.
 
         Its probability must be below the limit.
         """
-        group = self._groups(known)
+        group = self._groups(explained)
         gaps = [i for i in range(1, len(self.entries)) if group[i] == group[i - 1]]
         suspects = [i for i in gaps if abs(self.agreement(i).correlated or 0.0) > 1.0]
-        probabilities = {i: self._step_probability(known, i) for i in suspects}
+        probabilities = {i: self._step_probability(explained, i) for i in suspects}
         best = min(probabilities, key=lambda i: probabilities[i], default=0)
         if best and probabilities[best] < MAX_STEP_PROBABILITY / (len(self.entries) - 1):
             return Break(best, "the value stepped, and no event explains it")
         return None
 
-    def _step_probability(self, known: Sequence[Break], index: int) -> float:
+    def _step_probability(self, explained: Sequence[Break], index: int) -> float:
         """Return the probability of a step as large if the sensor has not changed."""
-        group = self._groups(known)
+        group = self._groups(explained)
         drift = SensorDrift(self.years, self.value, self.covariance, group)
         if group[index] != group[index - 1]:
             return 1.0

@@ -25,7 +25,7 @@ _ACCOUNT = re.compile(r"(?<=://)(.*)@")
 _SECRET_KEYS = re.compile(r"(?i)((?:^|[?&\s])(?:password|passfile|sslpassword)=)[^&\s]*")
 
 
-def chosen(url: str | None) -> str:
+def store_url(url: str | None) -> str:
     """Return the store's URL.
 
     It is the argument, else that of the environment, else a SQLite file in the user's data folder.

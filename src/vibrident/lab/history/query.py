@@ -111,13 +111,13 @@ def find(
         (sensor.c.axis, axis),
         (sensor.c.manufacturer, manufacturer),
     )
-    for column, wanted in named:
-        query = query if wanted is None else query.where(column == wanted)
+    for column, value in named:
+        query = query if value is None else query.where(column == value)
     with store.reading() as connection:
         sensors = [_sensor(row) for row in connection.execute(query)]
         if len(sensors) == 1:
             return sensors[0]
-        known = (
+        serial_numbers = (
             [] if sensors else connection.execute(sa.select(sensor.c.serial_number)).scalars().all()
         )
     if sensors:
@@ -125,22 +125,22 @@ def find(
             f"{len(sensors)} sensors have this serial number.",
             expected="one of " + "; ".join(each.name for each in sensors),
             found=serial_number,
-            where=store.shown,
+            where=store.printed,
             remedy="give ⟦history.type_name⟧, ⟦history.axis⟧ or ⟦history.manufacturer⟧ as well",
         )
     raise InputError(
         "The store holds no such sensor.",
-        expected=f"one of its {len(known)} serial numbers",
+        expected=f"one of its {len(serial_numbers)} serial numbers",
         found=serial_number,
-        where=store.shown,
-        remedy=did_you_mean(serial_number, known, "see ⟦command = history list⟧"),
+        where=store.printed,
+        remedy=did_you_mean(serial_number, serial_numbers, "see ⟦command = history list⟧"),
     )
 
 
-def known(store: Store, stated: Mapping[str, object]) -> StoredSensor | None:
+def stored_sensor(store: Store, identity: Mapping[str, object]) -> StoredSensor | None:
     """Return the sensor that a result states; None if the store holds no calibration of it."""
     named = [
-        column == str(stated.get(column.name) or "").strip()
+        column == str(identity.get(column.name) or "").strip()
         for column in sensor.c
         if column.name != "id"
     ]
@@ -340,7 +340,7 @@ def no_calibration(store: Store, calibration_id: int) -> InputError:
         "The store holds no such calibration.",
         expected="the number of a calibration",
         found=str(calibration_id),
-        where=store.shown,
+        where=store.printed,
         remedy="⟦command = history show SERIAL⟧ lists the numbers",
     )
 

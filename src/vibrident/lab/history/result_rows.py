@@ -52,9 +52,9 @@ def rows_of(
     """
     sensor = {key: str(result.sensor.get(key) or "").strip() for key in SENSOR_KEYS}
     sensor["serial_number"] = _serial_number(sensor["serial_number"], serial_number)
-    stated = result.certificate.get("date_of_calibration")
+    stated_date = result.certificate.get("date_of_calibration")
     when = date_of(result)
-    if stated is not None and when is not None and date not in (None, when):
+    if stated_date is not None and when is not None and date not in (None, when):
         raise InputError(
             "The date is not that of the result.",
             expected=f"{when}, as its certificate states",
@@ -72,12 +72,12 @@ def rows_of(
             "date of its calibration",
             key,
             "⟦history.date⟧",
-            "none" if stated is None else repr(stated),
+            "none" if stated_date is None else repr(stated_date),
         )
     calibration = {
         "sha256": identity(result),
         "date": when,
-        "date_stated": stated is not None or date is not None,
+        "date_stated": stated_date is not None or date is not None,
         "model": result.model,
         "estimator": result.estimator,
         "adequate": result.fit.adequate,
@@ -98,21 +98,21 @@ def identity(result: Result) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _serial_number(stated: str, argument: str | None) -> str:
+def _serial_number(of_result: str, argument: str | None) -> str:
     argument = (argument or "").strip()
-    if argument and stated and argument != stated:
+    if argument and of_result and argument != of_result:
         raise InputError(
             "The serial number is not that of the result.",
-            expected=f"{stated}, as the result states",
+            expected=f"{of_result}, as the result states",
             found=argument,
             where="⟦history.serial_number⟧",
             remedy="leave the option away, or give the result of that sensor",
         )
-    if not (stated or argument):
+    if not (of_result or argument):
         raise _missing(
             "serial number", '[sensor] serial_number = "4711"', "⟦history.serial_number⟧"
         )
-    return stated or argument
+    return of_result or argument
 
 
 def _missing(what: str, key: str, option: str, value: str = "none") -> InputError:
@@ -157,8 +157,12 @@ def _parameters(result: Result) -> list[DatabaseRow]:
         shared = shared_sources(result, sensitivity=(at.frequency_hz, at.magnitude))
         unit = unit_of_sensitivity(result)
         more = {"identifiable": True, "derived": True}
-        known = at.magnitude, at.magnitude_uncertainty, unit, shared
-        rows.append(row(schema.REFERENCE_SENSITIVITY, *known, **more, frequency_hz=at.frequency_hz))
+        reference_value = at.magnitude, at.magnitude_uncertainty, unit, shared
+        rows.append(
+            row(
+                schema.REFERENCE_SENSITIVITY, *reference_value, **more, frequency_hz=at.frequency_hz
+            )
+        )
     for name, parameter in result.parameters.items():
         shared = shared_sources(result, parameter=name)
         more = {"identifiable": parameter.identifiable, "derived": parameter.derived}

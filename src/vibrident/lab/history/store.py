@@ -16,7 +16,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from vibrident.base.errors import InputError
 from vibrident.lab.history import schema
-from vibrident.lab.history.location import FORMS, chosen, printable, sqlite_file, without_secrets
+from vibrident.lab.history.location import FORMS, printable, sqlite_file, store_url, without_secrets
 
 PATIENCE_S = 60  # how long a writer waits for another one
 _SCHEMA_LOCK = 8_247_163_905  # number of PostgreSQL's advisory lock for changes of the schema
@@ -52,7 +52,7 @@ class Store:
     """
 
     def __init__(self, url: str | None = None) -> None:
-        self.url: str = chosen(url)
+        self.url: str = store_url(url)
         self._file = sqlite_file(self.url)  # None for another database
         self._engine = self._connected_lazily()
         if self._file:
@@ -93,7 +93,7 @@ class Store:
             ) from None
 
     @property
-    def shown(self) -> str:
+    def printed(self) -> str:
         """Return the store for print: the path of a file, else the URL without a password."""
         return str(self._file) if self._file else printable(self.url)
 
@@ -191,7 +191,7 @@ class Store:
             "There is no history here yet.",
             expected="a store that ⟦command = history add⟧ began",
             found="none",
-            where=self.shown,
+            where=self.printed,
             remedy="check ⟦history.store⟧, or add a result: ⟦command = history add result.json⟧",
         )
 
@@ -203,7 +203,7 @@ class Store:
             f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
             expected=f"schema {schema.REVISION}",
             found=f"schema {revision}",
-            where=self.shown,
+            where=self.printed,
             remedy=remedy,
         )
 
@@ -225,7 +225,7 @@ class Store:
 
     def _failed(self, problem: str, error: object, remedy: str) -> InputError:
         detail = " ".join(without_secrets(str(error), self.url).split())[:300]
-        return InputError(problem, expected=FORMS, found=detail, where=self.shown, remedy=remedy)
+        return InputError(problem, expected=FORMS, found=detail, where=self.printed, remedy=remedy)
 
 
 def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:

@@ -98,14 +98,14 @@ def chart(document: Document, width: int = 54) -> Facts | None:
     low = min(value - half for _, value, half in rows)
     high = max(value + half for _, value, half in rows)
 
-    def place(value: float) -> int:
+    def column_of(value: float) -> int:
         return round((width - 1) * (value - low) / (high - low)) if high > low else 0
 
     lines = []
     for date, value, half in rows:
-        start = place(value - half)
-        centre = place(value)
-        end = place(value + half)
+        start = column_of(value - half)
+        centre = column_of(value)
+        end = column_of(value + half)
         bar = ["─" if start <= i <= end else " " for i in range(width)]
         bar[start] = "├"
         bar[end] = "┤"

@@ -63,8 +63,8 @@ def stem(result: Result) -> str:
 
     The number is in it: an amendment has sensor and date of what it replaces.
     """
-    stated = result.certificate
-    named = name_of_sensor(f"certificate-{stated['number']}.pdf", result.sensor, stated)
+    certificate = result.certificate
+    named = name_of_sensor(f"certificate-{certificate['number']}.pdf", result.sensor, certificate)
     return named.removesuffix(".pdf")
 
 
@@ -100,11 +100,11 @@ def signed_documents(draft: DraftContent, result: Result, key: SigningKey) -> Do
         InputError: as :func:`unsigned_documents`.
     """
     pdf, dcc = unsigned_documents(draft, result)
-    stated = result.certificate
-    reason = f"Calibration certificate {stated['number']}"
+    certificate = result.certificate
+    reason = f"Calibration certificate {certificate['number']}"
     content = result.to_json().encode()
     return Documents(
-        pdf=signed_pdf(pdf, key, reason=reason, place=str(stated.get("place") or "")),
+        pdf=signed_pdf(pdf, key, reason=reason, location=str(certificate.get("place") or "")),
         dcc=signed_xml(dcc, key),
         result=content,
         result_signature=detached_signature(content, key),

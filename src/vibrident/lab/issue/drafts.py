@@ -76,13 +76,15 @@ def hand_in(store: Store, result: Result, issue: Issue, *, by: str | None = None
             a document of it cannot be made.
     """
     check_complete(result)
-    stated = {key: each for key, each in result.certificate.items() if key not in DRAWN}
+    certificate = {key: each for key, each in result.certificate.items() if key not in DRAWN}
     template = None if issue.template is None else issue.template.read_bytes()
-    held = DraftContent(
-        replace(result, certificate=stated), replace(issue, template=None), template
+    draft_content = DraftContent(
+        replace(result, certificate=certificate), replace(issue, template=None), template
     )
-    unsigned_documents(held, completed(held.result, "0", datetime.date.today(), "nobody"))
-    (added,) = add_all(store, [held.result])
+    unsigned_documents(
+        draft_content, completed(draft_content.result, "0", datetime.date.today(), "nobody")
+    )
+    (added,) = add_all(store, [draft_content.result])
     before = None if issue.before is None else zlib.compress(issue.before.to_json().encode())
     values = {
         "calibration_id": added.number,
@@ -125,10 +127,10 @@ def check_complete(result: Result) -> None:
 
 def completed(result: Result, number: str, date: datetime.date, approver: str) -> Result:
     """Return a draft's result with number, date of issue and, unless stated, who approved it."""
-    stated = result.certificate
+    certificate = result.certificate
     drawn = {"number": number, "date_of_issue": str(date)}
-    approved_by = stated.get("approved_by") or approver
-    return replace(result, certificate={**stated, **drawn, "approved_by": approved_by})
+    approved_by = certificate.get("approved_by") or approver
+    return replace(result, certificate={**certificate, **drawn, "approved_by": approved_by})
 
 
 def review_draft(
@@ -148,17 +150,17 @@ def review_draft(
     """
     row = stamp(by)
     with store.writing() as connection:
-        known = read_draft(connection, store, draft_id)
-        if same_account(known.author, row["by"]):
+        reviewed = read_draft(connection, store, draft_id)
+        if same_account(reviewed.author, row["by"]):
             raise InputError(
                 "Nobody reviews a draft of their own.",
                 expected="an account other than the author's",
                 found=f"{row['by'] or 'no name'}, who handed it in",
-                where=f"draft {draft_id}, {store.shown}",
+                where=f"draft {draft_id}, {store.printed}",
                 remedy="have another account review it",
             )
-        if known.number:
-            raise _issued_already(store, known)
+        if reviewed.number:
+            raise _issued_already(store, reviewed)
         values = {"draft_id": draft_id, "accepted": accepted, "note": note}
         connection.execute(sa.insert(review).values(values | row))
 
@@ -175,13 +177,13 @@ def read_draft(connection: sa.Connection, store: Store, draft_id: int) -> Draft:
     Raises:
         InputError: there is none of this number.
     """
-    for known in _read(connection, draft.c.id == draft_id):
-        return known
+    for stored in _read(connection, draft.c.id == draft_id):
+        return stored
     raise InputError(
         "The store holds no such draft.",
         expected="the number of a draft",
         found=str(draft_id),
-        where=store.shown,
+        where=store.printed,
         remedy="⟦command = issue list⟧ lists them",
     )
 
@@ -218,13 +220,15 @@ def same_account(a: str, b: str) -> bool:
     return not b.strip() or a.strip().casefold() == b.strip().casefold()
 
 
-def _issued_already(store: Store, known: Draft) -> InputError:
+def _issued_already(store: Store, issued: Draft) -> InputError:
     return InputError(
         "An issued certificate cannot be changed.",
         expected="a draft that is not issued",
-        found=f"draft {known.id}, certificate {known.number}",
-        where=store.shown,
-        remedy=f'hand in an amendment: [certificate] replaces = "{known.number}", with its changes',
+        found=f"draft {issued.id}, certificate {issued.number}",
+        where=store.printed,
+        remedy=(
+            f'hand in an amendment: [certificate] replaces = "{issued.number}", with its changes'
+        ),
     )
 
 

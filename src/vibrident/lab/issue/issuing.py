@@ -52,12 +52,12 @@ def issue_draft(
     stored = issued_documents(store, draft_id)
     if stored is not None:
         return stored
-    held = content(store, draft_id)
-    check_complete(held.result)
-    known = _numbered(store, draft_id, held.result, by)
-    assert known.date is not None
-    result = completed(held.result, known.number, known.date, known.reviewer)
-    documents = signed_documents(held, result, key)
+    draft_content = content(store, draft_id)
+    check_complete(draft_content.result)
+    numbered = _numbered(store, draft_id, draft_content.result, by)
+    assert numbered.date is not None
+    result = completed(draft_content.result, numbered.number, numbered.date, numbered.reviewer)
+    documents = signed_documents(draft_content, result, key)
     with store.writing() as connection:
         values = {"draft_id": draft_id, **vars(documents)}
         row = (
@@ -67,8 +67,10 @@ def issue_draft(
             .returning(certificate.c.draft_id)
         )
         if connection.execute(row).scalar_one_or_none() is not None:
-            note = f"certificate {known.number}"
-            approve_within(connection, store, known.calibration_id, by=known.reviewer, note=note)
+            note = f"certificate {numbered.number}"
+            approve_within(
+                connection, store, numbered.calibration_id, by=numbered.reviewer, note=note
+            )
     stored = issued_documents(store, draft_id)  # of another issuer, where that was faster
     assert stored is not None
     return stored
@@ -81,13 +83,13 @@ def issued_documents(store: Store, draft_id: int) -> tuple[Draft, Documents] | N
         InputError: there is no such draft.
     """
     columns = certificate.c
-    parts = columns.pdf, columns.dcc, columns.result, columns.result_signature
+    document_columns = columns.pdf, columns.dcc, columns.result, columns.result_signature
     with store.reading() as connection:
-        known = read_draft(connection, store, draft_id)
+        issued_draft = read_draft(connection, store, draft_id)
         row = connection.execute(
-            sa.select(*parts).where(columns.draft_id == draft_id)
+            sa.select(*document_columns).where(columns.draft_id == draft_id)
         ).one_or_none()
-    return None if row is None else (known, Documents(*row))
+    return None if row is None else (issued_draft, Documents(*row))
 
 
 def _numbered(store: Store, draft_id: int, result: Result, by: str | None) -> Draft:
@@ -97,11 +99,11 @@ def _numbered(store: Store, draft_id: int, result: Result, by: str | None) -> Dr
         if connection.dialect.name == "postgresql":  # SQLite lets one write at a time
             lock = sa.text("SELECT pg_advisory_xact_lock(:key)")
             connection.execute(lock, {"key": _NUMBER_LOCK})
-        known = read_draft(connection, store, draft_id)
-        if known.number:
-            return known
-        _require_review(store, known)
-        _check_replaces(connection, store, known, replaces)
+        stored = read_draft(connection, store, draft_id)
+        if stored.number:
+            return stored
+        _require_review(store, stored)
+        _check_replaces(connection, store, stored, replaces)
         today = datetime.datetime.now(datetime.UTC).date()
         sequence = _next_sequence(connection, today.year)
         values = {
@@ -121,31 +123,33 @@ def _next_sequence(connection: sa.Connection, year: int) -> int:
     columns = certificate_number.c
     newest = sa.select(sa.func.max(columns.sequence)).where(columns.year == year)
     sequence = (connection.execute(newest).scalar_one() or 0) + 1
-    stated = sa.select(calibration.c.certificate_number).where(
+    selection = sa.select(calibration.c.certificate_number).where(
         calibration.c.certificate_number.startswith(f"{year}-")
     )
-    numbers = set(connection.execute(stated).scalars())
+    numbers = set(connection.execute(selection).scalars())
     while f"{year}-{sequence:04d}" in numbers:
         sequence += 1
     return sequence
 
 
-def _require_review(store: Store, known: Draft) -> None:
-    if known.state == REVIEWED:
+def _require_review(store: Store, pending: Draft) -> None:
+    if pending.state == REVIEWED:
         return
     raise InputError(
         "Only a reviewed draft can be issued.",
         expected="a review that accepts it, by an account other than its author's",
-        found=f"returned by {known.reviewer}: {known.note}" if known.reviewer else "no review",
-        where=f"draft {known.id}, {store.shown}",
+        found=f"returned by {pending.reviewer}: {pending.note}"
+        if pending.reviewer
+        else "no review",
+        where=f"draft {pending.id}, {store.printed}",
         remedy="correct it and hand it in again"
-        if known.reviewer
+        if pending.reviewer
         else "have another account review it: ⟦command = issue review⟧",
     )
 
 
 def _check_replaces(
-    connection: sa.Connection, store: Store, known: Draft, replaces: str | None
+    connection: sa.Connection, store: Store, pending: Draft, replaces: str | None
 ) -> None:
     """Refuse a second certificate of the same data, and an amendment of another sensor's.
 
@@ -154,16 +158,16 @@ def _check_replaces(
             that it names is of another sensor or was replaced before.
     """
     columns = calibration.c
-    selection = sa.select(columns.sensor_id).where(columns.id == known.calibration_id)
+    selection = sa.select(columns.sensor_id).where(columns.id == pending.calibration_id)
     sensor_id = connection.execute(selection).scalar_one()
     valid = list[str]()
-    data = _data(connection, known.calibration_id)
+    data = _data(connection, pending.calibration_id)
     for row in connection.execute(_certificates(sensor_id, replaces)):
         if row.number == replaces and row.sensor_id != sensor_id:
             raise _wrong_amendment(store, row.number, "a certificate of another sensor")
         if row.number == replaces and row.replaced:
             raise _wrong_amendment(store, row.number, f"one that {row.replaced} replaced")
-        same_data = row.id == known.calibration_id or data & set(json.loads(row.data_files))
+        same_data = row.id == pending.calibration_id or data & set(json.loads(row.data_files))
         if same_data and not row.replaced:
             valid.append(row.number)
     unnamed = [number for number in valid if number != replaces]
@@ -172,7 +176,7 @@ def _check_replaces(
             "These data have a certificate already.",
             expected=f'an amendment, with [certificate] replaces = "{unnamed[0]}" and its changes',
             found=f"replaces = {replaces!r}" if replaces else "a first certificate",
-            where=f"draft {known.id}, {store.shown}",
+            where=f"draft {pending.id}, {store.printed}",
             remedy="hand in a draft that states which certificate it replaces, and why",
         )
 
@@ -205,6 +209,6 @@ def _wrong_amendment(store: Store, number: str, amended: str) -> InputError:
         "The draft cannot replace this certificate.",
         expected="the valid certificate of the same sensor",
         found=amended,
-        where=f'[certificate] replaces = "{number}", {store.shown}',
+        where=f'[certificate] replaces = "{number}", {store.printed}',
         remedy="correct [certificate] replaces, and hand it in again",
     )

@@ -18,7 +18,7 @@ FIELD = "LaboratorySignature"
 _T = TypeVar("_T")
 
 
-def signed_pdf(pdf: bytes, key: SigningKey, *, reason: str, place: str) -> bytes:
+def signed_pdf(pdf: bytes, key: SigningKey, *, reason: str, location: str) -> bytes:
     """Return a PDF with a certifying signature (PAdES-B-B), which allows no change after it.
 
     The signature is an increment without an appearance: a PDF/A stays one, and its pages stay.
@@ -33,7 +33,7 @@ def signed_pdf(pdf: bytes, key: SigningKey, *, reason: str, place: str) -> bytes
         certify=True,
         docmdp_permissions=fields.MDPPerm.NO_CHANGES,
         reason=reason,
-        location=place,
+        location=location,
         name=key.name,
     )
 
@@ -62,11 +62,11 @@ def signed_xml(text: bytes, key: SigningKey) -> bytes:
 def detached_signature(content: bytes, key: SigningKey) -> bytes:
     """Return the detached CMS signature of a file's bytes, DER (``.p7s``), with its time."""
     attributes = library("pyhanko.sign.signers.pdf_cms").PdfCMSSignedAttributes
-    stated = attributes(signing_time=datetime.datetime.now(datetime.UTC))
+    signed_attributes = attributes(signing_time=datetime.datetime.now(datetime.UTC))
 
     def sign() -> bytes:
         signature = _signer(key).async_sign_general_data(
-            content, "sha256", signed_attr_settings=stated
+            content, "sha256", signed_attr_settings=signed_attributes
         )
         return asyncio.run(signature).dump()
 

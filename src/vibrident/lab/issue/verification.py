@@ -76,16 +76,16 @@ def verify(file: Path, trusted: Path | None = None) -> Signed:
         library("cryptography.hazmat.primitives.hashes").SHA256()
     )
     name = holder(signature.certificate)
-    known = (
+    is_trusted = (
         None if anchors is None else _is_trusted(signature.certificate, signature.chain, anchors)
     )
-    if known is False:
+    if is_trusted is False:
         raise _invalid(
             file,
             f"{name}, certificate SHA-256 {fingerprint.hex()}",
             expected=f"a signature by a certificate of {trusted}, or one that it issued",
         )
-    return Signed(name, fingerprint.hex(), signature.time, known)
+    return Signed(name, fingerprint.hex(), signature.time, is_trusted)
 
 
 def _verified_pdf(content: bytes, file: Path) -> _Signature:
@@ -147,15 +147,19 @@ def _verified_xml(content: bytes, file: Path) -> _Signature:
         ) from error
     results = results if isinstance(results, list) else [results]
     signatures[0].getparent().remove(signatures[0])
-    parts = [each.signed_xml for each in results if each.signed_xml is not None]
+    signed_nodes = [each.signed_xml for each in results if each.signed_xml is not None]
     if etree.tostring(root, method="c14n") not in [
-        etree.tostring(part, method="c14n") for part in parts
+        etree.tostring(signed_node, method="c14n") for signed_node in signed_nodes
     ]:
         raise _invalid(file, "a signature that does not cover the whole document")
-    times = [part.findtext(f".//{_XADES}SigningTime") for part in parts if part.tag != root.tag]
-    stated = next((text for text in times if text), None)
+    times = [
+        signed_node.findtext(f".//{_XADES}SigningTime")
+        for signed_node in signed_nodes
+        if signed_node.tag != root.tag
+    ]
+    signing_time = next((text for text in times if text), None)
     with _readable(file):
-        time = None if stated is None else datetime.datetime.fromisoformat(stated)
+        time = None if signing_time is None else datetime.datetime.fromisoformat(signing_time)
     return _Signature(chain[0], chain[1:], time)
 
 

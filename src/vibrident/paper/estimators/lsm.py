@@ -97,7 +97,7 @@ class LeastSquares(Estimator):
         deviation = np.tile(weight * problem.relative_deviation / np.abs(problem.response), 2)
         gain = inverse_normal(jacobian.T @ jacobian) @ jacobian.T
         covariance = (gain * deviation**2) @ gain.T
-        chosen = {"weighting": self.weighting}
+        settings = {"weighting": self.weighting}
         equations = problem.equations
         return Estimate(
             self.name,
@@ -106,7 +106,7 @@ class LeastSquares(Estimator):
             covariance,
             freedom,
             trace,
-            chosen,
+            settings,
             tones,
             begin=begin,
             equations=equations,

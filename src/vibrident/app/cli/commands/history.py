@@ -111,7 +111,7 @@ event."""
                 stored += f"; its date is now {day}, it was {entry.former_date}"
             say(f"{path}: calibration {entry.number}{stored}")
         new_ones = sum(entry.new for entry in added)
-        note(f"{new_ones} of {count(len(added), 'result')} new in {opened.shown}")
+        note(f"{new_ones} of {count(len(added), 'result')} new in {opened.printed}")
 
 
 @history.command("list")
@@ -315,7 +315,7 @@ def upgrade(store: str | None = _STORE) -> None:
             if before == after
             else f"was at schema {before}"
         )
-        say(f"{opened.shown} {what}; schema {after}")
+        say(f"{opened.printed} {what}; schema {after}")
 
 
 def _opened(url: str | None) -> Store:

@@ -66,7 +66,7 @@ Ctrl-C ends it.
     again for a day.
     """
     require("nicegui", "web", "The page needs NiceGUI, which is not installed.", "vibrident serve")
-    from vibrident.lab.history.location import chosen
+    from vibrident.lab.history.location import store_url
 
     if context.obj is None:
         raise InputError(
@@ -95,7 +95,7 @@ Ctrl-C ends it.
         output_console().print(f"vibrident is at {address}  (Ctrl-C ends it)")
 
     # others have no business in one's own
-    history_url = chosen(store) if store is not None or host in LOOPBACK else None
+    history_url = store_url(store) if store is not None or host in LOOPBACK else None
     team = {"auth": auth, "proxy": proxy, "user_header": user_header, "audit": audit}
     files = {
         "limit_mb": limit_mb,
