@@ -77,9 +77,9 @@ def examine() -> list[Check]:
 
 def _python() -> list[Check]:
     fits = MIN_PYTHON <= sys.version_info[:2] <= MAX_PYTHON
-    wanted = f"use Python {MIN_PYTHON[0]}.{MIN_PYTHON[1]} to {MAX_PYTHON[0]}.{MAX_PYTHON[1]}"
+    remedy = f"use Python {MIN_PYTHON[0]}.{MIN_PYTHON[1]} to {MAX_PYTHON[0]}.{MAX_PYTHON[1]}"
     version = f"{platform.python_version()}, {platform.machine()}"
-    return [_check("Python", version, usable=fits, remedy=wanted)]
+    return [_check("Python", version, usable=fits, remedy=remedy)]
 
 
 def _packages_and_extras() -> list[Check]:
@@ -202,7 +202,7 @@ def _store() -> list[Check]:
 
         with Store() as store:
             if store.revision() is None:
-                return [_judged_place(store.printed)]
+                return [_judge_folder(store.printed)]
             with store.reading():
                 return [Check("History", store.printed)]
     except InputError as error:
@@ -214,12 +214,12 @@ def _store() -> list[Check]:
         return [Check("History", problem, "cannot be used", remedy, vital=False)]
 
 
-def _judged_place(shown: str) -> Check:
+def _judge_folder(path: str) -> Check:
     """Judge the folder of a store that is not there yet."""
-    folder = next(parent for parent in Path(shown).absolute().parents if parent.exists())
+    folder = next(parent for parent in Path(path).absolute().parents if parent.exists())
     return _check(
         "History",
-        f"none yet; it would be {shown}",
+        f"none yet; it would be {path}",
         usable=folder.is_dir() and os.access(folder, os.W_OK),
         remedy="name a store in a folder that can be written",
         vital=False,

@@ -90,23 +90,23 @@ def _not_loading(packages: list[str]) -> dict[str, str]:
     """Return package → the error of its import, of those that do not load."""
     # The search reads the files of every installed package: once for all.
     owners = importlib.metadata.packages_distributions()
-    wanted = [(package, module) for package in packages for module in _modules(package, owners)]
+    pending = [(package, module) for package in packages for module in _modules(package, owners)]
     problems: dict[str, str] = {}
-    while wanted:
-        done, crash = _imported(wanted)
+    while pending:
+        done, crash = _imported(pending)
         for package, problem in done:
             if problem:
                 problems.setdefault(package, problem)
-        wanted = wanted[len(done) :]
-        if wanted and crash:  # it ended in the middle of the next one
-            problems.setdefault(wanted[0][0], crash)
-            wanted = wanted[1:]
+        pending = pending[len(done) :]
+        if pending and crash:  # it ended in the middle of the next one
+            problems.setdefault(pending[0][0], crash)
+            pending = pending[1:]
     return problems
 
 
-def _imported(wanted: list[tuple[str, str]]) -> tuple[list[tuple[str, str]], str]:
+def _imported(pairs: list[tuple[str, str]]) -> tuple[list[tuple[str, str]], str]:
     """Import modules in another process; return the finished ones, and why it stopped early."""
-    words = [sys.executable, "-c", _IMPORT, json.dumps(wanted)]
+    words = [sys.executable, "-c", _IMPORT, json.dumps(pairs)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
         done = subprocess.run(

@@ -28,11 +28,11 @@ def frequency(values: FloatArray, label: str = "Frequency in Hz") -> Axis:
 
     It writes ``1 k`` for 1000.
     """
-    known = usable(values, positive=True)
-    if known.size == 0:
+    finite = usable(values, positive=True)
+    if finite.size == 0:
         return Axis(label, 0.0, 1.0)
-    low = float(known.min())
-    high = float(known.max())
+    low = float(finite.min())
+    high = float(finite.max())
     if high / low < 1.001:
         low = low / math.sqrt(10)
         high = high * math.sqrt(10)
@@ -50,12 +50,12 @@ def size(
 
     ``low``, ``high``: ends of bars and bands, in view as far as a factor of two beyond the values.
     """
-    known = usable(values, positive=True)
-    if known.size == 0:
+    finite = usable(values, positive=True)
+    if finite.size == 0:
         return Axis(label, 0.0, 1.0)
-    smallest = float(known.min())
-    largest = float(known.max())
-    ends = [usable(end) if end is not None else known for end in (low, high)]
+    smallest = float(finite.min())
+    largest = float(finite.max())
+    ends = [usable(end) if end is not None else finite for end in (low, high)]
     bottom = max(min(float(ends[0].min(initial=smallest)), smallest), smallest / 2)
     top = min(max(float(ends[1].max(initial=largest)), largest), largest * 2)
     if largest / smallest > 3:
@@ -73,8 +73,8 @@ def about_zero(
     ``half``: half lengths of the bars, NaN for no bar; ``floor``: least half range, so that
     rounding noise does not look like a deviation.
     """
-    known = usable(values)
-    reach = float(np.abs(known).max(initial=0.0))
+    finite = usable(values)
+    reach = float(np.abs(finite).max(initial=0.0))
     longest = usable(
         np.abs(values) + (0.0 if half is None else np.where(np.isfinite(half), half, 0.0))
     )
@@ -86,11 +86,11 @@ def about_zero(
 
 def angle(label: str, values: FloatArray) -> Axis:
     """Return the axis of angles in degrees."""
-    known = usable(values)
-    if not known.size:
+    finite = usable(values)
+    if not finite.size:
         return _even(label, -1.0, 1.0)
-    low = float(known.min())
-    high = float(known.max())
+    low = float(finite.min())
+    high = float(finite.max())
     margin = 0.07 * max(high - low, 1.0)
     steps = _ANGLES if high - low > 40 else _STEPS
     return _even(label, low - margin, high + margin, steps=steps)
@@ -110,11 +110,11 @@ def linear(
     ``most``: ticks; ``whole_numbers``: ticks at whole numbers only; ``margin``: on both sides, of
     the range; ``base``: the axis begins at zero.
     """
-    known = usable(values)
-    if known.size == 0:
+    finite = usable(values)
+    if finite.size == 0:
         return Axis(label, 0.0, 1.0)
-    low = float(known.min())
-    high = float(known.max())
+    low = float(finite.min())
+    high = float(finite.max())
     room = margin * (high - low) or 0.05 * abs(high) or 1.0
     low = 0.0 if base else low - room
     high = high + room
@@ -184,17 +184,17 @@ def linear_ticks(
     power = 10.0 ** math.floor(math.log10(span))
     step = next((m * power for m in steps if m * power >= span), 10.0 * power)
     step = max(1.0, float(math.ceil(step))) if whole_numbers else step
-    places = np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1) * step
+    ticks = np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1) * step
     if thousands:
         return tuple(
-            (float(value), _plain(float(f"{value:.10g}"), thousands=True)) for value in places
+            (float(value), _plain(float(f"{value:.10g}"), thousands=True)) for value in ticks
         )
     digits = max(0, -math.floor(math.log10(step) + 1e-9) + (f"{step:.3e}"[2:4] not in ("00",)))
     texts = [
         f"{value:.{digits}f}" if digits < 7 and abs(value) < 1e6 else plain(value)
-        for value in places
+        for value in ticks
     ]
-    return tuple((float(value), printed(text)) for value, text in zip(places, texts, strict=True))
+    return tuple((float(value), printed(text)) for value, text in zip(ticks, texts, strict=True))
 
 
 def _plain(value: float, thousands: bool) -> str:

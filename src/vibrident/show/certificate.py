@@ -63,38 +63,38 @@ def certificate(result: Result, issue: Issue = NOTHING_MORE) -> Document:
     rejected = bool(result.settings.get(REJECTED))
     no_model = Sentence(say("text", "rejected" if rejected else "no_nominal"))
     nominal = parts.sensitivity(result, say) or no_model
-    stated = result.certificate
+    entries = result.certificate
 
-    def part(name: str, *blocks: Block | None) -> Section:
+    def section_of(name: str, *blocks: Block | None) -> Section:
         return section(
             name, say("section", name), *(parts.localised(block, say) for block in blocks)
         )
 
     sections = [
-        part("reference", parts.reference(result, say)),
-        part("measured", parts.measured(result, say), parts.from_reference(result, say)),
-        part("instruments", parts.instruments(result, say)),
-        part("traceability", Sentence(_text(stated, "traceability") or "")),
-        part("conformity", *certificate_decisions.conformity(result, say)),
-        part("limits", *_doubts(result, say)),
+        section_of("reference", parts.reference(result, say)),
+        section_of("measured", parts.measured(result, say), parts.from_reference(result, say)),
+        section_of("instruments", parts.instruments(result, say)),
+        section_of("traceability", Sentence(_text(entries, "traceability") or "")),
+        section_of("conformity", *certificate_decisions.conformity(result, say)),
+        section_of("limits", *_doubts(result, say)),
         replace(findings(result), title=say("section", "findings"))
         if say.codes == ("en",)
-        else part("findings"),
-        part("adjustment", certificate_decisions.adjustment(result, issue.before, say)),
-        part("sensitivity", nominal),
-        part("curve", parts.curve(result, say)),
-        part("parameters", None if rejected else parts.parameters(result, say)),
-        part("temperature", parts.temperature(result, say)),
-        part(
+        else section_of("findings"),
+        section_of("adjustment", certificate_decisions.adjustment(result, issue.before, say)),
+        section_of("sensitivity", nominal),
+        section_of("curve", parts.curve(result, say)),
+        section_of("parameters", None if rejected else parts.parameters(result, say)),
+        section_of("temperature", parts.temperature(result, say)),
+        section_of(
             "budget",
             *_unless_left_out(
                 result, "budget", budget(result, say), *parts.point_budgets(result, say)
             ),
         ),
-        part("data", *_unless_left_out(result, "data_files", parts.files(result, say))),
-        part("statements", *map(Sentence, statements(result, say))),
-        part("opinions", *map(Sentence, _listed(stated, "opinions"))),
-        part("remarks", *map(Sentence, remarks(result))),
+        section_of("data", *_unless_left_out(result, "data_files", parts.files(result, say))),
+        section_of("statements", *map(Sentence, statements(result, say))),
+        section_of("opinions", *map(Sentence, _listed(entries, "opinions"))),
+        section_of("remarks", *map(Sentence, remarks(result))),
     ]
     head = (
         *_draft(result, say),
@@ -125,14 +125,14 @@ def title(result: Result, say: Say = ENGLISH) -> str:
 
 def letterhead(result: Result, say: Say = ENGLISH, logo: bytes | None = None) -> Letterhead:
     """Return the issuer, the number, and what stands on each page of the certificate."""
-    stated = result.certificate
-    lines = (stated.get(key) for key in ("laboratory", "laboratory_address", "accreditation"))
+    data = result.certificate
+    lines = (data.get(key) for key in ("laboratory", "laboratory_address", "accreditation"))
     version = result.provenance.get("vibrident")
     time = result.provenance.get("time")
     made_by = f"vibrident{f' {version}' if version else ''}" + (f", {time}" if time else "")
     return Letterhead(
         lines=tuple(str(line) for line in lines if line),
-        number=_text(stated, "number"),
+        number=_text(data, "number"),
         subject=sensor_name(result.sensor, Say(say.codes[0])("label", "no")),
         foot=str(say.each(lambda words: words("text", "foot", program="{0}").format(made_by))),
         date=date_of(result),
@@ -151,25 +151,23 @@ def signatures(result: Result, say: Say = ENGLISH) -> tuple[Fact, ...]:
     )
 
 
-def _text(stated: Mapping[str, Any], key: str) -> str | None:
-    value = stated.get(key)
+def _text(certificate_data: Mapping[str, Any], key: str) -> str | None:
+    value = certificate_data.get(key)
     return None if value is None or value == "" else str(value)
 
 
 def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     """Return what was calibrated, for whom, under which conditions and how."""
-    stated = result.certificate
+    data = result.certificate
     sensor = result.sensor
     other_entries = {key: value for key, value in sensor.items() if key not in _SENSOR and value}
 
     def facts_of(*keys: str) -> list[Fact]:
         """Rows that appear only where they are stated."""
-        return [
-            (say("label", key), "\n".join(_listed(stated, key))) for key in keys if stated.get(key)
-        ]
+        return [(say("label", key), "\n".join(_listed(data, key))) for key in keys if data.get(key)]
 
     def always(*keys: str) -> list[Fact]:
-        return [(say("label", key), _text(stated, key)) for key in keys]
+        return [(say("label", key), _text(data, key)) for key in keys]
 
     device: list[Fact] = [(say("label", key), _text(sensor, key)) for key in _SENSOR]
     device += [
@@ -178,7 +176,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     ]
     device += facts_of("condition")
     customer = "\n".join(
-        str(stated[key]) for key in ("customer", "customer_address") if stated.get(key)
+        str(data[key]) for key in ("customer", "customer_address") if data.get(key)
     )
     order: list[Fact] = [(say("label", "customer"), customer or None)]
     order += facts_of("order_number", "date_of_receipt")
@@ -190,14 +188,14 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         ("air_pressure", "hpa", "hPa"),
     )
     for name, suffix, unit in ambient:
-        if name != "air_pressure" or stated.get("air_pressure_hpa") is not None:
+        if name != "air_pressure" or data.get("air_pressure_hpa") is not None:
             conditions.append(
-                (say("label", f"{name}_{suffix}"), _ambient(stated, name, suffix, unit, say))
+                (say("label", f"{name}_{suffix}"), _ambient(data, name, suffix, unit, say))
             )
     unit = pretty(reference_unit(result))
     quantity = say.each(
         lambda words: words(
-            "text", "in_unit", quantity=words.known(reference_quantity(result)), unit=unit
+            "text", "in_unit", quantity=words.translate(reference_quantity(result)), unit=unit
         )
     )
     method = [
@@ -208,7 +206,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
         (say("label", "evaluation"), say.each(lambda words: evaluation(result, words))),
     ]
     placed = {key for keys in GROUPS.values() for key in keys}
-    further = [(_words(key), _plain(value)) for key, value in stated.items() if key not in placed]
+    further = [(_words(key), _plain(value)) for key, value in data.items() if key not in placed]
     titled = {
         "object": device,
         "order": order,
@@ -221,13 +219,13 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
 
 def evaluation(result: Result, say: Say) -> str:
     """Return what the model and the estimator are called, without the program's names."""
-    model = " + ".join(_part_of_model(part, say) for part in result.model.split("+"))
+    model = " + ".join(_part_of_model(component, say) for component in result.model.split("+"))
     return say("text", "evaluation", model=model, estimator=say.word("estimator", result.estimator))
 
 
-def _part_of_model(part: str, say: Say) -> str:
+def _part_of_model(component: str, say: Say) -> str:
     """Return what a core or an add-on is called, with the number behind its name."""
-    name, _, number = part.partition(":")
+    name, _, number = component.partition(":")
     word = say.word("model", name)
     return f"{word} ({number})" if number else word
 
@@ -245,10 +243,10 @@ def _plain(value: Any) -> str:
     return tables.leaf(value)
 
 
-def _ambient(stated: Mapping[str, Any], name: str, suffix: str, unit: str, say: Say) -> str | None:
+def _ambient(data: Mapping[str, Any], name: str, suffix: str, unit: str, say: Say) -> str | None:
     """Return a condition with its expanded uncertainty, both as they were stated."""
-    value = stated.get(f"{name}_{suffix}")
-    expanded = stated.get(f"{name}_uncertainty_{suffix}")
+    value = data.get(f"{name}_{suffix}")
+    expanded = data.get(f"{name}_uncertainty_{suffix}")
     if value is None:
         return None
     bar = "" if expanded is None else f" (U = {expanded:.12g} {unit}, k = 2)"
@@ -293,24 +291,24 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         else "",
         say("text", "no_reproduction"),
     ]
-    return tuple(part for part in sentences if part)
+    return tuple(sentence for sentence in sentences if sentence)
 
 
 def _source(covered: str, say: Say) -> str:
     """Return a source and, in brackets, its kind; own words of a laboratory as they are."""
     source, bracket, kind = covered.rpartition(" (")
     if not bracket:
-        return say.known(covered)
-    return f"{say.known(source)} ({say.word('kind', kind.removesuffix(')'))})"
+        return say.translate(covered)
+    return f"{say.translate(source)} ({say.word('kind', kind.removesuffix(')'))})"
 
 
 def _uncertainty(result: Result, say: Say) -> str:
     """Return what U is and what it covers with which probability."""
-    known = coverage(result)
+    covered = coverage(result)
     k = parameter_factor(result)
-    lines = [say("text", "uncertainty"), known.text(say)]
+    lines = [say("text", "uncertainty"), covered.text(say)]
     if k != K:
-        freedom = plain(known.degrees_of_freedom, 3)
+        freedom = plain(covered.degrees_of_freedom, 3)
         lines.append(say("text", "student_parameters", factor=plain(k, 3), freedom=freedom))
     return " ".join(lines)
 
@@ -328,17 +326,17 @@ def _draft(result: Result, say: Say) -> tuple[Sentence, ...]:
 
 def _amendment(result: Result, say: Say) -> tuple[Block, ...]:
     """Return what the document replaces, and what changed; nothing for a first issue."""
-    stated = result.certificate
-    if not stated.get("replaces"):
+    data = result.certificate
+    if not data.get("replaces"):
         return ()
-    changes = "\n".join(_listed(stated, "changes")) or None
-    rows = ((say("label", "replaces"), str(stated["replaces"])), (say("label", "changes"), changes))
+    changes = "\n".join(_listed(data, "changes")) or None
+    rows = ((say("label", "replaces"), str(data["replaces"])), (say("label", "changes"), changes))
     return (Facts(rows, say("section", "amendment")), Sentence(say("text", "amended")))
 
 
 def _doubts(result: Result, say: Say) -> Iterator[Sentence]:
     for doubt in tables.doubts(result):
-        title = say.each(lambda words, doubt=doubt: _sentence(words.known(doubt.title)))
+        title = say.each(lambda words, doubt=doubt: _sentence(words.translate(doubt.title)))
         # what a warning says in detail is in English, and speaks to the laboratory
         yield Sentence(" ".join(doubt.messages) if say.codes == ("en",) else "", "doubt", title)
     if not (result.warnings or result.fit.adequate):
@@ -354,8 +352,8 @@ def remarks(result: Result) -> tuple[str, ...]:
     return tuple(_listed(result.certificate, "remarks"))
 
 
-def _listed(stated: Mapping[str, Any], key: str) -> list[str]:
-    entries = stated.get(key) or ()
+def _listed(certificate_data: Mapping[str, Any], key: str) -> list[str]:
+    entries = certificate_data.get(key) or ()
     return (
         [str(entries)]
         if isinstance(entries, str | int | float)

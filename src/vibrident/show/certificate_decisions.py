@@ -19,7 +19,7 @@ from vibrident.show.numbers import (
     parameter_scale,
     percent,
     plain,
-    stated,
+    rounded_parameter,
     uncertainty,
     unit_of_sensitivity,
     with_u,
@@ -85,12 +85,12 @@ def _judged(result: Result, row: JudgedRequirement, say: Say) -> tuple[str, ...]
         factor = 1.0
         unit = "%"
     elif row.quantity not in result.parameters:
-        name = say.known(parameter_name(row.quantity).words)
+        name = say.translate(parameter_name(row.quantity).words)
         factor = 1.0
         unit = NONE
     else:
         scale = parameter_scale(result, result.parameters[row.quantity])
-        name = say.known(parameter_name(row.quantity).words)
+        name = say.translate(parameter_name(row.quantity).words)
         factor = scale.factor
         unit = scale.printed or "1"
     low, high = (plain(end * factor) for end in (row.low, row.high))
@@ -128,7 +128,7 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     for name, after in result.parameters.items():
         received = before.parameters.get(name)
         if received is not None and not after.derived and received.unit == after.unit:
-            label = say.known(parameter_name(name).words)
+            label = say.translate(parameter_name(name).words)
             changes.append(
                 (label, of_parameter(before, name), of_parameter(result, name), after.unit)
             )
@@ -136,7 +136,7 @@ def adjustment(result: Result, before: Result | None, say: Say = ENGLISH) -> Tab
     for name, former, present, unit in changes:
         both = [Parameter(value.value, unit, value.u, (None, None)) for value in (former, present)]
         scale = parameter_scale(result, both[1])
-        texts = [stated(each, K, scale) for each in both]
+        texts = [rounded_parameter(each, K, scale) for each in both]
         numbers = [text for number in texts for text in (number.value, number.expanded)]
         rows.append((name, *numbers, pretty(texts[0].unit), *_change(former, present)))
     heads = (

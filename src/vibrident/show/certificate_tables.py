@@ -50,7 +50,7 @@ from vibrident.show.views import (
 )
 
 MAX_LISTED_FILES = 30  # data files listed; the result lists them all
-_BESIDE = 5  # columns of the magnitude, before those of the phase
+_BEFORE_PHASE = 5  # columns of the magnitude, before those of the phase
 MAX_LISTED_POINTS = 100  # measured points listed; more are thinned evenly
 
 
@@ -104,14 +104,14 @@ def instruments(result: Result, say: Say = ENGLISH) -> Table:
 
 def reference(result: Result, say: Say = ENGLISH) -> Facts:
     """Return the sensitivity at the reference frequency, and how that was chosen."""
-    chosen, why = reference_frequency(result)
+    reference_hz, why = reference_frequency(result)
     label = say("label", "reference_frequency_hz")
-    model = None if chosen is None else sensitivity_at(result, chosen)
-    measured_point = None if chosen is None else measured_at(result, chosen)
+    model = None if reference_hz is None else sensitivity_at(result, reference_hz)
+    measured_point = None if reference_hz is None else measured_at(result, reference_hz)
     point = measured_point or model
     if point is None:
         wanted_hz = result.certificate.get("reference_frequency_hz")
-        reason = say.known(why)
+        reason = say.translate(why)
         reason = Words(f"{reason[:1].upper()}{reason[1:]}.")
         if wanted_hz is not None and measured_band(result) is not None:
             reason = say("text", "outside", frequency=f"{wanted_hz:.6g}")
@@ -120,7 +120,7 @@ def reference(result: Result, say: Say = ENGLISH) -> Facts:
 
     def choice(words: Say) -> str:
         at_exact = "" if exact else words("text", "computed_at", frequency=exact_frequency(point))
-        return f"{words.number(point.nominal)} Hz{at_exact}; {words.known(why)}"
+        return f"{words.number(point.nominal)} Hz{at_exact}; {words.translate(why)}"
 
     rows: list[Fact] = [(label, say.each(choice))]
     for value, source in ((measured_point, "measured_value"), (model, "model_value")):
@@ -204,16 +204,17 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
     phases = bool(np.isfinite(points.phase_deg).any())
     step = max(1, -(-total // MAX_LISTED_POINTS))
     names = ("magnitude", "phase_deg", "magnitude_uncertainty", "phase_deg_uncertainty")
-    known = [column(points, name) for name in names]
+    value_columns = [column(points, name) for name in names]
     rows = []
     extra_columns = columns_of_points(result, say)
     for i in range(0, total, step):
         f = float(points.frequency_hz[i])
         point = SensitivityPoint(
-            nominal_frequency(f) or NONE, f, *(float(values[i]) for values in known)
+            nominal_frequency(f) or NONE, f, *(float(values[i]) for values in value_columns)
         )
         row = _row(point, scale.factor, phases)
-        rows.append((*row[:_BESIDE], *(extra.cell(i) for extra in extra_columns), *row[_BESIDE:]))
+        cells = (extra.cell(i) for extra in extra_columns)
+        rows.append((*row[:_BEFORE_PHASE], *cells, *row[_BEFORE_PHASE:]))
     notes = [
         say("text", "measured_note"),
         *([say("text", "thinned", step=step, total=total)] if step > 1 else []),
@@ -225,7 +226,8 @@ def measured(result: Result, say: Say = ENGLISH) -> Table | None:
         else []
     )
     heads = _heads(say, scale.unit, phases)
-    heads = (*heads[:_BESIDE], *(extra.head for extra in extra_columns), *heads[_BESIDE:])
+    extra_heads = (extra.head for extra in extra_columns)
+    heads = (*heads[:_BEFORE_PHASE], *extra_heads, *heads[_BEFORE_PHASE:])
     return Table(heads, tuple(rows), notes=tuple(notes))
 
 
@@ -269,9 +271,9 @@ def parameters(result: Result, say: Say = ENGLISH) -> Table:
     )
     rows = tuple(
         (
-            say.known(row[0]),
+            say.translate(row[0]),
             *row[1:-1],
-            say.each(lambda words, row=row: ", ".join(map(words.known, row[-1].split(", ")))),
+            say.each(lambda words, row=row: ", ".join(map(words.translate, row[-1].split(", ")))),
         )
         for row in selected.rows
     )
@@ -307,7 +309,7 @@ def temperature(result: Result, say: Say = ENGLISH) -> Table | None:
         value = f"{number} {scale.printed}".strip()
         rows.append(
             (
-                say.known(parameter_name(name).words),
+                say.translate(parameter_name(name).words),
                 value,
                 *coefficient,
                 plain(line["probability"], 2),
@@ -336,12 +338,19 @@ def files(result: Result, say: Say = ENGLISH) -> Table | None:
     entries = [
         entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)
     ]
-    known = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
+    listed_entries = [entry for entry in entries if entry.get("file") or entry.get("sha256")]
     rows = tuple(
-        (str(entry.get("file") or NONE), str(entry.get("sha256") or NONE)) for entry in known
+        (str(entry.get("file") or NONE), str(entry.get("sha256") or NONE))
+        for entry in listed_entries
     )
-    shown = listed(len(rows), MAX_LISTED_FILES)
-    more = (say("text", "more_files", count=len(rows) - shown),) if len(rows) > shown else ()
+    rows_listed = listed(len(rows), MAX_LISTED_FILES)
+    more = (
+        (say("text", "more_files", count=len(rows) - rows_listed),)
+        if len(rows) > rows_listed
+        else ()
+    )
     return (
-        Table(columns(say("head", "file"), "SHA-256"), rows[:shown], notes=more) if rows else None
+        Table(columns(say("head", "file"), "SHA-256"), rows[:rows_listed], notes=more)
+        if rows
+        else None
     )

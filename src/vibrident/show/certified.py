@@ -86,9 +86,9 @@ def stated_parameters(result: Result) -> Result:
         for name, each in result.parameters.items()
         if getattr(described(name), "kind", "") != "time"
     }
-    places = [i for i, name in enumerate(result.correlation.names) if name in parameters]
-    names = tuple(result.correlation.names[i] for i in places)
-    matrix = tuple(tuple(result.correlation.matrix[i][j] for j in places) for i in places)
+    indices = [i for i, name in enumerate(result.correlation.names) if name in parameters]
+    names = tuple(result.correlation.names[i] for i in indices)
+    matrix = tuple(tuple(result.correlation.matrix[i][j] for j in indices) for i in indices)
     return replace(result, parameters=parameters, correlation=Correlation(names, matrix))
 
 
@@ -110,10 +110,10 @@ def _measured_u(result: Result, quantity: str, frequency_hz: FloatArray) -> Floa
     points = result.measured
     u = column(points, f"{quantity}_uncertainty")
     u = np.deg2rad(u) if quantity == "phase_deg" else u / np.abs(points.magnitude)
-    known = np.flatnonzero(np.isfinite(u) & (points.frequency_hz > 0.0))
-    if not known.size or not len(frequency_hz):
+    usable = np.flatnonzero(np.isfinite(u) & (points.frequency_hz > 0.0))
+    if not usable.size or not len(frequency_hz):
         return np.zeros(len(frequency_hz))
-    order = known[np.argsort(points.frequency_hz[known], kind="stable")]
+    order = usable[np.argsort(points.frequency_hz[usable], kind="stable")]
     return np.interp(np.log(frequency_hz), np.log(points.frequency_hz[order]), u[order])
 
 

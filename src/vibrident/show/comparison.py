@@ -103,9 +103,9 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
             of_parameter(result, key) if p is not None and p.unit == unit else None
             for result, p in zip(results, having, strict=True)
         ]
-        known = [abs(value.value) for value in values if value is not None and value.value]
+        sizes = [abs(value.value) for value in values if value is not None and value.value]
         if sum(value is not None for value in values) > 1:
-            scale = _scale(results[0], unit, known)
+            scale = _scale(results[0], unit, sizes)
             relative = getattr(described(key), "kind", "") != "time"
             compared.append(
                 ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative)
@@ -113,10 +113,10 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     return compared
 
 
-def _scale(first: Result, unit: str, known: Sequence[float]) -> UnitScale:
+def _scale(first: Result, unit: str, sizes: Sequence[float]) -> UnitScale:
     if pretty(unit) == pretty(unit_of_sensitivity(first)):
         return sensitivity_scale(first)
-    return scaled(unit, known[0] if known else 0.0)
+    return scaled(unit, sizes[0] if sizes else 0.0)
 
 
 def sensitivity_kind(result: Result) -> tuple[str, str]:
@@ -144,17 +144,17 @@ def comparison_tables(
     titled_tables = []
     reasons = [not_comparable(results[0], result) for result in results]
     chunks = [(chunk, [names[i] for i in chunk]) for chunk in _chunks(len(results))]
-    parts = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
-    for (chunk, called), part in zip(chunks, parts, strict=True):
+    suffixes = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
+    for (chunk, called), suffix in zip(chunks, suffixes, strict=True):
         titled_tables.append(
-            (f"What is compared{part}", _subjects([results[i] for i in chunk], called))
+            (f"What is compared{suffix}", _subjects([results[i] for i in chunk], called))
         )
     rows = quantities(results)
-    for (chunk, called), part in zip(chunks if rows else [], parts, strict=False):
+    for (chunk, called), suffix in zip(chunks if rows else [], suffixes, strict=False):
         body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
         heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
         notes = tuple(filter(None, (EN, assumption(assumed(rows)))))
-        titled_tables.append((f"Parameters{part}", Table(heads, body, notes=notes)))
+        titled_tables.append((f"Parameters{suffix}", Table(heads, body, notes=notes)))
     for result, name, reason in list(zip(results, names, reasons, strict=True))[1:]:
         table = _at_nominal(results[0], result, (names[0], name), reason)
         if table is not None:

@@ -33,7 +33,7 @@ def comparison_figure(results: Sequence[Result], names: Sequence[str]) -> Figure
     if len(alike) < 2:
         return None
     scale = sensitivity_scale(first)
-    parts: list[list[Series]] = [[], [], [], []]
+    lines_by_panel: list[list[Series]] = [[], [], [], []]
     for i, (result, name) in enumerate(alike):
         curve = result.response
         look = replace(LINES[i % len(LINES)], marker="", width=1.6)
@@ -49,11 +49,13 @@ def comparison_figure(results: Sequence[Result], names: Sequence[str]) -> Figure
         turned = principal(phase - angles)
         label = name if name not in [earlier for _, earlier in alike[:i]] else f"{name} ({i + 1})"
         for lines, y in zip(
-            parts, (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned), strict=True
+            lines_by_panel,
+            (magnitude * scale.factor, phase, 100.0 * (ratio - 1.0), turned),
+            strict=True,
         ):
             lines.append(Series(x, y, label, look))
     x_axis = axes.frequency(np.concatenate([result.response.frequency_hz for result, _ in alike]))
-    values = [np.concatenate([line.y for line in lines]) for lines in parts]
+    values = [np.concatenate([line.y for line in lines]) for lines in lines_by_panel]
     y_axes = (
         replace(axes.size(f"|S|\nin {scale.unit}", values[0]), levels=True),
         axes.angle("Phase\nin °", values[1]),
@@ -69,7 +71,7 @@ def comparison_figure(results: Sequence[Result], names: Sequence[str]) -> Figure
     panels = tuple(
         Panel(x_axis, y, tuple(lines), height, title, rules=(0.0,) if title else ())
         for lines, y, height, title, value in zip(
-            parts, y_axes, (2.0, 1.3, 1.2, 1.2), titles, values, strict=True
+            lines_by_panel, y_axes, (2.0, 1.3, 1.2, 1.2), titles, values, strict=True
         )
         if np.isfinite(value).any()
     )

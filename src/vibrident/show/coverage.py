@@ -75,8 +75,10 @@ def interval_text(result: Result) -> Words:
 def unstated(result: Result) -> tuple[str, ...]:
     """Return which of ``gain`` and ``phase`` the result has without a stated uncertainty."""
     phases = bool(np.isfinite(result.measured.phase_deg).any())
-    parts = ("gain", *(["phase"] if phases else [])) if result.has_gain else ()
-    return tuple(part for part in parts if part not in (result.uncertainty.get("covers") or ()))
+    aspects = ("gain", *(["phase"] if phases else [])) if result.has_gain else ()
+    return tuple(
+        aspect for aspect in aspects if aspect not in (result.uncertainty.get("covers") or ())
+    )
 
 
 #: What a calibration file states of each part of the measuring chain.
@@ -118,7 +120,7 @@ def chain_unstated(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
 
 def scatter_only(result: Result) -> tuple[Sentence, ...]:
     """Return the same for who makes the calibration file, with what to state in it."""
-    remedy = "; ".join(_TO_STATE[part] for part in unstated(result))
+    remedy = "; ".join(_TO_STATE[aspect] for aspect in unstated(result))
     more = f"To include it, state in the calibration file: {remedy}."
     return tuple(
         replace(sentence, text=f"{sentence.text} {more}") for sentence in chain_unstated(result)

@@ -46,15 +46,15 @@ def inspection(calibration: Calibration) -> Figure:
         return _table(calibration, calibration.table)
     records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
     doubtful = [not record.mask.all() for record in records]
-    chosen = [records[i] for i in _choose_records(doubtful, MOST)]
+    drawn = [records[i] for i in _choose_records(doubtful, MOST)]
     faulty = sum(doubtful)
-    stacks = tuple(_record(record, calibration) for record in chosen)
+    stacks = tuple(_record(record, calibration) for record in drawn)
     left_out = f"× left out of every fit ({faulty} records affected)." if faulty else ""
-    shown = f"{len(chosen)} of {len(calibration.records)} records shown. " * (
-        len(chosen) < len(calibration.records)
+    share = f"{len(drawn)} of {len(calibration.records)} records shown. " * (
+        len(drawn) < len(calibration.records)
     )
     caption = (
-        f"{shown}Upper panel: reference ({calibration.quantity}); lower panel: response. Sines, "
+        f"{share}Upper panel: reference ({calibration.quantity}); lower panel: response. Sines, "
         f"shocks and decays: an excerpt. {left_out}"
     )
     head = subject(calibration.model, calibration.sensor)
@@ -84,11 +84,11 @@ def _table(calibration: Calibration, table: ResponseTable) -> Figure:
 def _choose_records(first: Sequence[bool], most: int) -> list[int]:
     """Return indices of at most ``most`` records, half of them those that ``first`` marks."""
     ahead, remaining = (
-        [i for i, chosen in enumerate(first) if chosen == kind] for kind in (True, False)
+        [i for i, picked in enumerate(first) if picked == kind] for kind in (True, False)
     )
-    chosen = [ahead[i] for i in spread(len(ahead), most // 2 if remaining else most)]
-    chosen += [remaining[i] for i in spread(len(remaining), most - len(chosen))]
-    return sorted(chosen)
+    picked = [ahead[i] for i in spread(len(ahead), most // 2 if remaining else most)]
+    picked += [remaining[i] for i in spread(len(remaining), most - len(picked))]
+    return sorted(picked)
 
 
 def _record(record: Record, calibration: Calibration) -> Stack:
@@ -104,13 +104,13 @@ def _record(record: Record, calibration: Calibration) -> Stack:
         if values is None:
             continue
         scale = scaled(unit, float(np.abs(values[span]).max()))
-        shown = values[span] * scale.factor
+        plotted = values[span] * scale.factor
         bad = ~record.mask[span]
-        series = [Series(*envelope(time, shown), look=Look(colour, width=1.0))]
+        series = [Series(*envelope(time, plotted), look=Look(colour, width=1.0))]
         if bad.any():
-            series.append(Series(time[bad], shown[bad], "", Look(BLACK, marker="x"), "points"))
+            series.append(Series(time[bad], plotted[bad], "", Look(BLACK, marker="x"), "points"))
         panels.append(
-            Panel(x, axes.linear(f"{word}\nin {scale.unit}", shown, most=4), tuple(series), 0.9)
+            Panel(x, axes.linear(f"{word}\nin {scale.unit}", plotted, most=4), tuple(series), 0.9)
         )
     kind = frequency_text(record.frequency_hz) if record.frequency_hz else record.excitation
     rate = scaled("Hz", record.sampling_rate_hz)
@@ -125,16 +125,16 @@ def light(calibration: Calibration) -> Figure:
     records = [
         (record, record.optical) for record in calibration.records if record.optical is not None
     ]
-    chosen = [
+    drawn = [
         records[i]
         for i in _choose_records(
             [bool(optical.findings) for _, optical in records], MAX_OPTICAL_RECORDS
         )
     ]
-    stacks = tuple(stack for record, optical in chosen for stack in _light(record.name, optical))
-    shown = f"{len(chosen)} of {len(records)} records shown. " if len(chosen) < len(records) else ""
+    stacks = tuple(stack for record, optical in drawn for stack in _light(record.name, optical))
+    share = f"{len(drawn)} of {len(records)} records shown. " if len(drawn) < len(records) else ""
     caption = (
-        f"{shown}Left: the two signals over each other and the ellipse. Right: the displacement."
+        f"{share}Left: the two signals over each other and the ellipse. Right: the displacement."
     )
     return Figure(
         "light",

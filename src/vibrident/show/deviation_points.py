@@ -82,9 +82,9 @@ def by_point(result: Result) -> dict[int, JudgedRequirement]:
         return {}
     measured_pair = value.magnitude, value.magnitude_uncertainty
     judging = "gain" not in unstated(result)
-    known = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
+    measured_indices = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
     rows = judge_points(result, value.frequency_hz, measured_pair, limited=judging)
-    return dict(zip(known, rows, strict=True))
+    return dict(zip(measured_indices, rows, strict=True))
 
 
 def _per_g(result: Result, say: Say) -> list[PointColumn]:
@@ -98,8 +98,8 @@ def _per_g(result: Result, say: Say) -> list[PointColumn]:
     u = column(result.measured, "magnitude_uncertainty") * STANDARD_GRAVITY
 
     def cell(i: int) -> str:
-        known = float(u[i]) if np.isfinite(u[i]) else None
-        return with_u(float(sizes[i]), known, scale.factor)[0]
+        u_here = float(u[i]) if np.isfinite(u[i]) else None
+        return with_u(float(sizes[i]), u_here, scale.factor)[0]
 
     return [PointColumn(Column(say("head", "magnitude"), "number", scale.unit), cell)]
 
@@ -137,9 +137,9 @@ def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
     points = by_point(result)
     if len(points) < 2:
         return None
-    places = sorted(points, key=lambda i: float(result.measured.frequency_hz[i]))
-    rows = [points[i] for i in places]
-    x = result.measured.frequency_hz[places]
+    order = sorted(points, key=lambda i: float(result.measured.frequency_hz[i]))
+    rows = [points[i] for i in order]
+    x = result.measured.frequency_hz[order]
     y = np.array([row.value for row in rows])
     half = np.array([math.nan if row.u is None else K * row.u for row in rows])
     crowd = len(rows) > CROWD or not np.isfinite(half).any()
@@ -149,11 +149,11 @@ def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
         limit = np.where(np.isfinite(end), end, np.nan)
         if np.isfinite(limit).any():
             series.append(Series(x, limit, "", Look(GREY, "dashed", 1.1)))
-    shown = [y, *(line.y for line in series[1:])]
+    values_shown = [y, *(line.y for line in series[1:])]
     if not crowd:
-        shown += [y - half, y + half]
+        values_shown += [y - half, y + half]
     label = f"Δ|S| / |S({plain(reference_hz(result), 5)} Hz)| / %"
-    y_axis = axes.linear(label, np.concatenate(shown))
+    y_axis = axes.linear(label, np.concatenate(values_shown))
     panel = Panel(axes.frequency(x, "f / Hz"), y_axis, tuple(series), 1.9, rules=(0.0,))
     caption = say("text", "caption_deviation")
     return Figure("from-reference", TITLE, (Stack((panel,)),), "", caption)

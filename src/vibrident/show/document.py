@@ -21,7 +21,7 @@ from vibrident.show.comparison_curves import comparison_figure
 from vibrident.show.coverage import parameter_factor, scatter_only
 from vibrident.show.findings import findings
 from vibrident.show.history import drift, drift_table, histories
-from vibrident.show.numbers import NONE, parameter_scale, plain, sensor_name, stated
+from vibrident.show.numbers import NONE, parameter_scale, plain, rounded_parameter, sensor_name
 from vibrident.show.residual_tests import residual_tests
 from vibrident.show.setting_tables import budget, light, point_budget, regimes, repeats
 from vibrident.show.views import (
@@ -43,7 +43,7 @@ from vibrident.show.views import (
 )
 
 # settings with a section of their own
-_SHOWN = ("interferometer", "temperature", "repeats", "regimes", RAISED)
+_SETTINGS_WITH_SECTION = ("interferometer", "temperature", "repeats", "regimes", RAISED)
 MAX_LISTED_FILES = 100  # data files listed in a report; the result lists them all
 
 
@@ -54,7 +54,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
     other_settings = {
         key: value
         for key, value in result.settings.items()
-        if "budget" not in key and key not in _SHOWN
+        if "budget" not in key and key not in _SETTINGS_WITH_SECTION
     }
     sections = [
         section("warnings", "Warnings", *(tables.doubts(result) or (Sentence("None."),))),
@@ -134,16 +134,16 @@ def verdict(result: Result) -> Sentence:
 def cards(result: Result) -> Cards:
     """Return the sensitivity at the reference frequency, and the estimated parameters."""
     pairs = []
-    (_, chosen), *values = (
+    (_, reference_text), *values = (
         certificate_tables.reference(result).rows if result.has_gain else (("", None),)
     )
-    if chosen:
-        frequency = chosen.split(";")[0]
+    if reference_text:
+        frequency = reference_text.split(";")[0]
         pairs += [(f"{label} at {frequency}", text or NONE) for label, text in values]
     k = parameter_factor(result)
     for name, parameter in result.parameters.items():
         if not parameter.derived:
-            number = stated(parameter, k, parameter_scale(result, parameter))
+            number = rounded_parameter(parameter, k, parameter_scale(result, parameter))
             value = f"{number.value} {number.unit}".strip()
             bar = (
                 "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
@@ -224,12 +224,12 @@ def _provenance(result: Result) -> tuple[Block, ...]:
     other_entries = {
         key: value for key, value in result.provenance.items() if key != "files" or not files
     }
-    shown = listed(len(files), MAX_LISTED_FILES)
-    more = (f"and {len(files) - shown} more, listed in result.json",) if len(files) > shown else ()
+    limit = listed(len(files), MAX_LISTED_FILES)
+    more = (f"and {len(files) - limit} more, listed in result.json",) if len(files) > limit else ()
     names_and_hashes = [
-        (str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:shown]
+        (str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:limit]
     ]
-    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:shown]]
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:limit]]
     alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
     rows = tuple(
         (*names, "" if alike else history)

@@ -38,8 +38,9 @@ def describe_findings(result: Result, word: Word = python_word) -> tuple[Block, 
 
     ``word``: the words of a surface for settings.
     """
-    known = table(result)
-    folded = () if known is None else (Folded(f"Findings ({len(result.findings)})", (known,)),)
+    findings_table = table(result)
+    title = f"Findings ({len(result.findings)})"
+    folded = () if findings_table is None else (Folded(title, (findings_table,)),)
     return (*doubts(result, word), *line(result), *folded)
 
 
@@ -52,8 +53,8 @@ def line(result: Result) -> tuple[Sentence, ...]:
     for finding in unnamed:
         kinds.setdefault(finding.code, []).append(finding)
     sentences = [_sentence_of_kind(result, alike) for alike in kinds.values()]
-    shown = listed(len(sentences), _MAX_KINDS_IN_LINE)
-    more = [f"And {count(len(sentences) - shown, 'more kind')}."] if len(sentences) > shown else []
+    limit = listed(len(sentences), _MAX_KINDS_IN_LINE)
+    more = [f"And {count(len(sentences) - limit, 'more kind')}."] if len(sentences) > limit else []
     small = all(
         name and size < 1.0 for size, name in (_impact(result, finding) for finding in unnamed)
     )
@@ -61,7 +62,7 @@ def line(result: Result) -> tuple[Sentence, ...]:
     why = f"that {verb} no parameter by its u" if small else "without a warning"
     return (
         Sentence(
-            " ".join([*sentences[:shown], *more]),
+            " ".join([*sentences[:limit], *more]),
             "note",
             f"{count(len(unnamed), 'finding')} {why}:",
         ),

@@ -154,7 +154,12 @@ def _by_point(measured: MeasuredCurve) -> Panel:
 
 
 def _stems(
-    x: Axis, places: FloatArray, percent: FloatArray, label: str, title: str, names: Sequence[str]
+    x: Axis,
+    positions: FloatArray,
+    percent: FloatArray,
+    label: str,
+    title: str,
+    names: Sequence[str],
 ) -> Panel:
     positive = axes.usable(percent, positive=True)
     wide = positive.size and positive.max() > 30 * positive.min()
@@ -163,10 +168,10 @@ def _stems(
         if wide
         else axes.linear(label, np.append(1.12 * positive, 0.0), base=True)
     )
-    kind = "stems" if len(places) <= 80 else "points"
-    shown = tuple(shortened(name, 40) for name in names)
-    look = Look(VERMILION, marker="o" if len(places) <= CROWD else ".")
-    series = (Series(places, percent, "", look, kind, names=shown),)
+    kind = "stems" if len(positions) <= 80 else "points"
+    short_names = tuple(shortened(name, 40) for name in names)
+    look = Look(VERMILION, marker="o" if len(positions) <= CROWD else ".")
+    series = (Series(positions, percent, "", look, kind, names=short_names),)
     return Panel(
         x, y, series, 2.0, title, empty="" if positive.size else "no residuals in the result"
     )
@@ -181,9 +186,9 @@ def _in_own_rmse(signal: Signal) -> FloatArray:
 def _deviations(measured: MeasuredCurve) -> tuple[FloatArray, str]:
     percent = column(measured, "deviation_percent")
     relative_u = bars_of_deviation(measured)[0] / K
-    known = np.isfinite(percent) & np.isfinite(relative_u) & (relative_u > 0)
-    if known.any():
-        return percent[known] / relative_u[known], "Magnitude deviation / its u\n(dimensionless)"
+    usable = np.isfinite(percent) & np.isfinite(relative_u) & (relative_u > 0)
+    if usable.any():
+        return percent[usable] / relative_u[usable], "Magnitude deviation / its u\n(dimensionless)"
     return axes.usable(percent), "Magnitude deviation\nin %"
 
 
@@ -270,13 +275,13 @@ def _loss(
     x: Axis, loss: FloatArray, changes: Sequence[int], marks: tuple[tuple[float, str], ...]
 ) -> Panel:
     label = "Loss (mean squared\nweighted residual)"
-    known = axes.usable(loss)
-    y = axes.size(label, loss) if known.size and known.min() > 0 else axes.linear(label, loss)
-    parts = np.split(np.arange(loss.size, dtype=float), changes)
+    finite = axes.usable(loss)
+    y = axes.size(label, loss) if finite.size and finite.min() > 0 else axes.linear(label, loss)
+    pieces = np.split(np.arange(loss.size, dtype=float), changes)
     look = Look(BLACK, marker=_marker("D", loss.size))
-    series = [Series(part, loss[part.astype(int)], "", look) for part in parts]
+    series = [Series(piece, loss[piece.astype(int)], "", look) for piece in pieces]
     return Panel(
-        x, y, tuple(series), 1.5, marks=marks, empty="" if known.size else "no loss recorded"
+        x, y, tuple(series), 1.5, marks=marks, empty="" if finite.size else "no loss recorded"
     )
 
 
@@ -284,18 +289,18 @@ def _parameters(x: Axis, run: Training, marks: tuple[tuple[float, str], ...]) ->
     series = []
     for i, (name, trace) in enumerate(run.parameters.items()):
         values = np.array(trace, dtype=float)
-        known = axes.usable(values)
-        if known.size == 0:
+        finite = axes.usable(values)
+        if finite.size == 0:
             continue
         look = LINES[i % len(LINES)]
         label = in_words(name)
-        if known[-1] == 0:  # no reference value: show the change, added to 1
+        if finite[-1] == 0:  # no reference value: show the change, added to 1
             values = 1 + values / (largest(values) or 1.0)
             label = f"1 + {label} / its largest"
         else:
-            values = values / known[-1]
-        shown = Look(look.colour, look.dash, look.width, _marker(look.marker, values.size))
-        series.append(Series(np.arange(values.size, dtype=float), values, label, shown))
+            values = values / finite[-1]
+        marked = Look(look.colour, look.dash, look.width, _marker(look.marker, values.size))
+        series.append(Series(np.arange(values.size, dtype=float), values, label, marked))
     label = "Parameter / final value\n(dimensionless)"
     pooled = axes.usable(np.concatenate([np.zeros(0), *(line.y for line in series)]))
     wide = pooled.size and pooled.min() > 0 and pooled.max() / pooled.min() > 30

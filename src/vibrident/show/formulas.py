@@ -27,8 +27,8 @@ class Mixed(str):
 
 def symbol(name: str) -> Words:
     """Symbol of a parameter: ``f_n``; empty if it has no symbol."""
-    known = parameter_name(name).symbol
-    return Words(f"{known[0]}_{known[1:]}" if len(known) > 1 else known)
+    letters = parameter_name(name).symbol
+    return Words(f"{letters[0]}_{letters[1:]}" if len(letters) > 1 else letters)
 
 
 _BELOW = str.maketrans("0123456789n", "₀₁₂₃₄₅₆₇₈₉ₙ")
@@ -39,11 +39,11 @@ def formulas() -> Mapping[str, tuple[str, str, str]]:
     """Return formula → its base, its index or exponent, and ``sub`` or ``sup``."""
     symbols: list[str] = sorted({symbol(name) for name in parameter_names()}, key=len, reverse=True)
     symbols = [text for text in symbols if "_" in text]
-    parts = {"e^{jωt}": ("e", "jωt", "sup")}
+    pieces = {"e^{jωt}": ("e", "jωt", "sup")}
     for text in ("ν_eff", "E_n", "U_first", *symbols):
         base, _, small = text.partition("_")
-        parts[text] = (base, small, "sub")
-    return parts
+        pieces[text] = (base, small, "sub")
+    return pieces
 
 
 def typeset(text: str, escape: Callable[[str], str], mark: Callable[[str, str, str], str]) -> str:
@@ -54,7 +54,7 @@ def typeset(text: str, escape: Callable[[str], str], mark: Callable[[str, str, s
     escaped = escape(text)
     if not isinstance(text, Words):
         return escaped
-    formula_parts = {escape(text): parts for text, parts in formulas().items()}
+    formula_parts = {escape(text): pieces for text, pieces in formulas().items()}
     pattern = "|".join(re.escape(text) for text in formula_parts)
     return re.sub(
         rf"(?<![A-Za-z0-9_])(?:{pattern})(?![A-Za-z0-9_])",

@@ -67,35 +67,37 @@ def histories(results: Sequence[Result], names: Sequence[str]) -> tuple[SensorHi
         date = date_of(result)
         if kind[0] and date is not None:
             groups.setdefault(kind, []).append((date, name, result))
-    known = []
+    found_histories = []
     for entries in groups.values():
         entries.sort(key=lambda entry: entry[0])
         dates = tuple(entry[0] for entry in entries)
         if len(set(dates)) > 1:
-            known.append(_history(entries, dates))
-    return tuple(known)
+            found_histories.append(_history(entries, dates))
+    return tuple(found_histories)
 
 
 def _history(
     entries: Sequence[tuple[datetime.date, str, Result]], dates: tuple[datetime.date, ...]
 ) -> SensorHistory:
     results = tuple(result for _, _, result in entries)
-    shown = tuple(
+    quantities_shown = tuple(
         q for q in quantities(results) if q.label not in _DERIVED and q.values[0] is not None
     )
     labels = tuple(
         f"{day}{f' ({name})' if dates.count(day) > 1 else ''}" for day, name, _ in entries
     )
     evaluated = any(not result.certificate.get("date_of_calibration") for result in results)
-    return SensorHistory(sensor_name(results[0].sensor), dates, labels, results, shown, evaluated)
+    return SensorHistory(
+        sensor_name(results[0].sensor), dates, labels, results, quantities_shown, evaluated
+    )
 
 
 def date_of(result: Result) -> datetime.date | None:
     """Return the stated date of calibration, else that of the evaluation; None if unreadable."""
-    stated = result.certificate.get("date_of_calibration")
+    stated_date = result.certificate.get("date_of_calibration")
     try:
         return datetime.date.fromisoformat(
-            str(result.provenance.get("time") if stated is None else stated)[:10]
+            str(result.provenance.get("time") if stated_date is None else stated_date)[:10]
         )
     except ValueError:
         return None
@@ -128,8 +130,8 @@ def drift(history: SensorHistory, name: str) -> Figure:
 
 def changes(quantity: ComparedQuantity) -> tuple[FloatArray, FloatArray, str]:
     """Return changes from the first value, U of each value, and their unit: % if possible."""
-    known = [(None, None) if v is None else (v.value, v.expanded) for v in quantity.values]
-    value, expanded = np.array(known, dtype=float).T
+    pairs = [(None, None) if v is None else (v.value, v.expanded) for v in quantity.values]
+    value, expanded = np.array(pairs, dtype=float).T
     if quantity.relative and value[0]:
         return 100.0 * (value / value[0] - 1.0), 100.0 * expanded / abs(value[0]), "%"
     return (

@@ -74,10 +74,10 @@ class FormField:
 def form(language: str = "en") -> tuple[FormField, ...]:
     """Return the entries of a certificate in the order of the form."""
     say = Say(language)
-    places = [(key, group) for group, keys in GROUPS.items() for key in keys]
+    grouped_keys = [(key, group) for group, keys in GROUPS.items() for key in keys]
     return tuple(
         FormField(key, say("label", key), say("group", group), key in REQUIRED)
-        for key, group in places
+        for key, group in grouped_keys
     )
 
 
@@ -91,8 +91,8 @@ def missing(result: Result) -> tuple[str, ...]:
 
 def lacking(certificate: Mapping[str, Any], sensor: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the entries that [certificate] and [sensor] must state and do not."""
-    wanted = [*REQUIRED, *(["changes"] if certificate.get("replaces") else [])]
-    missing = [key for key in wanted if certificate.get(key) in (None, "", [])]
+    required = [*REQUIRED, *(["changes"] if certificate.get("replaces") else [])]
+    missing = [key for key in required if certificate.get(key) in (None, "", [])]
     return (*missing, *(["serial_number"] if not sensor.get("serial_number") else []))
 
 
@@ -108,9 +108,9 @@ def check_numbers(results: Sequence[Result], names: Sequence[str]) -> None:
     """
     first: dict[tuple[str, str], str] = {}
     for result, name in zip(results, names, strict=True):
-        stated = result.certificate
-        number = str(stated.get("number") or "")
-        first_name = first.setdefault((str(stated.get("laboratory") or ""), number), name)
+        entries = result.certificate
+        number = str(entries.get("number") or "")
+        first_name = first.setdefault((str(entries.get("laboratory") or ""), number), name)
         if number and first_name != name:
             raise InputError(
                 "Two certificates would have the same number.",
@@ -156,7 +156,7 @@ def issued(source: GivenResult, certificate: GivenCertificate) -> tuple[Result, 
     data = _statements(certificate)
     logo = None if data.logo is None else data.logo.read_bytes()
     before = None if data.before is None else Result.load(data.before)
-    return stated(result, data), Issue(
+    return with_statements(result, data), Issue(
         before, logo, data.template, () if data.fonts is None else (data.fonts,)
     )
 
@@ -184,8 +184,8 @@ def check_certificate(result: GivenResult, certificate: GivenCertificate = ()) -
         >>> vibrident.check_certificate(result, entries)[:2]
         ('laboratory_address', 'place')
     """
-    known, _ = issued(result, certificate)
-    return missing(known)
+    certified, _ = issued(result, certificate)
+    return missing(certified)
 
 
 def _statements(certificate: GivenCertificate) -> CertificateData:
@@ -198,7 +198,7 @@ def _statements(certificate: GivenCertificate) -> CertificateData:
     )
 
 
-def stated(result: Result, data: CertificateData) -> Result:
+def with_statements(result: Result, data: CertificateData) -> Result:
     """Return the result with further statements for certificate and sensor; None removes one."""
     return replace(
         result,

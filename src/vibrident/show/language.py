@@ -73,7 +73,7 @@ class Say:
         """Return the translation of a name of the program; the name itself where it is new."""
         return self.each(lambda words: _texts(words.codes[0])[section].get(key, key))
 
-    def known(self, text: str) -> Words:
+    def translate(self, text: str) -> Words:
         """Return our own English words in the languages, as far as these have them."""
         return self.each(lambda words: _texts(words.codes[0])["known"].get(text, text))
 

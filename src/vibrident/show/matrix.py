@@ -52,11 +52,11 @@ def element_table(matrix: Matrix) -> Table:
             for j in range(len(matrix.axes)):
                 value = matrix.values[n, i, j]
                 u = matrix.u[n, i, j]
-                parts = [
+                cell_texts = [
                     with_u(part, uncertainty, scale.factor)
                     for part, uncertainty in zip((value.real, value.imag), u, strict=True)
                 ]
-                cells += [NONE if np.isnan(value) else " ± ".join(part) for part in parts]
+                cells += [NONE if np.isnan(value) else " ± ".join(part) for part in cell_texts]
             rows.append((f"{f:.5g}" if i == 0 else "", output, *cells))
     heads = [Words(f"{part} {axis}") for axis in matrix.axes for part in ("Re", "Im")]
     titled = (Column(head, "number", scale.unit) for head in heads)

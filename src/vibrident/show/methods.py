@@ -16,9 +16,9 @@ from vibrident.show.numbers import (
     fit_unit,
     percent,
     plain,
+    rounded_parameter,
     sensitivity_scale,
     signed,
-    stated,
     uncertainty,
     with_u,
 )
@@ -317,16 +317,16 @@ def mounted(result: Result, prediction: MountedSensor) -> Table:
 
 def planned(plan: Plan) -> Table:
     """Predicted u of each parameter in a planned calibration, rounded by GUM 7.2.6."""
-    chosen = plan.criterion is not None
+    is_chosen = plan.criterion is not None
     rows = []
     for name, parameter in plan.parameters.items():
-        number = stated(parameter)
+        number = rounded_parameter(parameter)
         scale = scaled(parameter.unit, abs(parameter.value))
         u = parameter.standard_uncertainty
         share = NONE
         if u is not None and parameter.value:
             share = f"{uncertainty(100 * abs(u / parameter.value))} %"
-        alternatives = (plan.spread, plan.all_points) if chosen else ()
+        alternatives = (plan.spread, plan.all_points) if is_chosen else ()
         more = (
             uncertainty(alternative[name] * scale.factor) if name in alternative else NONE
             for alternative in alternatives
@@ -335,7 +335,7 @@ def planned(plan: Plan) -> Table:
             (parameter_name(name).words, number.value, number.standard, number.unit, share, *more)
         )
     heads = (*columns("value", "u", kind="number"), Column("unit"), Column("u / value", "number"))
-    heads += columns("u, evenly spread", "u, all", kind="number") if chosen else ()
+    heads += columns("u, evenly spread", "u, all", kind="number") if is_chosen else ()
     return Table(
         (Column("parameter"), *heads),
         tuple(rows),

@@ -16,32 +16,40 @@ from vibrident.show.coverage import scatter_only
 from vibrident.show.figures import PICTURES
 from vibrident.show.findings import describe_findings
 from vibrident.show.media import html
-from vibrident.show.numbers import magnitude_scale, sensitivity_unit, stated
+from vibrident.show.numbers import magnitude_scale, rounded_parameter, sensitivity_unit
 from vibrident.show.response_figures import response_panels
 from vibrident.show.views import Block, Column, Figure, K, Sentence, Stack, Table, columns
 
 POINTS = 200  # of a sensor's curve
 
 
-def result(shown: Result) -> str:
+def result(identification: Result) -> str:
     """Return parameters, verdict, warnings, findings and sensitivity for a notebook."""
-    curve = PICTURES["sensitivity"](shown)
-    sentences = (terminal.fit_line(shown), *scatter_only(shown), *describe_findings(shown))
-    blocks: list[Block] = [terminal.parameter_table(shown), *sentences]
+    curve = PICTURES["sensitivity"](identification)
+    sentences = (
+        terminal.fit_line(identification),
+        *scatter_only(identification),
+        *describe_findings(identification),
+    )
+    blocks: list[Block] = [terminal.parameter_table(identification), *sentences]
     return html.fragment(*blocks, *([] if curve is None else [curve]))
 
 
-def sensor(shown: IdentifiedSensor) -> str:
+def sensor(identified: IdentifiedSensor) -> str:
     """Return the values of a sensor with their uncertainties, and its curve."""
     fields = fields_of_units(
-        shown.response_unit, shown.input_unit, drive=not is_motion(shown.quantity)
+        identified.response_unit, identified.input_unit, drive=not is_motion(identified.quantity)
     )
     rows = []
-    for spec, u in zip(shown.model.parameters, np.sqrt(np.diag(shown.covariance)), strict=True):
-        known = Parameter(
-            shown.values[spec.name], spec.unit.format(**fields), float(u), (None, None)
+    for spec, u in zip(
+        identified.model.parameters, np.sqrt(np.diag(identified.covariance)), strict=True
+    ):
+        estimate = Parameter(
+            identified.values[spec.name], spec.unit.format(**fields), float(u), (None, None)
         )
-        number = stated(known if np.isfinite(u) else replace(known, standard_uncertainty=None), K)
+        number = rounded_parameter(
+            estimate if np.isfinite(u) else replace(estimate, standard_uncertainty=None), K
+        )
         rows.append(
             (
                 parameter_name(spec.name).words,
@@ -57,24 +65,24 @@ def sensor(shown: IdentifiedSensor) -> str:
         Column("unit"),
     )
     blocks: list[Block] = [
-        Sentence(f"Identified sensor, model {shown.model.name}."),
+        Sentence(f"Identified sensor, model {identified.model.name}."),
         Table(heads, tuple(rows)),
     ]
-    if shown.band_hz is not None and shown.band_hz[0] < shown.band_hz[1]:
-        quantity = shown.model.stated_quantity(shown.quantity)
-        per = REFERENCE_UNITS[quantity] if is_motion(quantity) else shown.input_unit
-        unit = sensitivity_unit(shown.response_unit, per)
-        curve = _curve(shown, shown.band_hz, quantity)
+    if identified.band_hz is not None and identified.band_hz[0] < identified.band_hz[1]:
+        quantity = identified.model.stated_quantity(identified.quantity)
+        per = REFERENCE_UNITS[quantity] if is_motion(quantity) else identified.input_unit
+        unit = sensitivity_unit(identified.response_unit, per)
+        curve = _curve(identified, identified.band_hz, quantity)
         scale = magnitude_scale(unit, curve.magnitude)
         panels = response_panels(curve, MeasuredCurve.none(), scale, quantity, "")
         blocks.append(Figure("sensor", "Sensitivity", (Stack(panels),)))
     return html.fragment(*blocks)
 
 
-def _curve(shown: IdentifiedSensor, band_hz: tuple[float, float], quantity: Quantity) -> Curve:
+def _curve(identified: IdentifiedSensor, band_hz: tuple[float, float], quantity: Quantity) -> Curve:
     frequency = np.geomspace(*band_hz, POINTS)
-    response = shown.frequency_response(frequency, quantity)
-    relative, angle = shown.uncertainty(frequency, quantity)
+    response = identified.frequency_response(frequency, quantity)
+    relative, angle = identified.uncertainty(frequency, quantity)
     size = np.abs(response)
     return Curve(
         frequency,

@@ -36,7 +36,7 @@ class StatedParameter:
     unit: str  # with the SI prefix that reads well; empty for the unit one
 
 
-def place(uncertainty: float) -> int:
+def last_digit(uncertainty: float) -> int:
     """Return the power of ten of the second digit of an uncertainty: −3 for 0.0123 and 0.00996.
 
     ``uncertainty``: positive and finite.
@@ -63,12 +63,12 @@ def plain(value: float | None, digits: int = PLAIN_DIGITS) -> str:
     return printed(amounts.plain(value, digits))
 
 
-def signed(value: float | None, places: int) -> str:
+def signed(value: float | None, decimals: int) -> str:
     """Return a number with its sign and so many places; – for None and not finite."""
-    return printed(f"{value:+.{places}f}") if _known(value) else NONE
+    return printed(f"{value:+.{decimals}f}") if _is_finite(value) else NONE
 
 
-def _known(value: float | None) -> TypeGuard[float]:
+def _is_finite(value: float | None) -> TypeGuard[float]:
     return value is not None and math.isfinite(value)
 
 
@@ -98,14 +98,14 @@ def _aligned(
 
     Each of ``own_uncertainties`` has two digits.
     """
-    if not _known(uncertainty) or uncertainty <= 0:
+    if not _is_finite(uncertainty) or uncertainty <= 0:
         texts = [amounts.plain(value)]
         return texts + [
-            NONE if not _known(u) else "0" if u == 0 else amounts.plain(u, 2)
+            NONE if not _is_finite(u) else "0" if u == 0 else amounts.plain(u, 2)
             for u in own_uncertainties
         ]
-    last = place(uncertainty)
-    size = Decimal(repr(float(value))) if _known(value) else Decimal(0)
+    last = last_digit(uncertainty)
+    size = Decimal(repr(float(value))) if _is_finite(value) else Decimal(0)
     first = max(size.adjusted() if size else -400, last + 1)
     if first - last >= _MAX_DIGITS:  # finer than a float resolves: round the uncertainty alone
         return [
@@ -113,10 +113,12 @@ def _aligned(
             *(amounts.plain(u, 2) for u in own_uncertainties),
         ]
     power = first if last > 3 or first < -4 else 0
-    texts = [_fixed(size, last, power) if _known(value) else NONE]
+    texts = [_fixed(size, last, power) if _is_finite(value) else NONE]
     for u in own_uncertainties:
         texts.append(
-            _fixed(Decimal(repr(float(u))), place(u), power) if _known(u) and u > 0 else NONE
+            _fixed(Decimal(repr(float(u))), last_digit(u), power)
+            if _is_finite(u) and u > 0
+            else NONE
         )
     return texts
 
@@ -139,7 +141,7 @@ def concise(value: float | None, uncertainty: float | None) -> str:
     The value alone where there is no u.
     """
     text, u = rounded(value, uncertainty)
-    if not _known(uncertainty) or uncertainty == 0 or text == NONE:
+    if not _is_finite(uncertainty) or uncertainty == 0 or text == NONE:
         return printed(text)
     head, _, power = text.partition("e")
     u_head, _, u_power = u.partition("e")
@@ -151,11 +153,13 @@ def concise(value: float | None, uncertainty: float | None) -> str:
 
 def natural_scale(parameter: Parameter) -> UnitScale:
     """Return the unit in which a parameter reads well, and the factor to it."""
-    sizes = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if _known(x)]
+    sizes = [abs(x) for x in (parameter.value, parameter.standard_uncertainty) if _is_finite(x)]
     return scaled(parameter.unit, max(sizes, default=0.0))
 
 
-def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -> StatedParameter:
+def rounded_parameter(
+    parameter: Parameter, k: float = K, scale: UnitScale | None = None
+) -> StatedParameter:
     """All numbers of a parameter in one unit, rounded by GUM 7.2.6; U = k u.
 
     ``scale``: unit and factor to it; None for a natural prefix.
@@ -170,13 +174,13 @@ def stated(parameter: Parameter, k: float = K, scale: UnitScale | None = None) -
         value=texts[0],
         standard=texts[1],
         expanded=texts[2],
-        interval=_interval(low, high, u, stated_open=_known(u) or not parameter.identifiable),
+        interval=_interval(low, high, u, stated_open=_is_finite(u) or not parameter.identifiable),
         unit=scale.printed,
     )
 
 
 def _interval(low: float | None, high: float | None, u: float | None, *, stated_open: bool) -> str:
-    if not _known(u) or u == 0:  # the place of the limits then comes from their distance
+    if not _is_finite(u) or u == 0:  # the place of the limits then comes from their distance
         u = (high - low) / 4 if low is not None and high is not None and high > low else None
     ends = [None if limit is None else pair(limit, u)[0] for limit in (low, high)]
     if ends[0] is not None and ends[1] is not None:
@@ -190,16 +194,16 @@ def _interval(low: float | None, high: float | None, u: float | None, *, stated_
 
 def percent(value: float | None, expanded: float | None = None) -> str:
     """Return a signed percentage, ``+0.12 %``: to the place of its U, else two digits."""
-    if not _known(value):
+    if not _is_finite(value):
         return NONE
-    if _known(expanded) and expanded > 0:
+    if _is_finite(expanded) and expanded > 0:
         return f"{with_sign(rounded(value, expanded)[0])} %"
     if abs(value) <= _DUST_PERCENT:
         return "0 %"
     if abs(value) < 5e-6:
         return f"{printed(f'{value:+.1e}'.replace('e-0', 'e-'))} %"
-    places = min(6, max(0, 1 - math.floor(math.log10(abs(value)))))
-    return f"{printed(f'{value:+.{places}f}')} %"
+    decimals = min(6, max(0, 1 - math.floor(math.log10(abs(value)))))
+    return f"{printed(f'{value:+.{decimals}f}')} %"
 
 
 def with_sign(number: str) -> str:
@@ -209,7 +213,7 @@ def with_sign(number: str) -> str:
 
 def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, str]:
     """Value to the place of its U (k = 2), and U; both times ``factor``."""
-    if not _known(value):
+    if not _is_finite(value):
         return NONE, NONE
     return pair(value * factor, None if u is None else K * u * factor)
 
@@ -251,10 +255,10 @@ def fit_unit(result: Result) -> str:
 
 def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
     """Manufacturer, type and serial number of a sensor in one line; empty if nothing is stated."""
-    parts = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
+    words = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
     if sensor.get("serial_number"):
-        parts.append(f"{number} {sensor['serial_number']}")
-    return " ".join(parts)
+        words.append(f"{number} {sensor['serial_number']}")
+    return " ".join(words)
 
 
 def nominal_frequency(frequency_hz: float) -> str | None:
@@ -279,7 +283,7 @@ def sensitivity_scale(result: Result) -> UnitScale:
     """
     unit = unit_of_sensitivity(result)
     gain = next((p for p in result.parameters.values() if pretty(p.unit) == pretty(unit)), None)
-    if gain is not None and _known(gain.value) and gain.value:
+    if gain is not None and _is_finite(gain.value) and gain.value:
         return natural_scale(gain)
     curve = result.response if result.response.magnitude.size else result.measured
     return magnitude_scale(unit, curve.magnitude)
@@ -306,5 +310,5 @@ def shortened(text: str, width: int) -> str:
 def subject(model: str, sensor: Mapping[str, object]) -> str:
     """Model and sensor in a line, for the head of a picture."""
     return " · ".join(
-        part for part in (f"model {model}" if model else "", sensor_name(sensor)) if part
+        text for text in (f"model {model}" if model else "", sensor_name(sensor)) if text
     )

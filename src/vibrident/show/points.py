@@ -15,7 +15,7 @@ from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result import Curve, MeasuredCurve, Result
 from vibrident.show.curves import column, nearest_turn
 
-_OWN = 1e-9  # relative distance within which a frequency is the curve's own point
+_SAME_POINT = 1e-9  # relative distance within which a frequency is the curve's own point
 
 
 @dataclass(frozen=True)
@@ -64,22 +64,22 @@ def reference_frequency(result: Result) -> tuple[Nominal | None, str]:
     band = measured_band(result)
     if band is None:
         return None, "the result holds no measured points"
-    stated = result.certificate.get("reference_frequency_hz")
-    return choose_reference(*band, result.measured.frequency_hz, stated)
+    stated_hz = result.certificate.get("reference_frequency_hz")
+    return choose_reference(*band, result.measured.frequency_hz, stated_hz)
 
 
 def reference_point(result: Result) -> tuple[SensitivityPoint | None, str]:
     """Return the model's sensitivity at the reference frequency, and how that was chosen."""
-    chosen, why = reference_frequency(result)
-    return (None if chosen is None else sensitivity_at(result, chosen)), why
+    nominal, why = reference_frequency(result)
+    return (None if nominal is None else sensitivity_at(result, nominal)), why
 
 
 def reference_value(result: Result) -> SensitivityPoint | None:
     """Return what is stated at the reference frequency: the measured value, else the model's."""
-    chosen, _ = reference_frequency(result)
-    if chosen is None:
+    nominal, _ = reference_frequency(result)
+    if nominal is None:
         return None
-    return measured_at(result, chosen) or sensitivity_at(result, chosen)
+    return measured_at(result, nominal) or sensitivity_at(result, nominal)
 
 
 def measured_at(result: Result, where: Nominal) -> SensitivityPoint | None:
@@ -89,21 +89,26 @@ def measured_at(result: Result, where: Nominal) -> SensitivityPoint | None:
     stays as it is.
     """
     points = result.measured
-    there = np.abs(points.frequency_hz / where.frequency_hz - 1.0) <= SAME
-    if not there.any():
+    at_frequency = np.abs(points.frequency_hz / where.frequency_hz - 1.0) <= SAME
+    if not at_frequency.any():
         return None
-    magnitude, u = _averaged(points, "magnitude", there)
-    phase, u_phase = _averaged(points, "phase_deg", there)
-    averages = where.name, float(np.mean(points.frequency_hz[there]))
-    return SensitivityPoint(*averages, magnitude, _known(phase), _known(u), _known(u_phase))
+    magnitude, u = _averaged(points, "magnitude", at_frequency)
+    phase, u_phase = _averaged(points, "phase_deg", at_frequency)
+    averages = where.name, float(np.mean(points.frequency_hz[at_frequency]))
+    return SensitivityPoint(
+        *averages, magnitude, _none_if_nan(phase), _none_if_nan(u), _none_if_nan(u_phase)
+    )
 
 
-def _averaged(points: MeasuredCurve, quantity: str, there: BoolArray) -> tuple[float, float]:
+def _averaged(points: MeasuredCurve, quantity: str, at_frequency: BoolArray) -> tuple[float, float]:
     """Return the mean of repeated points and its standard uncertainty, NaN where not known."""
-    values: FloatArray = getattr(points, quantity)[there]
+    values: FloatArray = getattr(points, quantity)[at_frequency]
     if quantity == "phase_deg":
         values = nearest_turn(values, values[:1])
-    u, noise = (column(points, f"{quantity}_{part}")[there] for part in ("uncertainty", "noise"))
+    u, noise = (
+        column(points, f"{quantity}_{column_kind}")[at_frequency]
+        for column_kind in ("uncertainty", "noise")
+    )
     if len(values) == 1:
         return float(values[0]), float(u[0])
     usable = np.all(np.isfinite(noise) & (noise > 0.0))
@@ -128,7 +133,7 @@ def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
     ):
         return None
     nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
-    if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _OWN or frequency.size == 1:
+    if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _SAME_POINT or frequency.size == 1:
         return _own_point(curve, nearest, where)
     right = min(max(int(np.searchsorted(frequency, where.frequency_hz)), 1), frequency.size - 1)
     return _between(result, slice(right - 1, right + 1), where)
@@ -137,10 +142,10 @@ def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
 def _own_point(curve: Curve, i: int, where: Nominal) -> SensitivityPoint:
     values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
     point = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
-    return SensitivityPoint(*point, *(_known(column[i]) for column in values))
+    return SensitivityPoint(*point, *(_none_if_nan(column[i]) for column in values))
 
 
-def _known(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
@@ -166,7 +171,7 @@ def _between(result: Result, pair: slice, where: Nominal) -> SensitivityPoint:
 
 
 def _mixed(ends: FloatArray, share: float) -> float | None:
-    return _known((1.0 - share) * ends[0] + share * ends[1])
+    return _none_if_nan((1.0 - share) * ends[0] + share * ends[1])
 
 
 def _model_response(result: Result, frequency_hz: FloatArray) -> ComplexArray:

@@ -81,8 +81,8 @@ def report(
     """
     sources = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
     pairs = [issued(result, certificate) for result in sources]
-    known = [result for result, _ in pairs]
-    if not known:
+    results_given = [result for result, _ in pairs]
+    if not results_given:
         raise InputError(
             "There is nothing to report.",
             expected="a result, or several",
@@ -90,7 +90,7 @@ def report(
             where="report",
             remedy="give a result",
         )
-    return write(known, form or _form_of(path), path, names, issue=pairs[0][1])
+    return write(results_given, form or _form_of(path), path, names, issue=pairs[0][1])
 
 
 def _form_of(path: str | os.PathLike[str]) -> Form:
@@ -122,8 +122,8 @@ def name_of_sensor(name: str, sensor: Mapping[str, Any], certificate: Mapping[st
     dash.
     """
     stem, dot, ending = name.rpartition(".")
-    parts = (sensor.get("serial_number"), certificate.get("date_of_calibration"))
-    parts_of_name = [re.sub(r"[^\w.]+", "-", str(part)).strip("-.") for part in parts if part]
+    words = (sensor.get("serial_number"), certificate.get("date_of_calibration"))
+    parts_of_name = [re.sub(r"[^\w.]+", "-", str(word)).strip("-.") for word in words if word]
     return "-".join([stem, *filter(None, parts_of_name)]) + dot + ending
 
 

@@ -74,10 +74,12 @@ def _small_print(result: Result) -> list[str]:
         drawn.append("bars")
     if _any(result.response.magnitude_uncertainty):
         drawn.append("band")
-    parts = [f"{' and '.join(drawn).capitalize()}: expanded uncertainty U, k = 2."] if drawn else []
+    sentences = (
+        [f"{' and '.join(drawn).capitalize()}: expanded uncertainty U, k = 2."] if drawn else []
+    )
     if _any(result.response.phase_deg) or _any(result.measured.phase_deg):
-        parts.append(ENGLISH("text", "phase"))
-    return parts
+        sentences.append(ENGLISH("text", "phase"))
+    return sentences
 
 
 def _any(values: FloatArray) -> bool:
@@ -109,12 +111,12 @@ def response_panels(
     ]
     if any(_any(curve.phase_deg) for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
-        shown = [line.y for line in series]
+        extents = [line.y for line in series]
         for line in series:
             if line.half is not None and line.kind == "points":
-                shown += [line.y + sign * np.minimum(line.half, 90.0) for sign in (-1, 1)]
+                extents += [line.y + sign * np.minimum(line.half, 90.0) for sign in (-1, 1)]
         panels.append(
-            Panel(x, axes.angle("Phase (lag negative)\nin °", np.concatenate(shown)), series, 1.5)
+            Panel(x, axes.angle("Phase (lag negative)\nin °", np.concatenate(extents)), series, 1.5)
         )
     return tuple(panels)
 
@@ -128,10 +130,10 @@ def _quantity(
     phase = quantity == "phase_deg"
     if model is not None and _any(getattr(model, quantity)):
         x, y, half, texts = _sorted(model, quantity, factor, unit)
-        known = np.isfinite(y)
-        x = x[known]
-        y = continuous(y[known]) if phase else y[known]
-        half = half[known]
+        finite = np.isfinite(y)
+        x = x[finite]
+        y = continuous(y[finite]) if phase else y[finite]
+        half = half[finite]
         line = x, y
         look = Look(BLUE, marker="s" if x.size == 1 else "")
         band = half if _any(half) else None
@@ -171,11 +173,11 @@ def _sorted(
     y = factor * column(curve, quantity)
     half = factor * expanded(curve, quantity)
     order = np.argsort(x, kind="stable")
-    texts = tuple(_stated(float(x[i]), float(y[i]), float(half[i]), unit) for i in order)
+    texts = tuple(_point_text(float(x[i]), float(y[i]), float(half[i]), unit) for i in order)
     return x[order], y[order], half[order], texts
 
 
-def _stated(frequency: float, value: float, half: float, unit: str) -> str:
+def _point_text(frequency: float, value: float, half: float, unit: str) -> str:
     """Frequency, value and U, rounded as in the tables."""
     if not np.isfinite(value):
         return ""
@@ -211,7 +213,7 @@ def deviation(result: Result) -> Figure | None:
     bars = bars_of_deviation(measured)
     model_expanded = 100.0 * expanded(model, "magnitude") / column(model, "magnitude")
     size = 100.0 / column(measured, "magnitude")
-    parts = [
+    panels_data = [
         (
             "Magnitude deviation",
             "%",
@@ -223,10 +225,10 @@ def deviation(result: Result) -> Figure | None:
     ]
     if _any(phase):
         of_phase = _apart(measured, "phase_deg", np.ones(frequency.size))
-        parts.append(
+        panels_data.append(
             ("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase)
         )
-    panels = [_deviation(result, *part) for part in parts]
+    panels = [_deviation(result, *panel_data) for panel_data in panels_data]
     bars_are = "dashed lines" if frequency.size > CROWD else "bars"
     caption = (
         "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = "

@@ -21,13 +21,15 @@ def table_of(rows: Sequence[Mapping[str, object]], title: str = "Calibration dat
     keys = list(dict.fromkeys(key for row in rows for key in row))
     same = _same_everywhere(rows, keys)
     named = ((_heading(key).partition(" / "), _cell(rows[0][key])) for key in same)
-    parts = [f"{name} {cell} {unit}".strip() for (name, _, unit), cell in named]
+    constants = [f"{name} {cell} {unit}".strip() for (name, _, unit), cell in named]
     keys = [key for key in keys if key not in same]
     heads = tuple(
         Column(_heading(key), "number" if _numeric(rows, key) else "text") for key in keys
     )
     cells = tuple(tuple(_cell(row.get(key)) for key in keys) for row in rows)
-    return Table(heads, cells, notes=(f"All: {', '.join(parts)}",) if parts else (), title=title)
+    return Table(
+        heads, cells, notes=(f"All: {', '.join(constants)}",) if constants else (), title=title
+    )
 
 
 def _numeric(rows: Sequence[Mapping[str, object]], key: str) -> bool:

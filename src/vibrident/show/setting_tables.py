@@ -37,7 +37,7 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
             _translated(str(row["source"]), say),
             str(row.get("type") or NONE),
             say.word("kind", str(row["kind"])) if row.get("kind") else NONE,
-            _stated(row),
+            _amount_text(row),
             plain(row.get("degrees_of_freedom"), 4),
             *(_size(row["contributions"].get(name), units[name]) for name in names),
         )
@@ -50,7 +50,7 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
         columns("u", "ν", kind="number"),
     )
     parameter_columns = (
-        Column(say.known(parameter_name(name).words), "number", units[name].printed)
+        Column(say.translate(parameter_name(name).words), "number", units[name].printed)
         for name in names
     )
     return Table(
@@ -60,7 +60,7 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
 
 def _translated(source: str, say: Say) -> str:
     """Our own words for a source in the languages; those of others as they are."""
-    return say.known(source) if say.has(source) else source
+    return say.translate(source) if say.has(source) else source
 
 
 def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
@@ -70,7 +70,7 @@ def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
         return ()
     points = result.measured
     scale = sensitivity_scale(result)
-    places = [int(np.argmin(np.abs(points.frequency_hz - f))) for f in document["frequency_hz"]]
+    indices = [int(np.argmin(np.abs(points.frequency_hz - f))) for f in document["frequency_hz"]]
     kinds = [("magnitude", "magnitude", scale.factor, scale.unit, points.magnitude_uncertainty)]
     kinds += [("phase_deg", "phase", 1.0, "°", points.phase_deg_uncertainty)]
     tables = []
@@ -79,7 +79,7 @@ def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
             continue
         sizes = [source[key] for source in document["sources"]]
         rows = []
-        for i, index in enumerate(places):
+        for i, index in enumerate(indices):
             u = None if np.isnan(total[index]) else factor * float(total[index])
             cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
             both = uncertainty(u), uncertainty(None if u is None else K * u)
@@ -127,13 +127,13 @@ def repeats(result: Result) -> Table | None:
 
 def regimes(result: Result) -> Table | None:
     """Return times and parameters of each regime of a changed sensor; None without a change."""
-    stated = result.settings.get("regimes")
-    if not isinstance(stated, list | tuple) or not stated:
+    entries = result.settings.get("regimes")
+    if not isinstance(entries, list | tuple) or not entries:
         return None
-    names = [name for name in stated[0]["parameters"] if name in result.parameters]
+    names = [name for name in entries[0]["parameters"] if name in result.parameters]
     scales = {name: parameter_scale(result, result.parameters[name]) for name in names}
     rows = []
-    for regime in stated:
+    for regime in entries:
         cells = []
         for name in names:
             each = regime["parameters"][name]
@@ -160,7 +160,7 @@ def _size(value: float | None, scale: UnitScale) -> str:
     return uncertainty(scale.times(value))
 
 
-def _stated(row: Mapping[str, Any]) -> str:
+def _amount_text(row: Mapping[str, Any]) -> str:
     value = row.get("standard_uncertainty")
     unit = str(row.get("unit") or "")
     return (

@@ -30,9 +30,9 @@ from vibrident.show.numbers import (
     reference_quantity,
     reference_unit,
     rounded,
+    rounded_parameter,
     sensitivity_scale,
     signed,
-    stated,
     uncertainty,
     with_sign,
     with_u,
@@ -55,25 +55,25 @@ def facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("reference", reference),
         ("response", f"in {pretty(result.response_unit)}"),
         *(
-            (f"known of the {row['channel']}", _known(row))
+            (f"known of the {row['channel']}", _removed_response(row))
             for row in result.settings.get("known_responses", ())
         ),
         *((("frequencies", _band(result.measured)),) if result.has_gain else ()),
     )
 
 
-def _known(row: Mapping[str, Any]) -> str:
+def _removed_response(row: Mapping[str, Any]) -> str:
     low, high = row["band_hz"]
     return f"{row['source']}, taken out from {low:.4g} to {high:.4g} Hz"
 
 
 def _band(measured: MeasuredCurve) -> str:
-    known = measured.frequency_hz
-    if not known.size:
+    frequency_hz = measured.frequency_hz
+    if not frequency_hz.size:
         return "no measured points"
-    low = f"{known.min():.5g} Hz"
-    high = f"{known.max():.5g} Hz"
-    return f"{count(known.size, 'point')}, {low}" + (f" to {high}" if high != low else "")
+    low = f"{frequency_hz.min():.5g} Hz"
+    high = f"{frequency_hz.max():.5g} Hz"
+    return f"{count(frequency_hz.size, 'point')}, {low}" + (f" to {high}" if high != low else "")
 
 
 def doubts(result: Result, word: Word = python_word) -> tuple[Doubt, ...]:
@@ -91,16 +91,16 @@ def parameters(result: Result) -> Table:
     rows = []
     k = parameter_factor(result)
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
-        number = stated(parameter, k, parameter_scale(result, parameter))
+        number = rounded_parameter(parameter, k, parameter_scale(result, parameter))
         full = parameter_name(name)
-        known = parameter.standard_uncertainty is not None
+        has_u = parameter.standard_uncertainty is not None
         rows.append(
             (
                 full.words,
                 symbol(name),
                 number.value,
                 number.standard,
-                plain(k, 3) if known else NONE,
+                plain(k, 3) if has_u else NONE,
                 number.expanded,
                 number.unit or "1",
                 number.interval,
@@ -143,7 +143,7 @@ def per_g(result: Result, say: Say = ENGLISH) -> str:
     unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
     value = sensitivity.value * STANDARD_GRAVITY
     u = None if u is None else u * STANDARD_GRAVITY
-    number = stated(Parameter(value, unit, u, (None, None)), k)
+    number = rounded_parameter(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
     return Mixed(
         say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}")
@@ -201,11 +201,11 @@ def measured(result: Result) -> Table | None:
     has_phases = bool(np.isfinite(points.phase_deg).any())
     has_noise = bool(np.isfinite(points.magnitude_noise).any())
     step = max(1, -(-total // MAX_ROWS))
-    shown = slice(None, None, step)
-    frequencies = points.frequency_hz[shown].tolist()
+    rows_shown = slice(None, None, step)
+    frequencies = points.frequency_hz[rows_shown].tolist()
     magnitudes = _point_cells(
         points,
-        shown,
+        rows_shown,
         "magnitude",
         scale.factor,
         column(points, "deviation_percent"),
@@ -214,7 +214,7 @@ def measured(result: Result) -> Table | None:
     )
     phases = _point_cells(
         points,
-        shown,
+        rows_shown,
         "phase_deg",
         1.0,
         principal(column(points, "deviation_phase_deg")),
@@ -234,7 +234,7 @@ def measured(result: Result) -> Table | None:
             frequencies,
             magnitudes,
             phases,
-            points.record[shown] or ("",) * len(frequencies),
+            points.record[rows_shown] or ("",) * len(frequencies),
             strict=True,
         )
     ]
@@ -274,7 +274,7 @@ def _measured_heads(unit: str) -> tuple[Column, ...]:
 
 def _point_cells(
     points: MeasuredCurve,
-    shown: slice,
+    rows_shown: slice,
     quantity: str,
     factor: float,
     deviation: FloatArray,
@@ -285,7 +285,7 @@ def _point_cells(
 
     Args:
         points: measured.
-        shown: which of them.
+        rows_shown: which of them.
         quantity: name of the curve's field.
         factor: from the field to the unit that is printed.
         deviation: of the model from each point, shape (n,).
@@ -302,7 +302,7 @@ def _point_cells(
     )
     cells = []
     for value, u, noise, off, off_expanded in zip(
-        *(values[shown].tolist() for values in columns_), strict=True
+        *(values[rows_shown].tolist() for values in columns_), strict=True
     ):
         en = signed(off / off_expanded, 2) if off_expanded else NONE
         cells.append(
@@ -390,8 +390,8 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     ):
         yield name, ", ".join(leaf(item) for item in value) or NONE
     elif isinstance(value, Mapping | list | tuple) and value:
-        parts = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
-        for key, item in parts:
+        items = value.items() if isinstance(value, Mapping) else enumerate(value, 1)
+        for key, item in items:
             yield from _leaves(item, f"{name} · {spoken_key(key)}" if name else spoken_key(key))
     else:
         yield name, value

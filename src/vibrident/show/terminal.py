@@ -15,7 +15,7 @@ from vibrident.result import Result
 from vibrident.show import tables, weight_tables, words
 from vibrident.show.coverage import interval_text, parameter_factor, scatter_only
 from vibrident.show.findings import describe_findings
-from vibrident.show.media.console import Shown, shown
+from vibrident.show.media.console import ConsoleBlocks, on_console
 from vibrident.show.media.console import written as paths_written
 from vibrident.show.numbers import fit_unit, plain, sensor_name
 from vibrident.show.setting_tables import regimes
@@ -35,7 +35,7 @@ def summary(
 
     regime_table = regimes(result)
     changed = () if regime_table is None else (regime_table,)
-    printed = shown(
+    printed = on_console(
         parameter_table(result),
         *changed,
         fit_line(result),
@@ -72,7 +72,7 @@ def parameter_table(result: Result) -> Table:
     column_of = {column.title: j for j, column in enumerate(table.columns)}
     for i, row in enumerate(table.rows):
         remarks = [
-            part for part in row[column_of["remark"]].split(", ") if part and part != "derived"
+            word for word in row[column_of["remark"]].split(", ") if word and word != "derived"
         ]
         if "derived" in row[column_of["remark"]] and not groups:
             groups[i] = "derived from these:"
@@ -100,33 +100,33 @@ def fit_line(result: Result) -> Sentence:
     """Return the residual rms, its relation to the signal, reduced χ², and the verdict."""
     fit = result.fit
     scale = scaled(fit_unit(result), fit.rmse or 0.0)
-    parts = [f"rmse {plain((fit.rmse or 0.0) * scale.factor, 3)} {scale.unit}"]
+    figures = [f"rmse {plain((fit.rmse or 0.0) * scale.factor, 3)} {scale.unit}"]
     if fit.nrmse is not None:
-        parts.append(f"nrmse {plain(100 * fit.nrmse, 3)} %")
+        figures.append(f"nrmse {plain(100 * fit.nrmse, 3)} %")
     if fit.r2 is not None:
-        parts.append(f"R² {plain(fit.r2, 6)}")
+        figures.append(f"R² {plain(fit.r2, 6)}")
     if math.isfinite(fit.explained):
-        parts.append(
+        figures.append(
             f"explained {plain(100 * fit.explained, 4)} % of {plain(100 * fit.coherent, 4)} % "
             "coherent"
         )
     if fit.chi2_reduced is not None:
-        parts.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
-    text = f"Fit: {', '.join(parts)}:"
+        figures.append(f"χ²/ν {plain(fit.chi2_reduced, 3)} (ν = {fit.degrees_of_freedom})")
+    text = f"Fit: {', '.join(figures)}:"
     if fit.adequate:
         return Sentence(text, "fine", end="adequate")
     return Sentence(text, "doubt", end="not adequate")
 
 
-def weights_table(result: Result) -> Shown:
+def weights_table(result: Result) -> ConsoleBlocks:
     """Return the weights as in the paper's Table 1, a row of a matrix a line."""
     table = weight_tables.weights(result, between="\n")
-    return shown(
+    return on_console(
         None if table is None else replace(table, notes=(), title="Weights of the network")
     )
 
 
-def posterior_table(result: Result) -> Shown:
+def posterior_table(result: Result) -> ConsoleBlocks:
     """Return the sampled posterior of each parameter, from ``settings.posterior``."""
     rows = []
     for key, row in result.settings["posterior"]["parameters"].items():
@@ -151,4 +151,4 @@ def posterior_table(result: Result) -> Shown:
         "effective draws",
     )
     columns_ = (Column("parameter"), *columns(*heads, kind="number"))
-    return shown(Table(columns_, tuple(rows), title="Posterior distribution"))
+    return on_console(Table(columns_, tuple(rows), title="Posterior distribution"))

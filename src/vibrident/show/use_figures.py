@@ -51,7 +51,7 @@ _ORIGINS = {
     "ends": (Look(SKY, "dashdot", 1.1), "ends of the record"),
     "background": (Look(ORANGE, "dashed", 1.1), "disturbance seen at rest"),
 }
-_SHOWN = 0.01
+_MIN_SHARE = 0.01
 _LEAST = 3e-3  # part of the whole below which a line ends
 
 
@@ -62,10 +62,10 @@ def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure
     the heading.
     """
     every = corrections.corrections
-    chosen = [every[i] for i in spread(len(every), MOST)]
-    share = f" ({len(chosen)} of {len(every)} records)" if len(every) > len(chosen) else ""
+    drawn = [every[i] for i in spread(len(every), MOST)]
+    share = f" ({len(drawn)} of {len(every)} records)" if len(every) > len(drawn) else ""
     title = f"{corrections.motion.capitalize()} restored from the response{share}"
-    stacks = tuple(_corrected(record_correction, corrections) for record_correction in chosen)
+    stacks = tuple(_corrected(record_correction, corrections) for record_correction in drawn)
     return Figure("correction", title, stacks, subject(corrections.model, sensor), choice=True)
 
 
@@ -93,7 +93,7 @@ def _corrected(correction: Correction, corrections: Corrections) -> Stack:
     lower = []
     for name, (look, words) in _ORIGINS.items():
         values = correction.components[name][span]
-        if np.isfinite(values).any() and np.nanmax(values) > _SHOWN * typical:
+        if np.isfinite(values).any() and np.nanmax(values) > _MIN_SHARE * typical:
             visible = np.where(values > _LEAST * typical, values, np.nan)
             lower.append(Series(time[thin], visible[thin], words, look))
     lower.append(Series(time[thin], u[thin], "together (u)", Look(BLACK)))
@@ -115,13 +115,13 @@ def _corrected(correction: Correction, corrections: Corrections) -> Stack:
 
 def _limits(label: str, a: FloatArray) -> Axis:
     """Return the limits of the axis, without the large uncertainty at the record's ends."""
-    known = axes.usable(a)
-    if known.size == 0:
+    finite = axes.usable(a)
+    if finite.size == 0:
         return axes.linear(label, a)
-    low = float(np.quantile(known, 0.001))
-    high = float(np.quantile(known, 0.999))
-    low = min(low, float(known.min()) * 0.2 + low * 0.8)
-    return axes.linear(label, np.array([low, max(high, float(known.max()))]), margin=0.1)
+    low = float(np.quantile(finite, 0.001))
+    high = float(np.quantile(finite, 0.999))
+    low = min(low, float(finite.min()) * 0.2 + low * 0.8)
+    return axes.linear(label, np.array([low, max(high, float(finite.max()))]), margin=0.1)
 
 
 def plan(planned: Plan) -> Figure:
@@ -141,12 +141,14 @@ def plan(planned: Plan) -> Figure:
         upper.append(
             Series(unchosen_hz, height(unchosen_hz), "not chosen", Look(GREY, marker="o"), "points")
         )
-    chosen = np.asarray(planned.frequency_hz)
+    planned_hz = np.asarray(planned.frequency_hz)
     word = "chosen" if planned.criterion is not None else "planned"
-    uses = list(zip(chosen, planned.uses, strict=True))
+    uses = list(zip(planned_hz, planned.uses, strict=True))
     texts = tuple(f"{f:.5g} Hz{f', {times} times' if times > 1 else ''}" for f, times in uses)
     upper.append(
-        Series(chosen, height(chosen), word, Look(VERMILION, marker="D"), "points", texts=texts)
+        Series(
+            planned_hz, height(planned_hz), word, Look(VERMILION, marker="D"), "points", texts=texts
+        )
     )
     lower = (
         Series(frequency, u, "U of magnitude, %", Look(BLUE)),
@@ -224,12 +226,12 @@ def tracking(
     for name, parameter in document["parameters"].items():
         values = columns[name][thin]
         half = K * columns[f"{name}_u"][thin]
-        known = np.where(np.isfinite(half), half, 0.0)
+        bar = np.where(np.isfinite(half), half, 0.0)
         # a change that is not named yet would hide all else
-        known = np.minimum(known, np.quantile(known, USUAL))
+        bar = np.minimum(bar, np.quantile(bar, USUAL))
         unit = "" if parameter["unit"] == "1" else parameter["unit"]
         word = in_words(name).capitalize() + (f"\nin {pretty(unit)}" if unit else "")
-        y = axes.linear(word, np.concatenate([values - known, values + known]))
+        y = axes.linear(word, np.concatenate([values - bar, values + bar]))
         line = Series(time, values, look=Look(BLACK, width=1.0), half=half, band="± U (k = 2)")
         panels.append(Panel(x, y, (line,), 1.5, marks=_alarms(document, name)))
     innovation = columns["innovation"][thin]

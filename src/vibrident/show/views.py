@@ -92,8 +92,8 @@ class Table:
     def select(self, keep: tuple[int, ...]) -> Table:
         """Return the table with these columns only."""
         rows = tuple(tuple(row[j] for j in keep) for row in self.rows)
-        chosen = tuple(self.columns[j] for j in keep)
-        return replace(self, columns=chosen, rows=rows)
+        selected = tuple(self.columns[j] for j in keep)
+        return replace(self, columns=selected, rows=rows)
 
     def telling(self) -> Table:
         """Return the table without empty columns; the first one is kept."""
@@ -328,7 +328,7 @@ def section(name: str, title: str, *blocks: Block | None) -> Section:
 
 def document(title: str, head: tuple[Block, ...], sections: list[Section]) -> Document:
     """Return a document of the sections that are not empty."""
-    return Document(title, head, tuple(part for part in sections if part.blocks))
+    return Document(title, head, tuple(section for section in sections if section.blocks))
 
 
 def listed(length: int, most: int) -> int:

@@ -21,12 +21,12 @@ def remark(parameter: Parameter) -> str:
     A parameter of which u is stated is known, if weakly: ``not identifiable`` is one without u.
     """
     u = parameter.standard_uncertainty
-    stated = u is not None and math.isfinite(u)
+    has_u = u is not None and math.isfinite(u)
     marks = (
         ("derived", parameter.derived),
-        (WEAK, stated and not parameter.identifiable),
-        (UNKNOWN, not stated and not parameter.identifiable),
-        ("u not stated", not stated),
+        (WEAK, has_u and not parameter.identifiable),
+        (UNKNOWN, not has_u and not parameter.identifiable),
+        ("u not stated", not has_u),
     )
     return ", ".join(mark for mark, applies in marks if applies)
 

@@ -101,7 +101,7 @@ def test_who_has_nothing_is_forgotten_at_once(everybody, clock):
     tab.leave()
     clock.s = 60.0
     everybody.remove_absent()
-    assert not everybody.kept
+    assert not everybody.members
 
 
 def test_too_many_users(everybody, clock, monkeypatch):
@@ -118,7 +118,7 @@ def test_too_many_users(everybody, clock, monkeypatch):
     everybody.remove_absent()
     tabs[2].leave()
     everybody.attach(late.client)
-    left = {user.tab for user in everybody.kept}
+    left = {user.tab for user in everybody.members}
     assert [tab.identity in left for tab in tabs] == [True, False, True]
 
 
@@ -133,7 +133,7 @@ def test_room_for_all_is_made_by_those_who_left_first(everybody, clock):
     tabs[4].leave()
     user = everybody.attach(late.client)
     user.session.reserve_path("a.csv", 1_000_000)
-    left = {user.tab for user in everybody.kept}
+    left = {user.tab for user in everybody.members}
     assert [tab.identity in left for tab in tabs] == [number != 4 for number in range(10)]
 
 
@@ -180,7 +180,7 @@ def test_a_stopped_server_leaves_its_users_to_the_next(tmp_path):
     (again.session.folder / "state").write_bytes(b"[0, 3]\n")  # of another version
     late = Users(tmp_path, 1.0, keep_s=1000.0)
     late._restore()
-    assert not late.kept
+    assert not late.members
     assert not list(tmp_path.iterdir())
 
 
@@ -192,7 +192,7 @@ def test_what_was_left_too_long_ago_is_not_taken_up(tmp_path, clock):
     clock.s = 1001.0
     after = Users(tmp_path, 1.0, keep_s=1000.0)
     after._restore()
-    assert not after.kept
+    assert not after.members
     assert not list(tmp_path.iterdir())
 
 

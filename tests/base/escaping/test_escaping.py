@@ -33,7 +33,7 @@ from vibrident.export.formats.fmu import slave
 from vibrident.export.sensor import sensor_of
 from vibrident.show import methods, plots, terminal
 from vibrident.show.media import html
-from vibrident.show.media.console import shown
+from vibrident.show.media.console import on_console
 from vibrident.show.report import content
 from vibrident.show.rows import table_of
 
@@ -226,9 +226,9 @@ def test_a_terminal_gets_no_sequence_and_no_markup_of_others():
         console = Console(file=stream, force_terminal=True, width=200, color_system="standard")
         result = made_of(text)
         console.print(terminal.summary(result, [f"out/{text}"]))
-        console.print(shown(*methods.compared([result, result], [text, "other"])))
-        console.print(shown(table_of([{"record": text, text: 1.0}] * 3, text)))
-        console.print(shown(*methods.models({text: result, "other": result}, {})))
+        console.print(on_console(*methods.compared([result, result], [text, "other"])))
+        console.print(on_console(table_of([{"record": text, text: 1.0}] * 3, text)))
+        console.print(on_console(*methods.models({text: result, "other": result}, {})))
         rest = re.sub(r"\x1b\[[0-9;]*m", "", stream.getvalue())
         assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e]", rest), text
         assert "stolen.example" not in re.findall(r"\x1b\]8[^\x1b]*", stream.getvalue())

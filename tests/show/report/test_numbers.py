@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.support.printed import typed
 
 from vibrident.result import Parameter
-from vibrident.show.numbers import concise, pair, percent, place, plain, stated
+from vibrident.show.numbers import concise, last_digit, pair, percent, plain, rounded_parameter
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_rounding_laws(value, u):
     text, u_text = map(typed, pair(value, u))
     if max(abs(value), u) / u > 1e13:
         return
-    step = 10.0 ** place(u)
+    step = 10.0 ** last_digit(u)
     assert float(u_text) == pytest.approx(u, abs=0.5000001 * step)
     assert 9.5 <= round(float(u_text) / step) <= 99.5  # two significant digits
     assert float(text) == pytest.approx(value, abs=0.5000001 * step + 1e-9 * abs(value))
@@ -111,7 +111,7 @@ def test_percent(value, text):
 
 
 def test_stated_parameter_has_one_unit_for_all():
-    number = stated(Parameter(1.2382e-5, "s", 9.6e-8, (1.2194e-5, 1.257e-5)))
+    number = rounded_parameter(Parameter(1.2382e-5, "s", 9.6e-8, (1.2194e-5, 1.257e-5)))
     assert (number.value, number.standard, number.expanded, number.unit) == ("12.382", "0.096", "0.19", "µs")
     assert number.interval == "12.194 … 12.570"
 
@@ -121,9 +121,9 @@ def test_stated_parameter_has_one_unit_for_all():
     [((None, 0.31), "≤ 0.31"), ((0.1, None), "≥ 0.1"), ((None, None), "not bounded"), ((0.1, 0.3), "0.100 … 0.300")],
 )
 def test_open_intervals(interval, text):
-    assert stated(Parameter(0.2, "Hz", None, interval, identifiable=False)).interval == text
+    assert rounded_parameter(Parameter(0.2, "Hz", None, interval, identifiable=False)).interval == text
 
 
 def test_no_uncertainty_at_all():
-    number = stated(Parameter(0.2, "1", None, (None, None)))
+    number = rounded_parameter(Parameter(0.2, "1", None, (None, None)))
     assert (number.value, number.standard, number.expanded, number.interval, number.unit) == ("0.2", "–", "–", "–", "")

@@ -7,7 +7,7 @@ from tests.support.sample_results import S0, SAMPLES, pickup, table2, table_only
 from vibrident.base.settings import python_word, rendered
 from vibrident.lab.history.tables import all_due
 from vibrident.show import terminal, words
-from vibrident.show.media.console import shown
+from vibrident.show.media.console import on_console
 from vibrident.show.methods import compared, planned
 from vibrident.show.rows import table_of
 
@@ -64,13 +64,13 @@ def test_compare(width):
     lsm = table_only()
     lower = replace(lsm.parameters["sensitivity"], value=S0 * 0.99)
     lsm = replace(lsm, model="accelerometer+delay", parameters={**lsm.parameters, "sensitivity": lower}, settings={})
-    text = printed(shown(*compared([table2(), lsm])), width)
+    text = printed(on_console(*compared([table2(), lsm])), width)
     assert "104.04(11)" in text
     assert "−1.0 %" in text
     assert "deviation from ipnn" in text
     assert "0.84" in text  # time of the one that states it
     truth = {"sensitivity": S0, "delay": 0.0}
-    text = printed(shown(*compared([table2(), lsm], ["network", "least squares"], truth)), width)
+    text = printed(on_console(*compared([table2(), lsm], ["network", "least squares"], truth)), width)
     assert "+0.030 %" in text
     assert "+12.4" in text  # no relative deviation from zero
     assert "the true value" in text
@@ -78,7 +78,7 @@ def test_compare(width):
 
 
 def test_compare_across_models_and_repeats():
-    text = printed(shown(*compared([table2(), table2(), pickup()])), 120)
+    text = printed(on_console(*compared([table2(), table2(), pickup()])), 120)
     assert "#1" in text
     assert "#2" in text
     assert "velocity-pickup" in text
@@ -88,7 +88,7 @@ def test_compare_across_models_and_repeats():
 @pytest.mark.parametrize("width", [60, 80, 100])
 def test_columns_without_room_go_below_and_no_number_is_cut_off(width):
     results = [table2() for _ in range(7)]
-    text = printed(shown(*compared(results, [f"ipnn accelerometer+delay {i}" for i in range(7)])), width)
+    text = printed(on_console(*compared(results, [f"ipnn accelerometer+delay {i}" for i in range(7)])), width)
     assert text.count("104.04(11)") == 7
     assert "(continued)" in text
     starts = [line for line in text.splitlines() if line.strip().startswith("sensitivity")]
@@ -100,14 +100,14 @@ def test_a_table_of_rows():
         {"record": "[bold]a.csv", "frequency_hz": 12.589254, "samples": 10240, "clipped": False, "notes": ["x", "y"]},
         {"record": "b", "frequency_hz": None, "extra": 1},
     ]
-    text = printed(shown(table_of(rows)))
+    text = printed(on_console(table_of(rows)))
     assert "[bold]a.csv" in text
     assert "/ Hz" in text
     assert "12.589" in text
     assert "no" in text
     assert "x, y" in text
     assert "–" in text
-    assert printed(shown(table_of([]))) is not None
+    assert printed(on_console(table_of([]))) is not None
 
 
 def test_a_table_of_rows_of_many_columns_fits():
@@ -126,7 +126,7 @@ def test_a_table_of_rows_of_many_columns_fits():
         }
         for i in range(5)
     ]
-    text = printed(shown(table_of(rows)), 80)
+    text = printed(on_console(table_of(rows)), 80)
     for word in ("9.9345", "yes", "drift", "shaker_04.csv", "12.589", "excitation sine", "rate 51200 Hz"):
         assert word in text
 
@@ -138,7 +138,7 @@ def test_a_plan_states_u_to_two_digits_and_values_to_its_place():
     frequencies = [20.0, 80.0, 200.0, 400.0, 650.0, 900.0]
     recording = Recording(12800.0, 4000, response_noise=0.01)
     table = planned(plan("accelerometer", sensor, frequencies_hz=frequencies, recording=recording))
-    text = printed(terminal.shown(table), 80)
+    text = printed(terminal.on_console(table), 80)
     for name, value, u, *_ in table.rows:
         assert len(u.replace(".", "").lstrip("0")) == 2, name
         assert len(value.partition(".")[2]) == len(u.partition(".")[2]), name
@@ -150,5 +150,5 @@ def test_words_of_headings_are_whole_beside_long_sentences(width):
     why = "the drift is not known: fewer than three calibrations count, and of these two are of one day"
     row = {"serial_number": "ACS_001", "type": "MSV 3000", "calibrations": 12, "last": "2025-03-31", "date": ""}
     row |= {"why": why, "by_interval": "2026-03-31", "by_staircase": "2026-09-30", "risk_today": 0.01, "axis": ""}
-    text = printed(shown(all_due([row, row])), width)
+    text = printed(on_console(all_due([row, row])), width)
     assert all(word in text.split() for word in ("serial", "calibrations", "risk", "interval", "staircase", "today"))

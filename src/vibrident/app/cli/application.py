@@ -41,8 +41,8 @@ class Commands(TyperGroup):
         name, command, arguments = super().resolve_command(ctx, args)
         if command is not None and {"-h", "--help"} & set(arguments):
             # Each paragraph on one line: typer keeps other line ends.
-            parts = (command.help or "").split("\n\n")
-            command.help = "\n\n".join(" ".join(part.split()) for part in parts)
+            paragraphs = (command.help or "").split("\n\n")
+            command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
             for parameter in command.params:
                 for text in ("metavar", "help"):
                     if hasattr(parameter, text):
@@ -92,8 +92,8 @@ for _panel, _commands in _PANELS.items():
         app.command(rich_help_panel=_panel)(_command)
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"vibrident {__version__}")
         raise typer.Exit
 

@@ -71,9 +71,9 @@ def say(text: str, style: str = "") -> None:
 
 def show(*blocks: Block | None) -> None:
     """Print tables and sentences on stdout."""
-    from vibrident.show.media.console import shown
+    from vibrident.show.media.console import on_console
 
-    output_console().print(shown(*blocks))
+    output_console().print(on_console(*blocks))
 
 
 def show_rows(rows: Sequence[Mapping[str, object]], title: str) -> None:
@@ -134,10 +134,10 @@ def show_error(error: VibridentError, word: Word) -> None:
 
 def distinct_names(paths: Sequence[Path]) -> list[str]:
     """Return a name for each result: the last part of the path that differs."""
-    parts = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
+    levels = [(path.stem, *reversed(path.resolve().parent.parts[1:])) for path in paths]
     names = next(
-        (list(level) for level in zip(*parts, strict=False) if len(set(level)) > 1),
-        [p[0] for p in parts],
+        (list(level) for level in zip(*levels, strict=False) if len(set(level)) > 1),
+        [p[0] for p in levels],
     )
     return [
         f"{name}-{names[: i + 1].count(name)}" if names.count(name) > 1 else name

@@ -41,9 +41,9 @@ class Painter:
 
 
 @contextlib.contextmanager
-def painter(*, wanted: bool = True) -> Iterator[Painter]:
+def painter(*, is_needed: bool = True) -> Iterator[Painter]:
     """Start the process if there is a core for it; end it with the block."""
-    if not wanted or processors() < 2:
+    if not is_needed or processors() < 2:
         yield Painter(None)
         return
     with Process(prepare) as process, tidied_up(process.kill):

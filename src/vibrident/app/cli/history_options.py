@@ -97,11 +97,11 @@ def _tolerances_by_type(
     from vibrident.lab.fleet.limits import read_limits
     from vibrident.lab.history.due import Tolerance
 
-    known = read_limits(limits)
+    specification = read_limits(limits)
     name = "sensitivity" if question.quantity == "reference_sensitivity" else question.quantity
 
     def tolerance(sensor: StoredSensor) -> Tolerance | None:
-        limit = known.limit(sensor.type or None, name)
+        limit = specification.limit(sensor.type or None, name)
         if limit is None or not limit.nominal or question.frequency_hz is not None:
             return None
         return Tolerance(limit.half_width / abs(limit.nominal), limit.nominal)

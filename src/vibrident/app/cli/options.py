@@ -173,12 +173,12 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
     def split(text: str | None) -> list[str] | None:
         if text is None:
             return None
-        parts = [word.strip() for word in text.split(",") if word.strip()]
-        if not parts:
+        words = [word.strip() for word in text.split(",") if word.strip()]
+        if not words:
             remedy = f"name at least one, or leave {marked(name)} out"
             raise unreadable_error(name, text, "names joined by commas", remedy)
         checked = [
-            word if allowed is None else one_of(name, word, _names_of(allowed)) for word in parts
+            word if allowed is None else one_of(name, word, _names_of(allowed)) for word in words
         ]
         return list(dict.fromkeys(checked))
 
@@ -207,7 +207,7 @@ def pairs(name: str, texts: Sequence[str], example: str) -> dict[str, str]:
     """Return the names and values of ``NAME=VALUE``."""
     values = {}
     for text in texts:
-        key, separator, value = (part.strip() for part in text.partition("="))
+        key, separator, value = (piece.strip() for piece in text.partition("="))
         if not (key and separator and value):
             raise unreadable_error(
                 name, text, f"NAME=VALUE, such as {example}", "write a name, = and a value"

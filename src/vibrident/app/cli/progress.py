@@ -71,7 +71,7 @@ class ProgressBar(ProgressReporter):
         )
 
     @property
-    def shown(self) -> bool:
+    def is_shown(self) -> bool:
         """Return whether stderr is a terminal."""
         return self._bar is not None
 

@@ -97,10 +97,10 @@ class Authenticator:
 
     def account(self, name: str) -> Account | None:
         """Return the account of this name, with its present role; None if there is none."""
-        known = self._accounts.named(name) if self._accounts else None
-        if known is None and self._user_header is not None:
+        named = self._accounts.named(name) if self._accounts else None
+        if named is None and self._user_header is not None:
             return Account(name, "look" if self._accounts else "identify", "")
-        return known
+        return named
 
     def visitor(self, scope: Any, headers: dict[bytes, str]) -> Account | None:
         """Return the account that makes a request; None if it has no valid session."""
@@ -227,7 +227,7 @@ class Authenticator:
             said=alert,
             action=SIGN_IN,
             lang=LOCALES[speak.code],
-            **{place: html.escape(speak(text)) for place, text in _WORDS.items()},
+            **{slot: html.escape(speak(text)) for slot, text in _WORDS.items()},
         ).encode()
         form_headers = (
             (b"content-security-policy", policy.encode()),
@@ -264,8 +264,8 @@ def build_authenticator(
             ways = "⟦serve.auth = FILE⟧, or ⟦serve.proxy = ADDRESS⟧ with ⟦serve.user_header = NAME⟧"
             raise _unguarded_error("neither", ways)
         return None
-    known = Accounts(auth) if auth is not None else None
-    return Authenticator(known, audit, folder / "sessions.json", proxy or None, user_header)
+    accounts = Accounts(auth) if auth is not None else None
+    return Authenticator(accounts, audit, folder / "sessions.json", proxy or None, user_header)
 
 
 def _unguarded_error(settings: str, expected: str) -> InputError:
@@ -289,7 +289,9 @@ def _cookie_name(scope: Any) -> str:
 
 def read_cookies(headers: dict[bytes, str]) -> dict[str, str]:
     """Return the cookies of a request, by name."""
-    pairs = (part.strip().partition("=") for part in headers.get(b"cookie", "").split(";"))
+    pairs = (
+        assignment.strip().partition("=") for assignment in headers.get(b"cookie", "").split(";")
+    )
     return {name: value for name, _, value in pairs}
 
 

@@ -29,14 +29,16 @@ def list_drafts(store: str) -> list[dict[str, Any]]:
     with Store(store) as opened:
         if opened.revision() is None:
             return []
-        known = drafts.drafts(opened)[:MAX_DRAFTS_SHOWN]
-    return [{**vars(each), "date": None if each.date is None else str(each.date)} for each in known]
+        listed = drafts.drafts(opened)[:MAX_DRAFTS_SHOWN]
+    return [
+        {**vars(each), "date": None if each.date is None else str(each.date)} for each in listed
+    ]
 
 
-def hand_in_draft(path: Path, store: str, stated: CertificateData, by: str) -> int:
+def hand_in_draft(path: Path, store: str, data: CertificateData, by: str) -> int:
     """Return the number of a new draft of a result, with what is stated for its certificate."""
     _without_network()
-    result, issue = issued(Result.load(path), stated)
+    result, issue = issued(Result.load(path), data)
     with Store(store) as opened:
         return drafts.hand_in(opened, result, issue, by=by)
 

@@ -77,20 +77,22 @@ def _guess_columns(folder: Path, pairs: Sequence[tuple[str, str | None]]) -> tup
         for pair in zip(light.columns, light.labels, strict=True)
         if pair[0] not in columns.columns
     ]
-    names, labels = (tuple(part) for part in zip(*more, strict=True)) if more else ((), ())
+    names, labels = (
+        (tuple(column_group) for column_group in zip(*more, strict=True)) if more else ((), ())
+    )
     both = {"columns": (*columns.columns, *names), "labels": (*columns.labels, *labels)}
     return replace(columns, **both, document={**columns.document, "interferometer": signals}), True
 
 
 def likely_excitation(columns: Columns, folder: Path, files: Sequence[str]) -> str:
     """Return the excitation of most files; a sine if undetermined."""
-    known = columns.document["records"].get("excitation")
+    from_file = columns.document["records"].get("excitation")
     # raw light turns round at any motion
     motion_in = columns.document[
         "response" if columns.document["interferometer"] else "reference"
     ].get("column")
-    if known is not None or columns.is_table or motion_in is None:
-        return known or "sine"
+    if from_file is not None or columns.is_table or motion_in is None:
+        return from_file or "sine"
     motions: Counter[str] = Counter()
     for file in files[:: -(-len(files) // _MAX_EXAMINED_FILES)]:
         try:
@@ -107,10 +109,10 @@ def _offered_columns(columns: Columns) -> Columns:
     description = describe_guess(columns)
     guessed = [description.get(role) for role in ROLES]
     pairs = list(zip(columns.columns, columns.labels, strict=True))
-    offered = [
+    choices = [
         pair for i, pair in enumerate(pairs) if i < MAX_OFFERED_COLUMNS or pair[0] in guessed
     ]
-    names, labels = zip(*offered, strict=True)
+    names, labels = zip(*choices, strict=True)
     return replace(
         columns, columns=names, labels=tuple(label[:_MAX_LABEL_LENGTH] for label in labels)
     )

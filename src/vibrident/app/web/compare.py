@@ -39,26 +39,26 @@ class CompareStep:
         if self.section.visible:
             self.choice.set_options(names, value=names)
 
-    def _chosen(self) -> tuple[list[Path], list[str]]:
-        chosen = [named for named in self.user.results if named.name in (self.choice.value or [])]
-        return [named.path for named in chosen], [named.name for named in chosen]
+    def _selected(self) -> tuple[list[Path], list[str]]:
+        results = [named for named in self.user.results if named.name in (self.choice.value or [])]
+        return [named.path for named in results], [named.name for named in results]
 
     async def _draw(self) -> None:
-        paths, names = self._chosen()
+        paths, names = self._selected()
         self.turn += 1
         turn = self.turn
         self.body.clear()
         if len(paths) < 2:
             return
-        shown = await frame.run_sandboxed(
+        outcome = await frame.run_sandboxed(
             self.user, self.body, sandboxed.compare_results, paths, names, spoken().code
         )
-        if shown is None or turn != self.turn or self.body.is_deleted:
+        if outcome is None or turn != self.turn or self.body.is_deleted:
             return
         with self.body:
-            for _, figure, height in shown["charts"]:
+            for _, figure, height in outcome["charts"]:
                 frame.ChartView(figure, height)
-            for title, table in shown["tables"]:
+            for title, table in outcome["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with frame.actions():
                 ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props(
@@ -71,7 +71,7 @@ class CompareStep:
 
     async def _report(self, form: str) -> None:
         self.errors.clear()
-        paths, names = self._chosen()
+        paths, names = self._selected()
         await offer_download(
             self.user,
             self.errors,

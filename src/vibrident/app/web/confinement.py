@@ -48,16 +48,17 @@ def _sandbox_command() -> tuple[str, ...]:
     program = shutil.which("bwrap")
     if program is None:
         return ()
-    here = [sys.prefix, sys.base_prefix, *sys.path, str(Path(sys.executable).resolve().parent)]
-    shown = dict.fromkeys(
-        (*_SYSTEM_PATHS, *(path for path in here if path and Path(path).exists()))
+    interpreter = str(Path(sys.executable).resolve().parent)
+    python_paths = [sys.prefix, sys.base_prefix, *sys.path, interpreter]
+    visible = dict.fromkeys(
+        (*_SYSTEM_PATHS, *(path for path in python_paths if path and Path(path).exists()))
     )
     command = (
         program,
         *_ISOLATION,
         "--tmpfs",
         "/tmp",
-        *(word for path in shown for word in ("--ro-bind-try", path, path)),
+        *(word for path in visible for word in ("--ro-bind-try", path, path)),
     )
     try:
         subprocess.run(

@@ -93,7 +93,7 @@ class DataStep:
                 ).props("outline")
                 ui.button(say("Start anew"), on_click=self._ask_anew).props("flat")
             self.errors = frame.error_place()
-            self.left = ui.element("div").props("aria-live=polite")
+            self.left_out = ui.element("div").props("aria-live=polite")
             self.listing = frame.hint("").props("role=status id=files")
             self.named = ui.element("div").classes("named").props("role=list")
             self.named.props["aria-label"] = say("Uploaded files")
@@ -147,7 +147,7 @@ class DataStep:
         came = []
         results = False
         alone = len(event.files) == 1
-        known = {
+        reasons = {
             unknown_format("", "").problem: self._unknown(),
             too_large_error(1.0).problem: self._large(),
         }
@@ -175,7 +175,7 @@ class DataStep:
                 if alone:
                     frame.show_error(self.errors, error, session)
                 else:
-                    reason = known.get(error.problem, error.problem.rstrip("."))
+                    reason = reasons.get(error.problem, error.problem.rstrip("."))
                     left_out.setdefault(reason, []).append(safe_name(file.name))
             except Exception as error:
                 frame.show_error(self.errors, error, session)
@@ -190,15 +190,15 @@ class DataStep:
             await self.on_data()
 
     def _left_out(self, left_out: dict[str, list[str]]) -> None:
-        self.left.clear()
+        self.left_out.clear()
         frame.show_left_out(
-            self.left, {reason: names for reason, names in left_out.items() if names}
+            self.left_out, {reason: names for reason, names in left_out.items() if names}
         )
 
     async def _demo(self) -> None:
         """Replace the data by the simulated demo."""
         self.errors.clear()
-        self.left.clear()
+        self.left_out.clear()
         session = self.user.session
         try:
             if self.user.busy:
@@ -260,7 +260,7 @@ class DataStep:
     async def _anew(self) -> None:
         self.user.close()
         self.errors.clear()
-        self.left.clear()
+        self.left_out.clear()
         self.show()
         await self.on_data()
         await self.on_result()

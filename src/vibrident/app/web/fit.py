@@ -50,12 +50,12 @@ class FitStep:
                 self.text = frame.Text("calibration-text", say("Calibration file"))
             stepping = estimators_with("discretisation")
             with ui.element("div").classes("fields wide"):
-                known = {
+                titles = {
                     name: f"{name}: {say(estimator.title)}"
                     for name, estimator in ESTIMATORS.all().items()
                 }
                 self.estimator = ui.select(
-                    {AUTO: say("{name}: chosen by the data", name=AUTO), **known},
+                    {AUTO: say("{name}: chosen by the data", name=AUTO), **titles},
                     value=AUTO,
                     label=say(LABELS["identify.estimator"]),
                 )
@@ -162,11 +162,11 @@ class FitStep:
         confirmed = self.user.confirmed
         if confirmed is None:
             return
-        wanted = (self.estimator.value, self.discretisation.value, self.uncertainty.value)
+        settings = (self.estimator.value, self.discretisation.value, self.uncertainty.value)
 
         def begin() -> None:
             user.write_form()
-            user.start(Choices(confirmed.name, *wanted))
+            user.start(Choices(confirmed.name, *settings))
 
         self._begin(begin)
 

@@ -36,15 +36,15 @@ def show_error(
 
     ``labels``: by setting, or by option of a command.
     """
-    known = _error_to_show(error)
+    to_show = _error_to_show(error)
     if element.is_deleted:  # the page was left meanwhile
         return
     element.clear()
     with element, ui.element("div").classes("error").props("role=alert"):
-        if not isinstance(known, InputError):
-            _spoken_as_is(str(known)).classes("problem")
+        if not isinstance(to_show, InputError):
+            _spoken_as_is(str(to_show)).classes("problem")
             return
-        local = _for_page(known, session, labels)
+        local = _for_page(to_show, session, labels)
         _spoken_as_is(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
@@ -54,8 +54,8 @@ def show_error(
 
 def _spoken_as_is(text: str) -> ui.label:
     """Show a text of the engine, marked as English where no catalogue translates it."""
-    known = say(text)
-    return ui.label(known).props("lang=en" if known == text else "")
+    spoken = say(text)
+    return ui.label(spoken).props("lang=en" if spoken == text else "")
 
 
 async def run_sandboxed(
@@ -84,16 +84,16 @@ def show_left_out(element: ui.element, left_out: Mapping[str, Sequence[str]]) ->
 
 def show_faults(element: ui.element, errors: Sequence[InputError], session: PageSession) -> None:
     """Show what is wrong in the files, each problem once with its places."""
-    places: dict[str, list[str]] = {}
+    wheres: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
-        places.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(
+        wheres.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(
             error.where
         )
     with element, ui.element("div").classes("warning").props("role=alert"):
         singular = "To mend before you identify, in {count} file:"
         plural = "To mend before you identify, in {count} files:"
         ui.label(say_count(len(errors), singular, plural)).classes("problem")
-        for problem, where in places.items():
+        for problem, where in wheres.items():
             ui.label(f"{problem}: {list_names(where)}")
 
 
@@ -153,9 +153,9 @@ def add_group(title: str, level: int = 3) -> ui.element:
     """
     if level:
         heading(title, level)
-    place = ui.element("div").classes("fields w-full").props("role=group")
-    place.props["aria-label"] = title
-    return place
+    group_element = ui.element("div").classes("fields w-full").props("role=group")
+    group_element.props["aria-label"] = title
+    return group_element
 
 
 def scroll_to(section: ui.element) -> None:
@@ -191,21 +191,21 @@ class ChartView:
     """
 
     def __init__(self, figure: bytes, height: int) -> None:
-        self.place = ui.element("div").classes("chart")
-        self.place.style(f"min-height: {height}px")  # the layout stays when it is drawn
+        self.element = ui.element("div").classes("chart")
+        self.element.style(f"min-height: {height}px")  # the layout stays when it is drawn
         self.show(figure)
 
     def show(self, figure: bytes) -> None:
         """Draw the chart, or draw it anew."""
         text = json.dumps(figure.decode())
-        self.place.client.run_javascript(f"vibrident.draw('{self.place.html_id}', {text})")
+        self.element.client.run_javascript(f"vibrident.draw('{self.element.html_id}', {text})")
 
 
 class GrowingChart:
     """A chart that is made with its first points and drawn anew as they grow."""
 
-    def __init__(self, place: ui.element, height: int) -> None:
-        self.place = place
+    def __init__(self, element: ui.element, height: int) -> None:
+        self.element = element
         self.height = height
         self.chart: ChartView | None = None
         self.points = 0
@@ -223,14 +223,14 @@ class GrowingChart:
         """
         drawn = json.dumps(figure).encode()
         if self.chart is None:
-            with self.place:
+            with self.element:
                 self.chart = ChartView(drawn, self.height)
         else:
             self.chart.show(drawn)
 
     def forget(self) -> None:
         """Take the chart away."""
-        self.place.clear()
+        self.element.clear()
         self.chart = None
         self.points = 0
 

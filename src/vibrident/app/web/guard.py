@@ -83,7 +83,7 @@ class Guard:
             return
         headers = _read_headers(scope)
         scope[SCOPE] = choose_language(read_cookies(headers), headers.get(b"accept-language", ""))
-        if not self._known(scope, headers) or _is_cross_site(scope, headers):
+        if not self._is_own_host(scope, headers) or _is_cross_site(scope, headers):
             await _refuse(scope, send, 403, _STRANGER)
         elif scope["type"] == "websocket":
             await self._connected(scope, receive, send, headers)
@@ -122,7 +122,7 @@ class Guard:
 
         await self._app(scope, checked, send)
 
-    def _known(self, scope: Any, headers: dict[bytes, str]) -> bool:
+    def _is_own_host(self, scope: Any, headers: dict[bytes, str]) -> bool:
         """Return whether the host is an allowed name, or the address that the request reached."""
         host = headers.get(b"host", "")
         if not _HOST.fullmatch(host):
@@ -131,9 +131,11 @@ class Guard:
             name = _normal_host(urlsplit(f"//{host}").hostname or "")
         except ValueError:
             return False
-        here = scope.get("server")
+        server_address = scope.get("server")
         return name in self._names or (
-            bool(here) and _is_address(name) and name == _normal_host(str(here[0]))
+            bool(server_address)
+            and _is_address(name)
+            and name == _normal_host(str(server_address[0]))
         )
 
     async def _guarded(

@@ -35,7 +35,7 @@ class ServerFolder:
     def __init__(
         self, state_folder: Path | None = None, address: str = "", keep_s: float = 0.0
     ) -> None:
-        self.kept = state_folder is not None
+        self.is_kept = state_folder is not None
         remove_leftovers(Path(tempfile.gettempdir()))
         if state_folder is None:
             top = Path(tempfile.gettempdir())
@@ -75,9 +75,9 @@ class ServerFolder:
         """Remove what is not kept."""
         if self._lock < 0:
             return
-        if self.kept:
+        if self.is_kept:
             os.utime(self._lock)  # kept from now on
-        shutil.rmtree(self.spool if self.kept else self.folder, ignore_errors=True)
+        shutil.rmtree(self.spool if self.is_kept else self.folder, ignore_errors=True)
         with contextlib.suppress(OSError):
             os.close(self._lock)
         self._lock = -1

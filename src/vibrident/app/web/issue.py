@@ -32,7 +32,7 @@ class IssueStep:
         self.user = user
 
     @property
-    def offered(self) -> bool:
+    def is_offered(self) -> bool:
         """Return whether the page has accounts and a store.
 
         Without accounts nobody else could review a draft.
@@ -53,7 +53,7 @@ class IssueStep:
 
     async def show(self) -> None:
         """Show the drafts as the store has them now."""
-        if not self.offered:
+        if not self.is_offered:
             return
         call = (certificates.list_drafts, self.user.users.store)
         drafts = await frame.run_sandboxed(
@@ -68,14 +68,12 @@ class IssueStep:
             for each in drafts:
                 self._entry(each, replaced.get(each["number"] or None))
 
-    async def hand_in(
-        self, named: NamedResult, stated: CertificateData, errors: ui.element
-    ) -> None:
+    async def hand_in(self, named: NamedResult, data: CertificateData, errors: ui.element) -> None:
         """Hand in a draft of a result, and show it."""
         errors.clear()
         try:
             self.user.require("identify", "hand in a draft")
-            arguments = (named.path, self.user.users.store, stated, self.user.owner)
+            arguments = (named.path, self.user.users.store, data, self.user.owner)
             number = await self.user.run_sandboxed(
                 certificates.hand_in_draft, *arguments, file_bytes=_MAX_STORE_BYTES
             )

@@ -34,13 +34,13 @@ def choose_language(cookies: Mapping[str, str], accepted: str) -> str:
     """Return the code of a page's language: the chosen one, else the browser's first known one."""
     if (code := cookies.get(COOKIE, "")) in LANGUAGES:
         return code
-    wanted = []
-    for order, part in enumerate(accepted[:1000].split(",")):
-        name, _, weight = part.partition(";")
+    preferred = []
+    for order, choice in enumerate(accepted[:1000].split(",")):
+        name, _, weight = choice.partition(";")
         quality = re.fullmatch(r"\s*q=([01](?:\.\d{1,3})?)\s*", weight)
         size = float(quality[1]) if quality else 0.0 if weight else 1.0
-        wanted.append((-size, order, name.strip().lower().partition("-")[0]))
-    return next((code for size, _, code in sorted(wanted) if size and code in LANGUAGES), "en")
+        preferred.append((-size, order, name.strip().lower().partition("-")[0]))
+    return next((code for size, _, code in sorted(preferred) if size and code in LANGUAGES), "en")
 
 
 def say(english: str, /, **values: Any) -> str:
@@ -100,7 +100,7 @@ class Language:
 
         English words that no catalogue has stay as they are.
         """
-        text = self.known(english)
+        text = self.translation(english)
         if values:
             filled = {name: self._value(value) for name, value in values.items()}
             return (english if text is None else text).format(**filled)
@@ -110,7 +110,7 @@ class Language:
         """Return one of two sentences, by the ``{count}`` of something."""
         return self(singular if number == 1 else plural, count=number, **values)
 
-    def known(self, english: str) -> str | None:
+    def translation(self, english: str) -> str | None:
         """Return the translation of the page or its certificates; None if there is none."""
         if self.code == "en":
             return english
@@ -121,7 +121,7 @@ class Language:
         title, comma, unit = english.rpartition(", ")
         return (
             f"{self(title)}{comma}{unit}"
-            if comma and self.known(english) is None
+            if comma and self.translation(english) is None
             else self(english)
         )
 
@@ -140,8 +140,8 @@ class Language:
         """Return a sentence whose values are inserted already."""
         for pattern, text in self._templates:
             if match := pattern.fullmatch(english):
-                parts = {name: self.label(part) for name, part in match.groupdict().items()}
-                return text.format(**{name: self._value(part) for name, part in parts.items()})
+                matched = {name: self.label(value) for name, value in match.groupdict().items()}
+                return text.format(**{name: self._value(value) for name, value in matched.items()})
         return self._value(english)
 
     @cached_property
@@ -154,23 +154,25 @@ class Language:
         """Return patterns of the sentences with values, those of most words first."""
         if self.code == "en":
             return []
-        known = {**from_english(self.code), **catalogue(self.code)["made"]}
-        parts = {english: [*Formatter().parse(english)] for english in known if "{" in english}
-        words = {english: "".join(part[0] for part in pieces) for english, pieces in parts.items()}
+        texts = {**from_english(self.code), **catalogue(self.code)["made"]}
+        pieces_of = {english: [*Formatter().parse(english)] for english in texts if "{" in english}
+        words = {
+            english: "".join(piece[0] for piece in pieces) for english, pieces in pieces_of.items()
+        }
         telling = [
             english
-            for english in parts
+            for english in pieces_of
             if len(re.findall("[A-Za-z]", words[english])) >= _MIN_TEMPLATE_LETTERS
         ]
         ordered = sorted(telling, key=lambda english: -len(words[english]))
-        return [(_pattern(parts[english]), known[english]) for english in ordered]
+        return [(_pattern(pieces_of[english]), texts[english]) for english in ordered]
 
 
-def _pattern(parts: list[Any]) -> re.Pattern[str]:
+def _pattern(pieces: list[Any]) -> re.Pattern[str]:
     """Return a pattern of a sentence with any values; a name that comes twice has one value."""
     pattern = ""
     names = set()
-    for literal, name, _, _ in parts:
+    for literal, name, _, _ in pieces:
         pattern += re.escape(literal)
         if name is not None:
             values = r"[-+−\d.,e]+" if name in _NUMBERS else r"[^\n]+?"

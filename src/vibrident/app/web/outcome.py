@@ -30,13 +30,11 @@ class DraftReceiver(Protocol):
     """A step that takes drafts of certificates."""
 
     @property
-    def offered(self) -> bool:
+    def is_offered(self) -> bool:
         """Return whether drafts can be handed in."""
         ...
 
-    async def hand_in(
-        self, named: NamedResult, stated: CertificateData, errors: ui.element
-    ) -> None:
+    async def hand_in(self, named: NamedResult, data: CertificateData, errors: ui.element) -> None:
         """Hand in a draft of a result."""
         ...
 
@@ -96,21 +94,21 @@ class OutcomeStep:
         self.body.clear()
         with self.body:
             ui.spinner(size="28px")
-        shown = await frame.run_sandboxed(
+        outcome = await frame.run_sandboxed(
             self.user, self.body, sandboxed.read_outcome, named.path, spoken().code
         )
-        if shown is None or turn != self.turn or self.body.is_deleted:
+        if outcome is None or turn != self.turn or self.body.is_deleted:
             return
         self.body.clear()
         with self.body:
-            for part in ("verdict", "parameters", "warnings"):
-                if shown[part]:  # of ``sandboxed``, where untrusted text was escaped
-                    ui.html(shown[part], sanitize=False)
-            self.certificate = CertificateForm(self.user, named, shown["states"])
-            self._downloads(named, *shown["pdf"])
+            for table in ("verdict", "parameters", "warnings"):
+                if outcome[table]:  # of ``sandboxed``, where untrusted text was escaped
+                    ui.html(outcome[table], sanitize=False)
+            self.certificate = CertificateForm(self.user, named, outcome["states"])
+            self._downloads(named, *outcome["pdf"])
             self.certificate.build()
             self.errors = frame.error_place()
-            _curves(shown)
+            _curves(outcome)
             self._exports(named)
             self.export_errors = frame.error_place()
             if go:  # before the history, which is read in a process of its own
@@ -272,7 +270,7 @@ class HistoryPanel:
             draft = ui.button(say("Hand in for review"), on_click=self._hand_in).props(
                 "outline id=hand-in"
             )
-            draft.visible = self.hand_in.offered and self.user.may("identify")
+            draft.visible = self.hand_in.is_offered and self.user.may("identify")
         self.words = frame.hint("").props("role=status id=history-words")
         self.errors = frame.error_place()
         self.body = ui.element("div").props("id=history")
@@ -311,17 +309,17 @@ class HistoryPanel:
             spoken().code,
             *more,
         )
-        shown = await frame.run_sandboxed(
+        outcome = await frame.run_sandboxed(
             self.user, self.errors, function, *arguments, file_bytes=MAX_STORE_BYTES
         )
-        if shown is None or self.body.is_deleted:
+        if outcome is None or self.body.is_deleted:
             return
-        self.words.text = shown["words"]
+        self.words.text = outcome["words"]
         self.body.clear()
         with self.body:
-            for _, figure, height in shown["charts"]:
+            for _, figure, height in outcome["charts"]:
                 frame.ChartView(figure, height)
-            ui.html(shown["tables"], sanitize=False)
+            ui.html(outcome["tables"], sanitize=False)
 
 
 async def offer_download(
@@ -349,23 +347,23 @@ async def offer_download(
         ui.download.file(place, name)
 
 
-def _curves(shown: dict[str, Any]) -> None:
-    if shown["left_out"]:
+def _curves(outcome: dict[str, Any]) -> None:
+    if outcome["left_out"]:
         frame.hint(say("Not everything can be drawn here; see the report (HTML)."))
-    for title, figure, height in shown["charts"]:
+    for title, figure, height in outcome["charts"]:
         frame.heading(title)
         frame.ChartView(figure, height)
-    if shown["found"]:
+    if outcome["found"]:
         behind = ui.expansion(say("How it was found")).classes("w-full").props("id=how")
 
         def draw() -> None:  # plotly draws nothing in a hidden element
             if behind.value and not behind.default_slot.children:
                 with behind:
-                    for _, figure, height in shown["found"]:
+                    for _, figure, height in outcome["found"]:
                         frame.ChartView(figure, height)
 
         behind.on_value_change(draw)
-    if signals := shown["signals"]:
+    if signals := outcome["signals"]:
         frame.heading(say("Signals"))
         if len(signals) > 1:
             names = {number: name for number, (name, *_) in enumerate(signals)}

@@ -75,19 +75,19 @@ async def page(users: Users) -> None:
 
 def _visitor(account: Any) -> None:
     """Offer the languages, and to sign out where somebody has signed in."""
-    here = spoken().code
+    current = spoken().code
     options = "".join(
         f'<option value="{code}" '
-        f'lang="{LOCALES[code]}"{" selected" * (code == here)}>{name}</option>'
+        f'lang="{LOCALES[code]}"{" selected" * (code == current)}>{name}</option>'
         for code, name in LANGUAGES.items()
     )
-    parts = f'<select id="language" aria-label="{html(say("Language"))}">{options}</select>'
+    content = f'<select id="language" aria-label="{html(say("Language"))}">{options}</select>'
     if account:
-        parts += f"<span>{html(account.name)}</span>"
+        content += f"<span>{html(account.name)}</span>"
         if account.hash:
             button = html(say("Sign out"))
-            parts += f'<form method="post" action="{SIGN_OUT}"><button>{button}</button></form>'
-    ui.html(f'<div class="who">{parts}</div>', sanitize=False)
+            content += f'<form method="post" action="{SIGN_OUT}"><button>{button}</button></form>'
+    ui.html(f'<div class="who">{content}</div>', sanitize=False)
 
 
 async def _say_if_gone() -> None:
@@ -120,11 +120,11 @@ def _offer(user: User) -> None:
         user.users.hand_over(earlier, user)
         ui.navigate.reload()
 
-    with ui.element("div").classes("actions").props("id=left-work role=group") as place:
-        place.props["aria-label"] = say("Earlier work")
+    with ui.element("div").classes("actions").props("id=left-work role=group") as row:
+        row.props["aria-label"] = say("Earlier work")
         ui.label(say("Go on with earlier work:"))
         for earlier in closed_tabs[:_MAX_OFFERED_TABS]:
-            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.seen))
+            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.last_seen))
             files = say_count(len(earlier.session.names), "{count} file", "{count} files")
             results = say_count(len(earlier.results), "{count} result", "{count} results")
             named = f"{files}, {results}, {at}"

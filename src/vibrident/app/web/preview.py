@@ -51,11 +51,14 @@ def preview(
             if reference_file
             else (*description.motion, description.get("response.column"))
         )
-    wanted = list(dict.fromkeys(column for column in drawn if column is not None))
+    shown_columns = list(dict.fromkeys(column for column in drawn if column is not None))
     if not description.signals:  # those of an interferometer are read in blocks
-        positions = [source.position_of(column, "columns and units") for column in wanted]
+        positions = [source.position_of(column, "columns and units") for column in shown_columns]
         require_room(folder / response_file, sum(source.length(position) for position in positions))
-    stacks = [*_light(light, description), _over(source, wanted, across, table=description.table)]
+    stacks = [
+        *_light(light, description),
+        _over(source, shown_columns, across, table=description.table),
+    ]
     if light is not source:
         signals = [column for column in description.motion if column is not None]
         stacks.insert(-1, _over(light, signals, None, table=False))
@@ -64,24 +67,24 @@ def preview(
 
 
 def _over(
-    source: ColumnFile, wanted: Sequence[int | str], across: int | str | None, *, table: bool
+    source: ColumnFile, shown_columns: Sequence[int | str], across: int | str | None, *, table: bool
 ) -> Stack:
     """Draw columns of a file below each other, over one of them or the sample number."""
-    values = dict(zip(wanted, _beginnings(source, wanted), strict=True))
+    values = dict(zip(shown_columns, _beginnings(source, shown_columns), strict=True))
     x = None if across is None else _beginnings(source, [across])[0]
     if x is not None and not table and x.size:  # times since 1970 make unreadable labels
         x = x - x[0]
     size = min((column.size for column in values.values()), default=0)
-    places = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
+    abscissa = np.arange(size, dtype=float) if x is None else np.asarray(x, dtype=float)[:size]
     in_time = phrase("Sample") if x is None else phrase("Time from the first sample in s")
     title = phrase("Frequency in Hz") if table else in_time
-    below = axes.frequency(places, title) if table else axes.linear(title, places, margin=0.02)
+    below = axes.frequency(abscissa, title) if table else axes.linear(title, abscissa, margin=0.02)
     mark = "o" if table else ""
     panels = []
-    for colour, column in zip((BLUE, VERMILION, GREEN), wanted, strict=False):
+    for colour, column in zip((BLUE, VERMILION, GREEN), shown_columns, strict=False):
         look = Look(colour, width=1.0, marker=mark)  # type: ignore[arg-type]
         # the file's own words
-        line = Series(places, values[column][:size], Mixed(_named(source, column)), look)
+        line = Series(abscissa, values[column][:size], Mixed(_named(source, column)), look)
         panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
     return Stack(tuple(panels))
 
@@ -89,8 +92,8 @@ def _over(
 def _named(source: ColumnFile, column: int | str) -> str:
     """Return the name of a column with the unit that the file states, if the name has none."""
     unit = source.stated_unit(source.position_of(column, "columns and units"))
-    known = "" if split_brackets(str(column))[1] else pretty(unit)
-    return " / ".join(filter(None, (shortened(str(column), 50), known)))
+    unit_text = "" if split_brackets(str(column))[1] else pretty(unit)
+    return " / ".join(filter(None, (shortened(str(column), 50), unit_text)))
 
 
 def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
@@ -106,14 +109,14 @@ def _light(source: ColumnFile, description: Description) -> tuple[Stack, ...]:
     from vibrident.data.interferometer.setting import signals_in_memory
     from vibrident.data.interferometer.survey import survey
 
-    places = [
+    positions = [
         source.position_of(column, "columns and units")
         for column in description.signals
         if column is not None
     ]
-    lengths = [source.length(position) for position in places]
+    lengths = [source.length(position) for position in positions]
     size = min(*lengths, MAX_ELLIPSE_SAMPLES)
-    signals = source.block(places, 0, size)
+    signals = source.block(positions, 0, size)
     if size < 2 or not np.isfinite(signals).all():
         return ()
     points = signals[:, :: max(size // MAX_SAMPLES, 1)]

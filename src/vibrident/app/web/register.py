@@ -12,8 +12,7 @@ from vibrident.app.web.language import Language, language
 from vibrident.app.web.translated import fragment
 from vibrident.data.io.certificate import CertificateData
 from vibrident.result import Result
-from vibrident.show.issue import lacking
-from vibrident.show.issue import stated as with_statements
+from vibrident.show.issue import lacking, with_statements
 from vibrident.show.views import Column, Table, columns
 
 MAX_SENSORS = 500  # rows of the table
@@ -27,10 +26,10 @@ class CertifiableResult:
     missing: int  # entries that a certificate must state and this one does not
 
 
-def sensors(store: str, wanted: str, code: str) -> dict[str, Any]:
+def sensors(store: str, serial_part: str, code: str) -> dict[str, Any]:
     """Return the sensors of a store with last calibration and next due date, the soonest first.
 
-    ``wanted``: a part of the serial number; ``code``: of the language. ``table`` is HTML, ``count``
+    ``serial_part``: of the serial number; ``code``: of the language. ``table`` is HTML, ``count``
     the number of sensors, None where there is no store yet.
     """
     from vibrident.lab.history.document import Question, all_due
@@ -40,8 +39,8 @@ def sensors(store: str, wanted: str, code: str) -> dict[str, Any]:
         if opened.revision() is None:
             return {"count": None, "table": ""}
         rows = all_due(opened, Question())
-    sought = wanted.strip().casefold()
-    named = [row for row in rows if sought in str(row["serial_number"]).casefold()]
+    folded = serial_part.strip().casefold()
+    named = [row for row in rows if folded in str(row["serial_number"]).casefold()]
     return {
         "count": len(named),
         "table": fragment(language(code), _table(named, language(code))) if named else "",
@@ -76,10 +75,10 @@ def _table(rows: Sequence[dict[str, Any]], speak: Language) -> Table:
     return Table(heads, tuple(cells), doubtful=tuple(overdue))
 
 
-def drafts(paths: Sequence[Path], stated: Sequence[CertificateData]) -> list[CertifiableResult]:
+def drafts(paths: Sequence[Path], statements: Sequence[CertificateData]) -> list[CertifiableResult]:
     """Return serial number and missing entries of each result with what is stated beside it."""
     open_drafts = []
-    for path, data in zip(paths, stated, strict=True):
+    for path, data in zip(paths, statements, strict=True):
         result = with_statements(Result.load(path), data)
         missing = lacking(result.certificate, result.sensor)
         open_drafts.append(

@@ -35,8 +35,7 @@ from vibrident.show.comparison_curves import comparison_figure
 from vibrident.show.coverage import chain_unstated, unstated
 from vibrident.show.deviation_points import from_reference
 from vibrident.show.findings import describe_findings
-from vibrident.show.issue import Issue, issued
-from vibrident.show.issue import stated as with_statements
+from vibrident.show.issue import Issue, issued, with_statements
 from vibrident.show.report import content, file_name
 from vibrident.show.views import Figure, Sentence
 
@@ -75,14 +74,14 @@ def find_faults(
     points = [description.get(role) for role in ROLES if role.startswith("table.")]
     response = (description.get("sampling.time_column"), description.get("response.column"))
     for file, reference_file in description.pairs(files):
-        here = (
+        own_columns = (
             points
             if description.table
             else response
             if reference_file
             else (*response, *description.motion)
         )
-        for name, columns in ((file, here), (reference_file, description.motion)):
+        for name, columns in ((file, own_columns), (reference_file, description.motion)):
             try:
                 if name is not None:
                     _require_numbers(
@@ -97,9 +96,9 @@ def find_faults(
 
 def _require_numbers(path: Path, columns: Sequence[int | str]) -> None:
     source = open_columns(path)
-    places = [source.position_of(column, "columns and units") for column in columns]
-    require_room(path, sum(source.length(position) for position in places))
-    for position, values in zip(places, source.load(places), strict=True):
+    positions = [source.position_of(column, "columns and units") for column in columns]
+    require_room(path, sum(source.length(position) for position in positions))
+    for position, values in zip(positions, source.load(positions), strict=True):
         source.require_finite(position, values, 0, "repair the file, or remove it")
 
 
@@ -120,7 +119,7 @@ def read_outcome(path: Path, code: str = "en") -> dict[str, Any]:
     fitted = Result.load(path)  # warnings and findings count in its own u, as their sentences do
     result = raised_to_measured(fitted)
     drawn = figures.sensitivity(result), from_reference(result), figures.deviation(result)
-    shown, remaining = _fitting(_named(speak, *drawn), MAX_CHART_BYTES)
+    fitting, remaining = _fitting(_named(speak, *drawn), MAX_CHART_BYTES)
     training, remaining = _fitting(_named(speak, figures.training(result)), remaining)
     signals, remaining = _fitting(_charts(speak, figures.signals(result)), remaining)
     return {
@@ -135,7 +134,7 @@ def read_outcome(path: Path, code: str = "en") -> dict[str, Any]:
             speak, tables.parameters(result), *map(Sentence, said_of_raised(result))
         ),
         "warnings": fragment(speak, *describe_findings(fitted, page_word(speak=speak))),
-        "charts": shown,
+        "charts": fitting,
         "found": training,
         "signals": signals,
         "left_out": remaining < 0,
@@ -170,8 +169,10 @@ def _scatter_only(result: Result, speak: Language) -> tuple[Sentence, ...]:
 
 
 def _named(speak: Language, *drawn: Figure | None) -> list[tuple[str, Any]]:
-    known = [figure for figure in drawn if figure is not None]
-    return [(speak(figure.title), chart) for figure in known for _, chart in _charts(speak, figure)]
+    figures = [figure for figure in drawn if figure is not None]
+    return [
+        (speak(figure.title), chart) for figure in figures for _, chart in _charts(speak, figure)
+    ]
 
 
 def _charts(speak: Language, figure: Figure | None) -> list[tuple[str, Any]]:
@@ -195,25 +196,25 @@ def _fitting(
     return fitting, max_bytes
 
 
-def _issued(path: Path, stated: CertificateData) -> tuple[Result, Issue]:
+def _issued(path: Path, data: CertificateData) -> tuple[Result, Issue]:
     """Return a result with what is stated for its certificate, in the process of this task."""
     # nobody's: an uploaded template has typst fetch no packages
     os.environ["HTTPS_PROXY"] = "http://127.0.0.1:9"
-    return issued(Result.load(path), stated)
+    return issued(Result.load(path), data)
 
 
 def write_report(
-    paths: Sequence[Path], form: Any, names: Sequence[str], stated: CertificateData
+    paths: Sequence[Path], form: Any, names: Sequence[str], data: CertificateData
 ) -> bytes:
     """Return the report of one result with its certificate's statements, or of several results."""
     if len(paths) > 1:
         return content([Result.load(path) for path in paths], form, names)
-    result, issue = _issued(paths[0], stated)
+    result, issue = _issued(paths[0], data)
     return content(result, form, issue=issue)
 
 
 def write_export(
-    path: Path, folder: Path, form: str, options: dict[str, Any], stated: CertificateData
+    path: Path, folder: Path, form: str, options: dict[str, Any], data: CertificateData
 ) -> tuple[bytes, str]:
     """Return one file as it is, several as an archive, with its name.
 
@@ -221,7 +222,7 @@ def write_export(
     """
     from vibrident.export import export
 
-    files = export(issued(Result.load(path), stated)[0], form, folder, **options)
+    files = export(issued(Result.load(path), data)[0], form, folder, **options)
     if len(files) == 1:
         return files[0].read_bytes(), files[0].name
     archive = io.BytesIO()
@@ -232,7 +233,7 @@ def write_export(
 
 
 def write_everything(
-    path: Path, calibration: Path | None, folder: Path, stated: CertificateData
+    path: Path, calibration: Path | None, folder: Path, data: CertificateData
 ) -> bytes:
     """Return an archive of the result, its calibration and certificate files, reports and exports.
 
@@ -241,14 +242,14 @@ def write_everything(
     from vibrident.export import export
     from vibrident.export.registry import EXPORTS
 
-    result, issue = _issued(path, stated)
+    result, issue = _issued(path, data)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.write(path, "result.json")
         if calibration is not None:
             packed.write(calibration, "calibration.toml")
-        if stated.certificate or stated.sensor:
-            packed.writestr("certificate.toml", certificate_text(stated))
+        if data.certificate or data.sensor:
+            packed.writestr("certificate.toml", certificate_text(data))
         for form in ("html", "pdf", "md"):
             packed.writestr(file_name(result, form), content(result, form, issue=issue))
         for name, form in EXPORTS.all().items():
@@ -268,37 +269,37 @@ def compare_results(
     """Compare results: a chart as JSON or none, and tables as HTML with their titles."""
     results = [Result.load(path) for path in paths]
     speak = language(code)
-    shown, _ = _fitting(_charts(speak, comparison_figure(results, names)), MAX_CHART_BYTES)
+    fitting, _ = _fitting(_charts(speak, comparison_figure(results, names)), MAX_CHART_BYTES)
     tables_beside = [
         (speak(title), fragment(speak, table)) for title, table in comparison_tables(results, names)
     ]
-    return {"charts": shown, "tables": tables_beside}
+    return {"charts": fitting, "tables": tables_beside}
 
 
-def read_history(path: Path, store: str, stated: CertificateData, code: str) -> dict[str, Any]:
+def read_history(path: Path, store: str, data: CertificateData, code: str) -> dict[str, Any]:
     """Return what a store holds of a result's sensor: words, charts as JSON, tables as HTML.
 
-    ``stated``: what the form of the certificate states beside the result; ``code``: of the
+    ``data``: what the form of the certificate states beside the result; ``code``: of the
     language.
     """
-    return _history(path, store, stated, code, lambda opened, result: "")
+    return _history(path, store, data, code, lambda opened, result: "")
 
 
-def add_to_history(path: Path, store: str, stated: CertificateData, code: str) -> dict[str, Any]:
+def add_to_history(path: Path, store: str, data: CertificateData, code: str) -> dict[str, Any]:
     """Add the result to the store, and return the same as ``read_history``."""
     from vibrident.lab.history.entry import add_all
 
     def add(opened: Store, result: Result) -> str:
         (added,) = add_all(opened, [result])
         new = phrase("Calibration {number}.")
-        known = phrase("Calibration {number} was there already.")
-        return language(code)(new if added.new else known, number=added.number)
+        present = phrase("Calibration {number} was there already.")
+        return language(code)(new if added.new else present, number=added.number)
 
-    return _history(path, store, stated, code, add)
+    return _history(path, store, data, code, add)
 
 
 def approve_in_history(
-    path: Path, store: str, stated: CertificateData, code: str, by: str
+    path: Path, store: str, data: CertificateData, code: str, by: str
 ) -> dict[str, Any]:
     """Add and approve the result's calibration, and return the same as ``read_history``."""
     from vibrident.lab.history.approval import approve
@@ -310,13 +311,13 @@ def approve_in_history(
         approve(opened, added.number, by=name, note="" if name == by else f"entered by {by}")
         return language(code)(phrase("Calibration {number} is approved."), number=added.number)
 
-    return _history(path, store, stated, code, add)
+    return _history(path, store, data, code, add)
 
 
 def _history(
     path: Path,
     store: str,
-    stated: CertificateData,
+    data: CertificateData,
     code: str,
     change: Callable[[Store, Result], str],
 ) -> dict[str, Any]:
@@ -324,7 +325,7 @@ def _history(
     from vibrident.lab.history.document import of_result
     from vibrident.lab.history.store import Store
 
-    result = with_statements(Result.load(path), stated)
+    result = with_statements(Result.load(path), data)
     speak = language(code)
     with Store(store) as opened:
         before = change(opened, result)
@@ -332,7 +333,7 @@ def _history(
     if life is None:
         nothing = speak("The history holds no calibration of this sensor.")
         return {"words": f"{before} {nothing}".strip(), "charts": [], "tables": ""}
-    blocks = [block for part in page.report(life).sections for block in part.blocks]
+    blocks = [block for section in page.report(life).sections for block in section.blocks]
     drawn = [
         (figure.title, chart)
         for figure in blocks

@@ -31,9 +31,11 @@ class SensorsStep:
         """Build the section; ``on_open`` is called with the name of a result of this tab."""
         self.on_open = on_open
         with frame.add_step(say("Sensors and open work"), "sensors", mark="≡") as self.section:
-            self.wanted = ui.input(say("Find a serial number")).props(f"{PLAIN} id=serial-wanted")
-            self.wanted.style("max-width: 20rem")
-            self.wanted.on("keydown.enter", lambda: self.show())
+            self.serial_input = ui.input(say("Find a serial number")).props(
+                f"{PLAIN} id=serial-wanted"
+            )
+            self.serial_input.style("max-width: 20rem")
+            self.serial_input.on("keydown.enter", lambda: self.show())
             with frame.actions():
                 ui.button(say("Search"), on_click=lambda: self.show()).props(
                     "outline id=find-serial"
@@ -56,39 +58,41 @@ class SensorsStep:
         user = self.user
         work = self._work()
         store = user.users.store
-        wanted = self.wanted.value or ""
+        serial_part = self.serial_input.value or ""
         if not (store or work):
             self.section.visible = False
             return
         self.turn += 1
         turn = self.turn
         self.errors.clear()
-        known: dict[str, Any] = {"count": None, "table": ""}
+        summary: dict[str, Any] = {"count": None, "table": ""}
         failed = False
         if store:
-            call = (register.sensors, store, wanted, spoken().code)
+            call = (register.sensors, store, serial_part, spoken().code)
             read = await frame.run_sandboxed(user, self.errors, *call, file_bytes=MAX_STORE_BYTES)
             failed = read is None
-            known = read or known
+            summary = read or summary
         paths = [named.path for _, named in work]
-        stated = [named.stated or CertificateData() for _, named in work]
-        drafts = await frame.run_sandboxed(user, self.errors, register.drafts, paths, stated) or []
+        statements = [named.stated or CertificateData() for _, named in work]
+        drafts = (
+            await frame.run_sandboxed(user, self.errors, register.drafts, paths, statements) or []
+        )
         if turn != self.turn or self.body.is_deleted:
             return
-        sought = wanted.strip().casefold()
+        folded = serial_part.strip().casefold()
         open_work = [
             (draft, *entry)
             for draft, entry in zip(drafts, work, strict=False)
-            if sought in draft.serial_number.casefold()
+            if folded in draft.serial_number.casefold()
         ]
-        begun = known["count"] is not None
+        begun = summary["count"] is not None
         self.section.visible = begun or failed or bool(work)
         drafts_words = say_count(len(open_work), "{count} open draft", "{count} open drafts")
         words = [drafts_words]
         if begun:
             singular = "{count} sensor in the history"
             plural = "{count} sensors in the history"
-            words.insert(0, say_count(known["count"], singular, plural))
+            words.insert(0, say_count(summary["count"], singular, plural))
         self.words.text = ", ".join(words) + "."
         self.body.clear()
         with self.body:
@@ -98,9 +102,9 @@ class SensorsStep:
                     listing.props["aria-label"] = say("Open drafts")
                     for draft, owner, named in open_work:
                         self._draft(draft, owner, named)
-            if known["table"]:
+            if summary["table"]:
                 frame.heading(say("Sensors"))
-                ui.html(known["table"], sanitize=False)  # escaped in the process that made it
+                ui.html(summary["table"], sanitize=False)  # escaped in the process that made it
 
     def _draft(self, draft: register.CertifiableResult, owner: User, named: NamedResult) -> None:
         lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")

@@ -56,12 +56,12 @@ def serve(
     """
     from nicegui import ui
 
-    chosen = _free_port(host, port)
+    free_port = _free_port(host, port)
     keep_s = 3600.0 * keep_h
     loopback = host in LOOPBACK
     # refused before anything is made
     build_authenticator(auth, proxy, user_header, None, Path(), loopback=loopback)
-    home = ServerFolder(data_folder() / "page" if keep_s else None, f"{host}-{chosen}", keep_s)
+    home = ServerFolder(data_folder() / "page" if keep_s else None, f"{host}-{free_port}", keep_s)
     door = build_authenticator(
         auth,
         proxy,
@@ -72,17 +72,17 @@ def serve(
     )
     os.environ["TMPDIR"] = tempfile.tempdir = str(home.spool)  # partial uploads lie there too
     try:
-        known = page_names(host) | frozenset(names)
-        build(limit_mb, home, names=known, store=store, keep_s=keep_s, door=door, key=key)
+        host_names = page_names(host) | frozenset(names)
+        build(limit_mb, home, names=host_names, store=store, keep_s=keep_s, door=door, key=key)
         if door is not None and not can_confine():
             note(
                 "Readers of files are not confined: bubblewrap is missing here or not allowed "
                 "(docs/security.md)."
             )
-        say(f"http://{_bracketed(reachable_address(host))}:{chosen}/")
+        say(f"http://{_bracketed(reachable_address(host))}:{free_port}/")
         ui.run(
             host=host,
-            port=chosen,
+            port=free_port,
             title="vibrident",
             favicon=_ICON,
             show=show,
@@ -165,14 +165,14 @@ def _family(host: str) -> socket.AddressFamily:
 
 
 def _free_port(host: str, port: int) -> int:
-    wanted = [port] if port else [USUAL_PORT, 0]
-    for number in wanted:
+    ports = [port] if port else [USUAL_PORT, 0]
+    for number in ports:
         with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind((host, number))
             except OSError as error:
-                if error.errno == errno.EADDRINUSE and number != wanted[-1]:
+                if error.errno == errno.EADDRINUSE and number != ports[-1]:
                     continue
                 raise InputError(
                     "The page cannot be served there.",

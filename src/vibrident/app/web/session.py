@@ -54,9 +54,9 @@ class PageSession:
         self._room = room
         self._sizes: dict[str, int] = {}
         self._result_sizes: dict[Path, int] = {}
-        self._made = 0
+        self._files_made = 0
         self._written = False
-        self._known: set[str] = set()
+        self._response_files: set[str] = set()
 
     def open(self) -> None:
         """Make the folders unless they exist."""
@@ -68,7 +68,7 @@ class PageSession:
         shutil.rmtree(self.folder, ignore_errors=True)
         self._sizes = {}
         self._result_sizes = {}
-        self._known = set()
+        self._response_files = set()
         self._written = False
 
     def laboratory_file(self, kind: str) -> Path | None:
@@ -89,7 +89,7 @@ class PageSession:
         """Remove the data, keep their results."""
         shutil.rmtree(self.data, ignore_errors=True)
         self._sizes = {}
-        self._known = set()
+        self._response_files = set()
         self._written = False
 
     @property
@@ -102,13 +102,13 @@ class PageSession:
     def files(self) -> list[str]:
         """Return the names of the data files, in natural order."""
         readers = by_ending()
-        names = [name for name in self.names if name not in self._known]
+        names = [name for name in self.names if name not in self._response_files]
         return [name for name in names if Path(name).suffix.lower() in readers]
 
     @property
     def known_files(self) -> list[str]:
         """Return the names of the files that state known responses, in natural order."""
-        return [name for name in self.names if name in self._known]
+        return [name for name in self.names if name in self._response_files]
 
     @property
     def used_bytes(self) -> int:
@@ -174,21 +174,21 @@ class PageSession:
             self.remove(existing)
         self._sizes[safe] = size
         if known:
-            self._known.add(safe)
+            self._response_files.add(safe)
         return self.data / safe
 
     def remove(self, name: str) -> None:
         """Remove one file."""
         if self._sizes.pop(name, None) is not None:
             (self.data / name).unlink(missing_ok=True)
-            self._known.discard(name)
+            self._response_files.discard(name)
             self._written = self._written and name != CALIBRATION
 
     @property
     def state(self) -> dict[str, Any]:
         """Return what the folders do not tell: sizes, and whether the page wrote a file."""
-        known = sorted(self._known)
-        return {"sizes": dict(self._sizes), "written": self._written, "known": known}
+        response_files = sorted(self._response_files)
+        return {"sizes": dict(self._sizes), "written": self._written, "known": response_files}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take up a folder that was kept; a file that had not arrived whole is removed."""
@@ -201,12 +201,12 @@ class PageSession:
                 path.unlink()
         self.rescan()
         self._written = state["written"] and CALIBRATION in self._sizes
-        self._known = {*state.get("known", ())} & {*self._sizes}
+        self._response_files = {*state.get("known", ())} & {*self._sizes}
         result_files = sorted(self.results.glob("*.json"), key=lambda path: int(path.stem))
         for path in result_files:
             both = (path, path.with_suffix(".toml"))
             self._result_sizes[path] = sum(file.stat().st_size for file in both if file.exists())
-        self._made = max((int(path.stem) for path in result_files), default=0)
+        self._files_made = max((int(path.stem) for path in result_files), default=0)
 
     def rescan(self) -> None:
         """Update the list of files after another process has written."""
@@ -216,8 +216,8 @@ class PageSession:
     async def new_folder(self, name: str) -> AsyncIterator[Path]:
         """Yield a folder that exists for the time of the block."""
         self.open()
-        self._made += 1
-        folder = self.folder / f"{name}-{self._made}"
+        self._files_made += 1
+        folder = self.folder / f"{name}-{self._files_made}"
         folder.mkdir(mode=0o700)
         try:
             yield folder
@@ -241,16 +241,16 @@ class PageSession:
         (copy / name).unlink(missing_ok=True)  # a hard link to the present one
         shutil.copyfile(self.folder / _LAST_CALIBRATION, copy / name)
 
-    def keep_result(self, place: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
+    def keep_result(self, source: Path, calibration: Path | None = None) -> tuple[Path, list[Path]]:
         """Move a result and its calibration file here; return its path and the evicted results."""
-        moved = [place, calibration] if calibration else [place]
+        moved = [source, calibration] if calibration else [source]
         size = sum(path.stat().st_size for path in moved)
         self._room(size)
         self.open()
-        self._made += 1
-        target = self.results / f"{self._made}.json"
+        self._files_made += 1
+        target = self.results / f"{self._files_made}.json"
         for path in moved:
-            path.replace(target.with_suffix(".json" if path is place else ".toml"))
+            path.replace(target.with_suffix(".json" if path is source else ".toml"))
         self._result_sizes[target] = size
         evicted = []
         while len(self._result_sizes) > MAX_RESULTS or (
@@ -271,8 +271,8 @@ class PageSession:
         folder.mkdir(mode=0o700, exist_ok=True)
         for old in sorted(folder.iterdir(), key=lambda path: int(path.name))[: 1 - _MAX_DOWNLOADS]:
             old.unlink(missing_ok=True)
-        self._made += 1
-        target = folder / f"{self._made}"
+        self._files_made += 1
+        target = folder / f"{self._files_made}"
         if isinstance(content, bytes):
             target.write_bytes(content)
         else:
@@ -327,8 +327,8 @@ def refuse_outside(file: Path) -> None:
         named += [entry.file, *([entry.reference_file] if entry.reference_file else [])]
     named += known_files(document)
     for name in named:
-        parts = re.split(r"[/\\]", name)
-        if parts[0] in ("", "~") or ".." in parts or ":" in parts[0]:
+        steps = re.split(r"[/\\]", name)
+        if steps[0] in ("", "~") or ".." in steps or ":" in steps[0]:
             raise InputError(
                 "The page reads files beside the calibration file only.",
                 expected="the name of an uploaded file, or a glob",

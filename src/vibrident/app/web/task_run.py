@@ -12,7 +12,7 @@ from typing import Any
 
 from vibrident.app.web.language import Language, language, phrase
 from vibrident.app.web.sandboxed import model_and_estimator
-from vibrident.app.web.task_work import ARCHIVE, CHOSEN, OUT, work
+from vibrident.app.web.task_work import ARCHIVE, OUT, RESULT_FILE, work
 from vibrident.app.web.tasks import TASKS, TaskRequest
 from vibrident.app.web.worker import StoppedError, Worker
 
@@ -32,7 +32,7 @@ class TaskProgress:
     notes: list[str] = field(default_factory=list)
     over: bool = False
     error: Exception | None = None
-    shown: dict[str, Any] | None = None  # tables, charts, notes
+    output: dict[str, Any] | None = None  # tables, charts, notes
     archive: Path | None = None
     kept_results: int = 0  # results that joined those of the page
     began: float = field(default_factory=time.monotonic)
@@ -98,10 +98,10 @@ class TaskRun:
             async with session.new_folder("tool") as folder:
                 await asyncio.to_thread(session.copy_to, folder)
                 if request.result:
-                    chosen = next(
+                    selected = next(
                         result for result in user.results if result.name == request.result
                     )
-                    await asyncio.to_thread(shutil.copyfile, chosen.path, folder / CHOSEN)
+                    await asyncio.to_thread(shutil.copyfile, selected.path, folder / RESULT_FILE)
                 if user.users.identifying.locked():
                     now.words = phrase("Waiting for other computations …")
                 async with user.users.identifying:
@@ -111,7 +111,7 @@ class TaskRun:
                         list(request.files),
                         request.language,
                     )
-                    now.shown = await self.worker.run(
+                    now.output = await self.worker.run(
                         work, *arguments, folder=folder, progress=now.record
                     )
                 await user.note("ran", task=request.task, options=request.options)
@@ -130,10 +130,10 @@ class TaskRun:
 
     async def _keep(self, now: TaskProgress, folder: Path) -> None:
         """Keep the archive, and the results that the task made."""
-        assert now.shown is not None
-        if (folder / ARCHIVE).exists() and now.shown["files"]:
+        assert now.output is not None
+        if (folder / ARCHIVE).exists() and now.output["files"]:
             now.archive = await asyncio.to_thread(self.user.session.download, folder / ARCHIVE)
-        for name in now.shown["results"][:_MAX_RESULTS]:
+        for name in now.output["results"][:_MAX_RESULTS]:
             path = folder / OUT / name
             model, estimator = await self.user.run_sandboxed(model_and_estimator, path)
             title = language(now.request.language)(TASKS[now.request.task].title)

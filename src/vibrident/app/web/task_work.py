@@ -16,7 +16,7 @@ from vibrident.app.workflow.made import ProgressReporter, TaskOutput
 #: The folder of the files of a task, the archive of them, and the result that it works with.
 OUT = "files"
 ARCHIVE = "files.zip"
-CHOSEN = "chosen-result.json"
+RESULT_FILE = "chosen-result.json"
 _MAX_CHART_BYTES = 4_000_000
 
 
@@ -81,10 +81,10 @@ def work(
             packed.write(path, path.relative_to(folder))
     names = [str(path.relative_to(folder)) for path in written]
     results = [name for name in names if Path(name).name == "result.json"]
-    return {**_shown(output, language(code)), "files": names, "results": results}
+    return {**_page_output(output, language(code)), "files": names, "results": results}
 
 
-def _shown(output: TaskOutput, speak: Language) -> dict[str, Any]:
+def _page_output(output: TaskOutput, speak: Language) -> dict[str, Any]:
     drawn = []
     for figure in output.figures:
         for title, chart in translated.charts(speak, figure):
@@ -126,7 +126,7 @@ def _predict(
     from vibrident.data.io import read
 
     tell.step(phrase("Predicting"))
-    return predict(load_result(Path(CHOSEN)), read(files[0]), folder)
+    return predict(load_result(Path(RESULT_FILE)), read(files[0]), folder)
 
 
 def _correct(
@@ -138,7 +138,7 @@ def _correct(
 
     tell.step(phrase("Correcting"))
     return correct(
-        load_result(Path(CHOSEN)),
+        load_result(Path(RESULT_FILE)),
         read(files[0]),
         folder,
         band_hz=_band(options),
@@ -155,7 +155,7 @@ def _track(
 
     tell.step(phrase("Tracking"))
     request = TrackRequest(
-        Path(CHOSEN),
+        Path(RESULT_FILE),
         Path(files[0]),
         folder,
         every_s=options.get("every"),
@@ -176,7 +176,7 @@ def _plan(
     tell.step(phrase("Planning"))
     band = _band(options)
     best_plan = plan(
-        load_result(Path(CHOSEN)),
+        load_result(Path(RESULT_FILE)),
         frequencies_hz=None if band is None else one_third_octave(*band).tolist(),
         best=options.get("best"),
         times_as_long=options.get("times_as_long") or 1.0,

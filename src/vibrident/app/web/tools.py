@@ -51,8 +51,8 @@ class ToolsStep:
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props("id=task-share").props["aria-label"] = say("share of the task")
             self.errors = frame.error_place()
-            place = ui.element("div").classes("chart").props("id=task-live")
-            self.live = frame.GrowingChart(place, _LIVE_HEIGHT)
+            chart_element = ui.element("div").classes("chart").props("id=task-live")
+            self.live = frame.GrowingChart(chart_element, _LIVE_HEIGHT)
             self.body = ui.element("div").props('aria-live=polite id="said"')
         self.timer = ui.timer(_PACE_S, self._follow, active=now is not None)
         self._ask()
@@ -87,7 +87,7 @@ class ToolsStep:
             for name, field in task.fields.items():
                 self.option_elements[name] = _option_element(field)
 
-    def _chosen(self) -> TaskRequest:
+    def _request(self) -> TaskRequest:
         """Return the task with its options; InputError where something is missing."""
         name = self.task.value
         task = TASKS[self.task.value]
@@ -118,16 +118,16 @@ class ToolsStep:
         return TaskRequest(name, options, result, files, spoken().code)
 
     async def _run(self) -> None:
-        self._begin(self._chosen)
+        self._begin(self._request)
 
-    def _begin(self, chosen: Callable[[], TaskRequest]) -> None:
+    def _begin(self, make_request: Callable[[], TaskRequest]) -> None:
         if self.user.task.busy:
             return
         self.errors.clear()
         self.body.clear()
         self.live.forget()
         try:
-            request = chosen()
+            request = make_request()
             self.user.write_form()
             self.user.task.start(request)
         except Exception as error:
@@ -177,17 +177,18 @@ class ToolsStep:
                         say("Repeat"), on_click=lambda: self._begin(lambda: now.request)
                     )
                     again.props("outline id=repeat-task")
-        if now.shown is None:
+        if now.output is None:
             return
         with self.body:
-            for note in (*now.notes, *now.shown["notes"]):
+            for note in (*now.notes, *now.output["notes"]):
                 ui.label(say(note)).classes("doubt")
-            ui.html(now.shown["tables"], sanitize=False).classes("scroll")  # escaped in the process
-            for heading, chart, height in now.shown["charts"]:
+            # escaped in the process
+            ui.html(now.output["tables"], sanitize=False).classes("scroll")
+            for heading, chart, height in now.output["charts"]:
                 frame.heading(heading)
                 frame.ChartView(chart, height)
             if now.archive is not None:
-                count = len(now.shown["files"])
+                count = len(now.output["files"])
                 archive = now.archive
                 label = say_count(count, "The file (zip)", "All {count} files (zip)")
                 name = f"{now.request.task}.zip"

@@ -87,7 +87,9 @@ def _table(language: Language, table: Table) -> Table:
     numeric = [column.kind != "text" for column in table.columns]
     rows = tuple(
         tuple(
-            _cell(language, cell) if not number or language.known(cell) else _number(language, cell)
+            _cell(language, cell)
+            if not number or language.translation(cell)
+            else _number(language, cell)
             for cell, number in zip(row, numeric, strict=True)
         )
         for row in table.rows
@@ -114,11 +116,11 @@ def _head(language: Language, column: Column) -> Column:
 
 def _cell(language: Language, text: _T) -> _T:
     """Return a cell in the language if its words are ours, or remarks of these; else unchanged."""
-    parts = [language.known(part) for part in text.split(", ")]
-    known = language.known(text) or ", ".join(part or "" for part in parts)
-    if language.known(text) is None and None in parts:
-        known = text if any(c.isalpha() for c in text) else language.number(text)
-    return type(text)(known)
+    items = [language.translation(item) for item in text.split(", ")]
+    translation = language.translation(text) or ", ".join(item or "" for item in items)
+    if language.translation(text) is None and None in items:
+        translation = text if any(c.isalpha() for c in text) else language.number(text)
+    return type(text)(translation)
 
 
 def _translate(language: Language, text: _T) -> _T:

@@ -45,35 +45,35 @@ class User:
         self.job: Job | None = None
         self.notice = ""
         self.client: Any = None
-        self.seen = time.time()
+        self.last_seen = time.time()
         self.running: Choices | None = None  # under way, or broken off and not repeated
         self.stopped: InputError | None = None  # why it was broken off
 
     @classmethod
     def restored(cls, users: Any, folder: Path) -> User | None:
         """Restore the user of a kept folder, or None if unreadable."""
-        known = read_state(folder)
-        if known is None:
+        state = read_state(folder)
+        if state is None:
             return None
         try:
-            user = cls(users, known["owner"], known["tab"], folder.name)
-            user.session.restore(known["session"])
-            user.form = known["form"]
-            user.confirmed = known["confirmed"]
-            user.seen = known["seen"]
-            user.profile = known["profile"]
-            user.results = [named for named in known["results"] if named.path.exists()]
+            user = cls(users, state["owner"], state["tab"], folder.name)
+            user.session.restore(state["session"])
+            user.form = state["form"]
+            user.confirmed = state["confirmed"]
+            user.last_seen = state["seen"]
+            user.profile = state["profile"]
+            user.results = [named for named in state["results"] if named.path.exists()]
             if user.form is not None:
                 user.form.touched = set(user.form.touched)
-            if known["running"] is not None:
-                user.running = known["running"]
+            if state["running"] is not None:
+                user.running = state["running"]
                 user.stopped = (
-                    StoppedError(**known["stopped"])
-                    if known["stopped"]
+                    StoppedError(**state["stopped"])
+                    if state["stopped"]
                     else _stopped_error("the identification")
                 )
                 user.job = Job("", over=True, error=user.stopped, choices=user.running)
-            user.task.restore(known["task"], _stopped_error("the task"))
+            user.task.restore(state["task"], _stopped_error("the task"))
         except (KeyError, TypeError, ValueError, AttributeError, OSError):
             return None
         return user
@@ -209,12 +209,12 @@ class User:
     def keep_result(
         self,
         name: str,
-        place: Path,
+        source: Path,
         calibration: Path | None = None,
         choices: Choices | None = None,
     ) -> None:
         """Keep a result under a free name; evict the oldest beyond the limit."""
-        path, evicted = self.session.keep_result(place, calibration)
+        path, evicted = self.session.keep_result(source, calibration)
         names_in_use = {named.name for named in self.results}
         alternatives = (f"{name} {number}" for number in range(2, len(names_in_use) + 3))
         free = next(

@@ -66,7 +66,7 @@ class Users:
         self.store = store
         self.keep_s = keep_s
         self.door = door
-        self.kept: list[User] = []
+        self.members: list[User] = []
         self.to_write: set[User] = set()
         self.identifying = asyncio.Semaphore(max(2, os.cpu_count() or 1))
         self._ready = WarmProcess(prepare, confinement_command(folder))
@@ -89,21 +89,21 @@ class Users:
                 if user is None:
                     shutil.rmtree(folder, ignore_errors=True)
                 else:
-                    self.kept.append(user)
+                    self.members.append(user)
         self.remove_absent()
 
     def close(self) -> None:
         """End everything; the kept state stays on disk."""
         if self._round is not None:
             self._round.cancel()
-        for user in self.kept:
+        for user in self.members:
             if self.keep_s:
                 user.write()  # before the running identification ends: the next server tells of it
                 user.worker.cancel()
                 user.task.worker.cancel()
             else:
                 user.close()
-        self.kept.clear()
+        self.members.clear()
         self._ready.close()
         self._threads.shutdown(wait=False, cancel_futures=True)
 
@@ -126,24 +126,24 @@ class Users:
         user = next(
             (
                 candidate
-                for candidate in self.kept
+                for candidate in self.members
                 if (candidate.tab, candidate.owner) == (client.tab_id, owner)
             ),
             None,
         )
         user = user or self._new(client.tab_id, owner)
         user.client = client
-        user.seen = time.time()
+        user.last_seen = time.time()
         return user
 
     def closed_tabs_of(self, owner: str) -> list[User]:
         """Return the users of this owner's closed tabs, the latest first."""
         mine = [
             user
-            for user in self.kept
+            for user in self.members
             if owner and user.owner == owner and not (user.connected or user.empty)
         ]
-        return sorted(mine, key=lambda user: -user.seen)
+        return sorted(mine, key=lambda user: -user.last_seen)
 
     def hand_over(self, closed: User, user: User) -> bool:
         """Give a tab the state of a closed one; return whether that still exists.
@@ -161,7 +161,7 @@ class Users:
 
     def _new(self, tab: str, owner: str) -> User:
         self.remove_absent()
-        while len(self.kept) >= MAX_USERS:
+        while len(self.members) >= MAX_USERS:
             if not self._drop_oldest():
                 raise InputError(
                     "The server has reached its limit of users.",
@@ -169,7 +169,7 @@ class Users:
                     found="as many",
                     remedy="reload the page later, or start a server on a machine of your own",
                 )
-        self.kept.append(user := User(self, owner, tab))
+        self.members.append(user := User(self, owner, tab))
         return user
 
     def make_room(self, size: int) -> None:
@@ -178,7 +178,7 @@ class Users:
         InputError if they still do not fit.
         """
         most = _ALL_LIMITS * self.limit_mb * MEGABYTE
-        while sum(user.session.used_bytes for user in self.kept) + size > most:
+        while sum(user.session.used_bytes for user in self.members) + size > most:
             if not self._drop_oldest():
                 raise InputError(
                     "The server has no room for more files at present.",
@@ -191,20 +191,22 @@ class Users:
     def remove_absent(self) -> None:
         """Remove users who did not return."""
         now = time.time()
-        for user in list(self.kept):
+        for user in list(self.members):
             if user.connected or user.busy or user.task.busy:
-                user.seen = now
-            elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
+                user.last_seen = now
+            elif now - user.last_seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
                 self._drop(user)
 
     def _drop_oldest(self) -> bool:
-        gone = [user for user in self.kept if not (user.connected or user.busy or user.task.busy)]
+        gone = [
+            user for user in self.members if not (user.connected or user.busy or user.task.busy)
+        ]
         if gone:
-            self._drop(min(gone, key=lambda user: user.seen))
+            self._drop(min(gone, key=lambda user: user.last_seen))
         return bool(gone)
 
     def _drop(self, user: User) -> None:
-        self.kept.remove(user)
+        self.members.remove(user)
         user.close()
 
     async def _rounds(self) -> None:
@@ -214,6 +216,8 @@ class Users:
             if time.monotonic() - last > _ROUND_S:
                 last = time.monotonic()
                 self.remove_absent()
-                self.to_write |= {user for user in self.kept if user.connected and not user.empty}
+                self.to_write |= {
+                    user for user in self.members if user.connected and not user.empty
+                }
             while self.keep_s and self.to_write:
                 self.to_write.pop().write()

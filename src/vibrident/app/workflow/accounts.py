@@ -43,8 +43,8 @@ class Accounts:
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self._seen = -1
-        self._known: dict[str, Account] = {}
+        self._read_at_ns = -1
+        self._accounts: dict[str, Account] = {}
         self._failures: dict[str, tuple[int, float]] = {}
         self._one_at_a_time = threading.Lock()  # a hash takes 64 MB and a processor
         self._read()
@@ -52,11 +52,11 @@ class Accounts:
     def named(self, name: str) -> Account | None:
         """Return the account of this name, as the file has it now; None if there is none."""
         try:
-            if self._file.stat().st_mtime_ns != self._seen:
+            if self._file.stat().st_mtime_ns != self._read_at_ns:
                 self._read()
         except (OSError, InputError):  # half written, or removed: nobody comes in
             return None
-        return self._known.get(name)
+        return self._accounts.get(name)
 
     def wait_s(self, *keys: str) -> float:
         """Return the seconds that a name or an address must wait before its next try."""
@@ -104,7 +104,7 @@ class Accounts:
             raise _unusable_error(self._file, str(error)) from error
         if stat.st_mode & 0o022:
             raise _unusable_error(self._file, "a file that others may write", "chmod go-w it")
-        known = {}
+        accounts = {}
         for number, line in enumerate(text.splitlines(), 1):
             if not line.strip() or line.startswith("#"):
                 continue
@@ -116,9 +116,9 @@ class Accounts:
                 or (hashed and not hashed.startswith("$argon2id$"))
             ):
                 raise _unusable_error(self._file, f"line {number} is none")
-            known[name] = Account(name, role, hashed)
-        self._known = known
-        self._seen = stat.st_mtime_ns
+            accounts[name] = Account(name, role, hashed)
+        self._accounts = accounts
+        self._read_at_ns = stat.st_mtime_ns
 
 
 def add_account(file: Path, name: str, role: str, password: str) -> None:

@@ -43,10 +43,10 @@ def check_settings(name: str, settings: Mapping[str, Any], *, weights: bool = Fa
     for setting in given_settings:
         owners = estimators_with(setting)
         if not owners:
-            known = sorted(
+            names = sorted(
                 {name for registered in ESTIMATORS.all().values() for name in registered.settings}
             )
-            raise unknown(f"No estimator has a setting {setting!r}.", setting, known, "⟦here⟧")
+            raise unknown(f"No estimator has a setting {setting!r}.", setting, names, "⟦here⟧")
         if name not in owners:
             raise misfit_error(_option(setting), _estimators(owners), _estimators([name]))
         needs = ESTIMATORS[name].settings[setting].needs
@@ -76,12 +76,12 @@ def _estimators(names: Iterable[str]) -> str:
     return f"⟦identify.estimator = {' or '.join(map(repr, names))}⟧"
 
 
-def misfit_error(option: str, wanted: str, actual: str) -> InputError:
+def misfit_error(option: str, needed: str, actual: str) -> InputError:
     """Return the error of an option that does not go with the other options given."""
     return InputError(
         f"The option {option} does not fit.",
-        expected=f"{option} with {wanted}",
+        expected=f"{option} with {needed}",
         found=f"{option} with {actual}",
         where="⟦here⟧",
-        remedy=f"add {wanted}, or leave {option} out",
+        remedy=f"add {needed}, or leave {option} out",
     )

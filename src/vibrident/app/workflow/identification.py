@@ -74,7 +74,7 @@ def run(
         ModelError: model, estimator and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
-    chosen = estimator(request.estimator, request.settings)
+    method = estimator(request.estimator, request.settings)
     models = request.models
     if len(calibrations) == 1:
         from vibrident.use.identification import identify
@@ -94,7 +94,7 @@ def run(
             identify(
                 calibrations[0],
                 model,
-                chosen,
+                method,
                 band_hz=request.band_hz,
                 uncertainty=uncertainty,
                 posterior=sampling,
@@ -114,7 +114,7 @@ def run(
         identify_together(
             [calibration.within(request.band_hz) for calibration in in_memory],
             model_choice,
-            chosen,
+            method,
             share=request.share,
             uncertainty=request.uncertainty,
             progress=progress,

@@ -34,10 +34,10 @@ def write(folder: Path, sensor: str, excitation: str, *, seed: int, **settings: 
     from vibrident.physics.simulation import sensor_named
     from vibrident.physics.simulation import simulate as run
 
-    chosen = sensor_named(sensor)
-    calibration = run(chosen, excitation, seed=seed, **settings)
+    true_sensor = sensor_named(sensor)
+    calibration = run(true_sensor, excitation, seed=seed, **settings)
     write_calibration(folder, calibration)
-    write_truth(folder / "truth.json", chosen, calibration, seed)
+    write_truth(folder / "truth.json", true_sensor, calibration, seed)
 
 
 def true_values(sensor: Sensor) -> dict[str, float]:

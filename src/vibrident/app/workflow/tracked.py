@@ -54,7 +54,7 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     from vibrident.use.tracking.session import TrackingSession
     from vibrident.use.tracking.state import TrackerSettings
 
-    known = load_result(request.result)
+    calibrated = load_result(request.result)
     folder = request.folder
     described = read_calibration_file(request.calibration)
     kind = SOURCES[request.source]
@@ -63,13 +63,13 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     length_s = 0.0
     data: Calibration | None = None
     if request.source == RECORDS:
-        data = without_known(_data(request.calibration, known))
+        data = without_known(_data(request.calibration, calibrated))
         rate_hz = data.records[0].sampling_rate_hz
         length_s = sum(record.duration_s for record in data.records)
     else:
         channels = ("reference", "response")
-        stated = {name: getattr(described, name).known_response for name in channels}
-        refuse_known(stated, "Tracking of samples as they come", str(request.calibration))
+        by_channel = {name: getattr(described, name).known_response for name in channels}
+        refuse_known(by_channel, "Tracking of samples as they come", str(request.calibration))
     if rate_hz is None:
         raise InputError(
             "The sampling rate is not given.",
@@ -80,32 +80,36 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
         )
     settings = TrackerSettings(
         request.false_alarms_per_day,
-        _walks(request.store, known, tell),
+        _walks(request.store, calibrated, tell),
         described.reference.standard_uncertainty,
     )
     every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
     session = TrackingSession.from_result(
-        known, rate_hz, described.reference.quantity, every_s, settings
+        calibrated, rate_hz, described.reference.quantity, every_s, settings
     )
     if data is not None:
-        effects = known_effects(data, known.to_sensor())
+        effects = known_effects(data, calibrated.to_sensor())
         session.effects = replace(session.effects, channel_effects=effects)
     key = {
-        "result": known.to_json(),
+        "result": calibrated.to_json(),
         "file": request.calibration.read_text(encoding="utf-8"),
         "source": [request.source, request.address],
     }
     files = TrackingFiles(folder, session, {**key, "settings": vars(settings), "every": every_s})
     position = files.begin(resumable=kind.resumable)
-    wanted = SourceRequest(
+    source_request = SourceRequest(
         described, request.calibration, rate_hz, request.address, position, request.idle_s
     )
     with files.rows:
-        chunks = chunks_of(data) if data is not None and data.known_responses else kind.open(wanted)
+        chunks = (
+            chunks_of(data)
+            if data is not None and data.known_responses
+            else kind.open(source_request)
+        )
         _run(chunks, session, files, tell, resumable=kind.resumable, length_s=length_s)
         document = files.end()
-    result = tracked_result(known, session).save(folder / "result.json")
-    return _describe(document, folder, dict(known.sensor)), [
+    result = tracked_result(calibrated, session).save(folder / "result.json")
+    return _describe(document, folder, dict(calibrated.sensor)), [
         folder / "track.csv",
         folder / "track.json",
         result,
@@ -125,7 +129,9 @@ def parameter_rows(
     ]
 
 
-def _walks(store: str | None, known: Result, tell: ProgressReporter) -> float | tuple[float, ...]:
+def _walks(
+    store: str | None, calibrated: Result, tell: ProgressReporter
+) -> float | tuple[float, ...]:
     """Return the relative random walk of each parameter in a year, from the history."""
     if store is None:
         return DRIFT_PER_YEAR
@@ -133,20 +139,20 @@ def _walks(store: str | None, known: Result, tell: ProgressReporter) -> float | 
     from vibrident.lab.history.store import Store
 
     with Store(store) as opened:
-        walks = random_walks(opened, known)
-    names = known.to_sensor().model.parameter_names
+        walks = random_walks(opened, calibrated)
+    names = calibrated.to_sensor().model.parameter_names
     if untold := [name for name in names if name not in walks]:
         walk = f"{DRIFT_PER_YEAR:.0%} a year is taken."
         tell.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
     return tuple(walks.get(name, DRIFT_PER_YEAR) for name in names)
 
 
-def _data(calibration: Path, known: Result) -> Calibration:
+def _data(calibration: Path, calibrated: Result) -> Calibration:
     """Return the calibration, whose records must be in the unit of the result."""
     from vibrident.data.io import read_guarded
 
     data = read_guarded(calibration)
-    data.require_response(known.response_unit, "A table has no samples to track a sensor by.")
+    data.require_response(calibrated.response_unit, "A table has no samples to track a sensor by.")
     return data
 
 
@@ -203,8 +209,8 @@ def _describe(document: dict[str, Any], folder: Path, sensor: dict[str, object])
     )
     title = f"Tracked sensor, {document['time_s']:.12g} s"
     blocks: list[Any] = [table_of(parameter_rows(value, u, units), title)]
-    shown = ("time_s", "parameter", "from", "to", "what")
-    if alarms := [{key: alarm[key] for key in shown} for alarm in document["alarms"]]:
+    alarm_columns = ("time_s", "parameter", "from", "to", "what")
+    if alarms := [{key: alarm[key] for key in alarm_columns} for alarm in document["alarms"]]:
         blocks.append(table_of(alarms, "Alarms"))
     if changing := document["changing"]:
         at_s = f"{changing['time_s']:.12g} s"

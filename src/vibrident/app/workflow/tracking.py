@@ -61,8 +61,8 @@ class TrackingFiles:
 
         head, _, state = (self._folder / CHECKPOINT).read_bytes().partition(b"\n")
         try:
-            known = json.loads(head)
-            same = known["key"] == self._key
+            saved = json.loads(head)
+            same = saved["key"] == self._key
         except (ValueError, KeyError, TypeError):
             same = False
         if not same:
@@ -75,15 +75,15 @@ class TrackingFiles:
             )
         session = self._session
         session.tracker.state.restore(state)
-        session.samples = known["samples"]
-        session.samples_to_row = known["left"]
+        session.samples = saved["samples"]
+        session.samples_to_row = saved["left"]
         session.started = True
-        session.troubles.extend(Trouble(**each) for each in known["troubles"])
-        session.alarms.extend(Alarm(**each) for each in known["alarms"])
-        session.waiting_alarms.extend(Alarm(**each) for each in known["held"])
-        session.cause = Cause(**known["cause"])
-        os.truncate(self._folder / "track.csv", known["csv_bytes"])
-        return int(known["position"])
+        session.troubles.extend(Trouble(**each) for each in saved["troubles"])
+        session.alarms.extend(Alarm(**each) for each in saved["alarms"])
+        session.waiting_alarms.extend(Alarm(**each) for each in saved["held"])
+        session.cause = Cause(**saved["cause"])
+        os.truncate(self._folder / "track.csv", saved["csv_bytes"])
+        return int(saved["position"])
 
     def write(self, rows: Sequence[TrackedEstimate]) -> None:
         """Add rows."""

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from vibrident.use.planning import MountedSensor, Plan
 
 
-def predict(known: Result, data: Calibration, folder: Path) -> TaskOutput:
+def predict(identified: Result, data: Calibration, folder: Path) -> TaskOutput:
     """Write the predicted response of each record as CSV, and their rmse in prediction.json."""
     from vibrident.data.io.writer import record_files
     from vibrident.use.prediction import predict as run
     from vibrident.use.prediction import prediction_document
 
-    predictions = run(known, data)
+    predictions = run(identified, data)
     files = record_files([p.record.name for p in predictions.predictions])
     for file, prediction in zip(files, predictions.predictions, strict=True):
         record = prediction.record
@@ -30,7 +30,7 @@ def predict(known: Result, data: Calibration, folder: Path) -> TaskOutput:
             folder / file, record, response=record.response, predicted=prediction.predicted
         )
     document = {
-        "model": known.model,
+        "model": identified.model,
         **prediction_document(predictions, files, data.response_unit),
     }
     write_json(folder / "prediction.json", document)
@@ -52,7 +52,7 @@ def predict(known: Result, data: Calibration, folder: Path) -> TaskOutput:
 
 
 def correct(
-    known: Result,
+    identified: Result,
     data: Calibration,
     folder: Path,
     *,
@@ -73,9 +73,9 @@ def correct(
     if track:
         from vibrident.use.tracking.adaptive import correct_tracked
 
-        corrections = correct_tracked(known, data, band_hz=band_hz, noise=noise)
+        corrections = correct_tracked(identified, data, band_hz=band_hz, noise=noise)
     else:
-        corrections = run(known, data, band_hz=band_hz, noise=noise)
+        corrections = run(identified, data, band_hz=band_hz, noise=noise)
     files = record_files([c.record.name for c in corrections.corrections])
     for file, correction in zip(files, corrections.corrections, strict=True):
         a = correction.acceleration
@@ -85,7 +85,7 @@ def correct(
     write_json(folder / "correction.json", document)
     return TaskOutput(
         (table_of(_corrected(document), f"Restored {corrections.motion}"),),
-        (figure(corrections, dict(known.sensor)),),
+        (figure(corrections, dict(identified.sensor)),),
         tuple(corrections.findings),
     )
 

@@ -9,7 +9,7 @@ from vibrident.lab.fleet.coordinator import Outcome
 from vibrident.lab.fleet.row import FAILED, IDENTIFIED, REFUSED
 from vibrident.lab.fleet.table import Tally
 from vibrident.show import words
-from vibrident.show.media.console import shown, written
+from vibrident.show.media.console import on_console, written
 from vibrident.show.views import Column, Sentence, Table, columns
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def summary(outcome: Outcome) -> Group:
     """Rows by status and warning, the rate, and the files."""
     from rich.console import Group
 
-    return Group(shown(*overview(outcome)), written(outcome.files))
+    return Group(on_console(*overview(outcome)), written(outcome.files))
 
 
 def overview(outcome: Outcome) -> tuple[Table, Sentence]:

@@ -270,8 +270,8 @@ def _shapes(panel: Panel, x: str, y: str) -> list[Any]:
         for value in panel.rules
     ]
     dashed = {"color": "#767676", "width": 1, "dash": "dash"}
-    places = [value if panel.x.log else _at(value, panel.x) for value, _ in panel.marks]
-    return rules + [{**down, "x0": x_value, "x1": x_value, "line": dashed} for x_value in places]
+    positions = [value if panel.x.log else _at(value, panel.x) for value, _ in panel.marks]
+    return rules + [{**down, "x0": x_value, "x1": x_value, "line": dashed} for x_value in positions]
 
 
 def _at(value: float, axis: Axis) -> float | str:
@@ -379,13 +379,15 @@ def _marker(look: Look, size: float) -> Chart:
 
 def _texts(series: Series, indices: Sequence[int] | None = None) -> Chart:
     """Text at a point under the pointer: its own text if it has one."""
-    chosen = range(len(series.x)) if indices is None else indices
+    drawn_points = range(len(series.x)) if indices is None else indices
     word = plotly(in_a_line(series.label.partition(",")[0]))
     named = f"{word}: " if word else ""
-    more: Chart = {"customdata": [plotly(series.names[i]) for i in chosen]} if series.names else {}
+    more: Chart = (
+        {"customdata": [plotly(series.names[i]) for i in drawn_points]} if series.names else {}
+    )
     below = "<br>%{customdata}" if series.names else ""
     if series.texts:
-        more["text"] = [plotly(series.texts[i]) for i in chosen]
+        more["text"] = [plotly(series.texts[i]) for i in drawn_points]
         return {**more, "hovertemplate": f"{named}%{{text}}{below}<extra></extra>"}
     return {**more, "hovertemplate": f"{named}%{{x:.6g}}, %{{y:.4g}}{below}<extra></extra>"}
 

@@ -21,7 +21,7 @@ _GAP = 2  # blanks between two columns
 
 
 @dataclass(frozen=True)
-class Shown:
+class ConsoleBlocks:
     """Blocks below each other; what is not for a terminal, such as curves, is left out."""
 
     blocks: tuple[Block, ...]
@@ -44,9 +44,9 @@ class Written:
         yield Text("\n".join(map(terminal, lines)), no_wrap=True, overflow="ignore")
 
 
-def shown(*blocks: Block | None) -> Shown:
+def on_console(*blocks: Block | None) -> ConsoleBlocks:
     """Blocks for a console to print."""
-    return Shown(tuple(block for block in blocks if block is not None))
+    return ConsoleBlocks(tuple(block for block in blocks if block is not None))
 
 
 def written(paths: Sequence[str | os.PathLike[str]]) -> Written:
@@ -63,7 +63,7 @@ def literal(text: str, style: str = "") -> Text:
 
 def _block(block: Block, width: int) -> Iterator[Any]:
     if isinstance(block, Table):
-        yield from (_table(part, width) for part in _parts(_fitting(block, width), width))
+        yield from (_table(piece, width) for piece in _split_columns(_fitting(block, width), width))
     elif isinstance(block, Facts):
         rows = tuple((name, text or "") for name, text in block.rows)
         yield _table(Table(columns("", ""), rows, title=block.title), width)
@@ -147,7 +147,7 @@ def _fitting(table: Table, width: int) -> Table:
     return table.select(tuple(j for j in range(len(table.columns)) if j not in spare))
 
 
-def _parts(table: Table, width: int) -> Iterator[Table]:
+def _split_columns(table: Table, width: int) -> Iterator[Table]:
     """Return parts of a table that would be cut off; each repeats the naming columns."""
     count = len(table.columns)
     widths = [_least(table, j) + _GAP for j in range(count)]
@@ -155,16 +155,16 @@ def _parts(table: Table, width: int) -> Iterator[Table]:
         yield table
         return
     names = next((j for j in table.right if j), 1)
-    parts: list[tuple[int, ...]] = [tuple(range(names))]
+    groups: list[tuple[int, ...]] = [tuple(range(names))]
     for j in range(names, count):
-        last = parts[-1]
+        last = groups[-1]
         if len(last) > names and sum(widths[i] for i in (*last, j)) > width:
-            parts.append(tuple(range(names)))
-        parts[-1] = (*parts[-1], j)
-    for place, chosen in enumerate(parts):
-        title = f"{table.title} (continued)".lstrip() if place else table.title
-        notes = table.notes if place == len(parts) - 1 else ()
-        yield replace(table.select(chosen), title=title, notes=notes)
+            groups.append(tuple(range(names)))
+        groups[-1] = (*groups[-1], j)
+    for number, group in enumerate(groups):
+        title = f"{table.title} (continued)".lstrip() if number else table.title
+        notes = table.notes if number == len(groups) - 1 else ()
+        yield replace(table.select(group), title=title, notes=notes)
 
 
 def _width(table: Table) -> int:

@@ -140,13 +140,13 @@ class _Drawing:
         self.head = split_lines(figure.title)[:1] + _wrapped(
             figure.subject, self.width - 12.0, 3, 5.0
         )
-        caption = " ".join(in_a_line(part) for part in (figure.caption, figure.note) if part)
-        shown = (
+        caption = " ".join(in_a_line(text) for text in (figure.caption, figure.note) if text)
+        share = (
             f"{len(stacks)} of {len(figure.stacks)} records shown."
             if len(stacks) < len(figure.stacks)
             else ""
         )
-        self.foot = _wrapped(f"{shown} {caption}", self.width - 16.0, 5)
+        self.foot = _wrapped(f"{share} {caption}", self.width - 16.0, 5)
         every = (line for stack in stacks for panel in stack.panels for line in panel.series)
         self.keys = list(
             dict.fromkeys(label for line in every for label in (line.band, line.label) if label)
@@ -173,10 +173,10 @@ class _Drawing:
                 left_pt = 4.0 + sum(self.lefts[: j + 1]) + sum(self.widths[:j]) + 12.0 * j
                 self._stack(stack, left_pt, start + above, float(self.widths[j]), handles)
         if self.keys:
-            place = (1.0 - 8.0 / self.width, 1.0 - (top - 13.5 * key_rows - 1.0) / self.height)
+            anchor = (1.0 - 8.0 / self.width, 1.0 - (top - 13.5 * key_rows - 1.0) / self.height)
             look: dict[str, Any] = {
                 "loc": "upper right",
-                "bbox_to_anchor": place,
+                "bbox_to_anchor": anchor,
                 "ncols": columns,
                 "frameon": False,
             }
@@ -186,9 +186,9 @@ class _Drawing:
                 "handlelength": 1.8,
                 "columnspacing": 1.2,
             }
-            known = [label for label in self.keys if label in handles]
+            labels = [label for label in self.keys if label in handles]
             self.picture.legend(
-                [handles[label] for label in known], list(map(printable, known)), **look
+                [handles[label] for label in labels], list(map(printable, labels)), **look
             )
         return self.picture
 
@@ -218,7 +218,7 @@ class _Drawing:
                 height / self.height,
             )
             axes = self.picture.add_axes(box)
-            title = "\n".join(part for part in (stack.title * (i == 0), panel.title) if part)
+            title = "\n".join(text for text in (stack.title * (i == 0), panel.title) if text)
             title = "\n".join(_fitting(line, width + 12.0) for line in split_lines(title))
             if title:
                 loc = "left" if i or (panel.title and len(stack.panels) > 1) else "center"

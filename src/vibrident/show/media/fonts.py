@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 def printable(text: str) -> str:
     """Return one line in which each character that the fonts lack is a □."""
-    known = drawing_fonts()[1]
-    return "".join(c if ord(c) in known else "□" for c in " ".join(in_a_line(text).split()))
+    glyphs = drawing_fonts()[1]
+    return "".join(c if ord(c) in glyphs else "□" for c in " ".join(in_a_line(text).split()))
 
 
 _FONTS: list[tuple[list[str], set[int]]] = []
@@ -25,7 +25,7 @@ def drawing_fonts() -> tuple[list[str], set[int]]:
         from matplotlib.font_manager import fontManager
         from matplotlib.ft2font import FT2Font
 
-        wanted = (
+        preferred = (
             "DejaVu Sans",
             "Noto Sans CJK SC",
             "Noto Sans CJK JP",
@@ -34,9 +34,11 @@ def drawing_fonts() -> tuple[list[str], set[int]]:
             "SimHei",
         )
         files = {
-            font.name: font.fname for font in reversed(fontManager.ttflist) if font.name in wanted
+            font.name: font.fname
+            for font in reversed(fontManager.ttflist)
+            if font.name in preferred
         }
-        families = [name for name in wanted if name in files]
+        families = [name for name in preferred if name in files]
         _FONTS.append(
             (families, {code for name in families for code in FT2Font(files[name]).get_charmap()})
         )

@@ -33,11 +33,11 @@ def render(document: Document, pictures: Mapping[str, str] | None = None) -> str
     ``pictures``: name of a figure to its link; figures without one are left out.
     """
     linked = pictures or {}
-    parts = [f"# {cell(document.title)}", *_blocks(document.head, linked)]
+    blocks = [f"# {cell(document.title)}", *_blocks(document.head, linked)]
     for section in document.sections:
         if body := _blocks(section.blocks, linked):
-            parts += [f"## {cell(section.title)}", *body]
-    return "\n\n".join(parts) + "\n"
+            blocks += [f"## {cell(section.title)}", *body]
+    return "\n\n".join(blocks) + "\n"
 
 
 def links(
@@ -109,8 +109,8 @@ def markdown_table(block: Table) -> str:
         )
     body = table([cell(text) for text in block.header], rows, block.right)
     title = f"### {cell(block.title)}" if block.title else ""
-    parts = (title, *map(_paragraph, block.lead), body, *map(_paragraph, block.notes))
-    return "\n\n".join(filter(None, parts))
+    blocks = (title, *map(_paragraph, block.lead), body, *map(_paragraph, block.notes))
+    return "\n\n".join(filter(None, blocks))
 
 
 def _doubt(doubt: Doubt) -> str:

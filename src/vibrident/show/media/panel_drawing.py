@@ -118,19 +118,19 @@ def _points(axes: Axes, series: Series) -> None:
     if many > CROWD:
         common["rasterized"] = True
     half = series.half
-    known = np.zeros(many, dtype=bool)
+    has_bar = np.zeros(many, dtype=bool)
     if half is not None:
-        known = np.isfinite(half) & np.isfinite(y)
+        has_bar = np.isfinite(half) & np.isfinite(y)
         below = np.minimum(half, 0.999 * y) if axes.get_yscale() == "log" else half
         caps: dict[str, Any] = (
             {"elinewidth": 1.0, "capsize": 2.2} if many <= 80 else {"elinewidth": 0.6, "capsize": 0}
         )
-        bars = np.stack([below, half])[:, known]
-        axes.errorbar(x[known], y[known], bars, label=series.label or None, **common, **caps)
-    if (unknown := ~known & np.isfinite(y)).any():
+        bars = np.stack([below, half])[:, has_bar]
+        axes.errorbar(x[has_bar], y[has_bar], bars, label=series.label or None, **common, **caps)
+    if (unknown := ~has_bar & np.isfinite(y)).any():
         label = (
             f"{series.label.partition(',')[0]}, without uncertainty"
-            if known.any()
+            if has_bar.any()
             else series.label
         )
         axes.plot(x[unknown], y[unknown], label=label if series.label else None, **common)

@@ -73,8 +73,8 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         "language": document.language,
         "head": [_block(block) for block in document.head],
         "sections": [
-            {"title": part.title, "blocks": [_block(b) for b in part.blocks]}
-            for part in document.sections
+            {"title": section.title, "blocks": [_block(b) for b in section.blocks]}
+            for section in document.sections
         ],
         "letterhead": None if issued is None else {**asdict(issued), "logo": bool(logo)},
         "day": None if day is None else (day.year, day.month, day.day),
@@ -82,16 +82,16 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         "foot": f"Made with vibrident {__version__}." if issued is None else issued.foot,
     }
     keys = ("text", "base", "small", "kind")
-    written = [dict(zip(keys, (text, *parts), strict=True)) for text, parts in formulas().items()]
+    written = [dict(zip(keys, (text, *pieces), strict=True)) for text, pieces in formulas().items()]
     data = {**typst_data(_marked(fields)), "formulas": written}
     foreign = not _european(json.dumps(data, ensure_ascii=False, default=str))
-    places = [str(folder) for folder in fonts]
-    known = (
-        typst.Fonts(include_system_fonts=foreign, font_paths=places).families()
-        if foreign or places
+    folder_names = [str(folder) for folder in fonts]
+    families = (
+        typst.Fonts(include_system_fonts=foreign, font_paths=folder_names).families()
+        if foreign or folder_names
         else []
     )
-    data["fonts"] = [name for name in _CHINESE if name in known][:1] if foreign else []
+    data["fonts"] = [name for name in _CHINESE if name in families][:1] if foreign else []
     if "zh" in (document.language, document.second_language) and not data["fonts"]:
         raise InputError(
             "No font with Chinese letters was found.",
@@ -110,7 +110,7 @@ def render(document: Document, template: Path | None = None, fonts: Iterable[Pat
         {"main": (template or _TEMPLATE).read_bytes(), "logo": logo},
         root=str(_TEMPLATE.parent),  # typst reads nothing outside it
         format="pdf",
-        font_paths=places,
+        font_paths=folder_names,
         sys_inputs={"document": json.dumps(data, ensure_ascii=False, default=str)},
         ignore_system_fonts=not foreign,
         timestamp=int(noon.timestamp()),
@@ -142,11 +142,11 @@ def _archivable(compiled: Callable[..., bytes]) -> bytes:
 def _block(block: Block) -> dict[str, Any]:
     kind = type(block).__name__
     if isinstance(block, Table):
-        parts = {
+        content = {
             name: getattr(block, name)
             for name in ("header", "rows", "right", "lead", "notes", "title")
         }
-        return {"kind": kind, **parts}
+        return {"kind": kind, **content}
     if isinstance(block, Figure):
         return {"kind": kind, "svg": drawing.svg(block), "caption": block.caption}
     if isinstance(block, Sentence):

@@ -45,12 +45,12 @@ def compare(
     steps = options.listed("--discretisations", options.DISCRETISATIONS)(discretisations)
     names = options.listed("--models")(models)
     if steps and named and not estimators_with("discretisation", named):
-        wanted = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
-        raise misfit_error("--discretisations", wanted, f"--estimators {','.join(named)}")
+        expected = f"--estimators with {' or '.join(estimators_with('discretisation'))}"
+        raise misfit_error("--discretisations", expected, f"--estimators {','.join(named)}")
     from vibrident.physics.models import parse
     from vibrident.use.comparison import read_truth
 
-    known = read_truth(truth) if truth else {}
+    truth_values = read_truth(truth) if truth else {}
     for name in names or ():
         parse(name)  # checked before anything is identified
     with written_whole(folder) as output:
@@ -70,7 +70,7 @@ def compare(
                     models=names or (),
                     discretisations=steps or (),
                     validate=validate,
-                    truth=known,
+                    truth=truth_values,
                     tell=tell,
                 )
         else:
@@ -87,7 +87,8 @@ def compare(
             from vibrident.use.methods import compare as run
 
             comparison = write_comparison(
-                run(dict(zip(distinct_names(files), files, strict=True)), truth=known), output.path
+                run(dict(zip(distinct_names(files), files, strict=True)), truth=truth_values),
+                output.path,
             )
     show_output(comparison)
     show_written(output.files)

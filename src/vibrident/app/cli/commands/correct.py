@@ -68,12 +68,12 @@ def correct(
         return
     from vibrident.data.io import read_guarded
 
-    known = load_result(result)
+    identified = load_result(result)
     data = read_guarded(calibration)
     with written_whole(folder) as output, ProgressBar("Correcting"):
         from vibrident.app.workflow.uses import correct as run
 
-        correction = run(known, data, output.path, band_hz=limits, noise=noise, track=track)
+        correction = run(identified, data, output.path, band_hz=limits, noise=noise, track=track)
         if pictures:
             from vibrident.show import plots
 
@@ -89,7 +89,12 @@ def correct(
 
 
 def _own_table(
-    known: Any, path: Path, folder: Path, limits: Any, noise: float | None, signal: tuple[Any, ...]
+    identified: Any,
+    path: Path,
+    folder: Path,
+    limits: Any,
+    noise: float | None,
+    signal: tuple[Any, ...],
 ) -> None:
     from vibrident.base.errors import InputError
     from vibrident.data.io.own_table import ENDINGS, read_signal, with_columns
@@ -109,10 +114,10 @@ def _own_table(
     with written_whole(folder) as output:
         with ProgressBar("Correcting"):
             data = Calibration(
-                (read_signal(path, column, time, rate, scale, known.response_unit),),
-                response_unit=known.response_unit,
+                (read_signal(path, column, time, rate, scale, identified.response_unit),),
+                response_unit=identified.response_unit,
             )
-            corrections = run(known, data, band_hz=limits, noise=noise)
+            corrections = run(identified, data, band_hz=limits, noise=noise)
         correction = corrections.corrections[0]
         motion = corrections.motion
         new = {

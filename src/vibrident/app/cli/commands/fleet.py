@@ -131,7 +131,7 @@ def _run(
             nonlocal last_line_s
             text = _progress_text(progress)
             bar.share(f"Identifying: {text}", progress.done, progress.total)
-            if not quiet and not bar.shown and time.monotonic() - last_line_s >= _LINE_S:
+            if not quiet and not bar.is_shown and time.monotonic() - last_line_s >= _LINE_S:
                 last_line_s = time.monotonic()
                 note(text)
 

@@ -144,7 +144,7 @@ def identify(
     )
     shared = options.listed("--share")(share)
     # one may serve several files
-    models = None if model is None else [part.strip() for part in model.split(",")]
+    models = None if model is None else [name.strip() for name in model.split(",")]
     request = IdentifyRequest(
         estimator_name,
         settings,
@@ -179,12 +179,14 @@ def _identified(
     # From here on it takes seconds; a bad file has been refused before the slow imports.
     from vibrident.app.cli.drawing import painter
 
-    with painter(wanted=plots) as artist:
+    with painter(is_needed=plots) as artist:
         with ProgressBar("Identifying") as progress:
             results = run(request, calibrations, progress)
-        stated = [name for name in ("scheduler", "work") if getattr(request, name) is not None]
-        if stated and "stretches" not in results[0].settings:
-            options = " and ".join(f"--{name}" for name in stated)
+        options_given = [
+            name for name in ("scheduler", "work") if getattr(request, name) is not None
+        ]
+        if options_given and "stretches" not in results[0].settings:
+            options = " and ".join(f"--{name}" for name in options_given)
             note(f"Note: the records were fitted as a whole; {options} had no effect.")
         for result, folder in zip(results, result_folders(files, output_folder), strict=True):
             saved = result.save(folder / "result.json")

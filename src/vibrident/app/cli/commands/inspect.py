@@ -72,8 +72,8 @@ def _show(
         _light_row(record.name, record.optical) for record in calibration.records if record.optical
     ]:
         show_rows(light, "Interferometer")
-    if known := _known_rows(calibration):
-        show_rows(known, "Known responses")
+    if response_rows := _response_rows(calibration):
+        show_rows(response_rows, "Known responses")
     if steps := _steps(calibration):
         console.print(Text("Read as:", "bold"))
         for step in steps:
@@ -101,12 +101,12 @@ def _steps(calibration: Calibration) -> list[str]:
     counts = Counter(step for source in sources for step in source.history).most_common(
         MAX_STEPS + 1
     )
-    shown = [
+    lines = [
         step if count == len(sources) else f"{step} ({count} records)"
         for step, count in counts[:MAX_STEPS]
     ]
     return (
-        [*shown, "further steps: provenance in result.json"] if len(counts) > MAX_STEPS else shown
+        [*lines, "further steps: provenance in result.json"] if len(counts) > MAX_STEPS else lines
     )
 
 
@@ -125,26 +125,26 @@ def _understood(calibration: Calibration) -> dict[str, str]:
     }
 
 
-def _known_rows(calibration: Calibration) -> list[dict[str, Any]]:
+def _response_rows(calibration: Calibration) -> list[dict[str, Any]]:
     """Return the known response of each channel: its band, and its size and u in the middle."""
     import numpy as np
 
     rows = []
-    for channel, known in calibration.known_responses.items():
-        low, high = known.band_hz
+    for channel, chain in calibration.known_responses.items():
+        low, high = chain.band_hz
         top = 0.5 * max((record.sampling_rate_hz for record in calibration.records), default=1e4)
         middle = np.sqrt(max(low, 1e-4 * min(high, top)) * min(high, top))
-        value = complex(known.value(middle))
-        size, turn = np.sqrt(np.diag(known.covariance([middle])))
+        value = complex(chain.value(middle))
+        size, turn = np.sqrt(np.diag(chain.covariance([middle])))
         per = calibration.reference_unit if channel == "reference" else calibration.response_unit
         rows.append(
             {
                 "channel": channel,
-                "stated by": known.source,
+                "stated by": chain.source,
                 "from / Hz": low,
                 "to / Hz": high,
                 "at / Hz": float(f"{middle:.2g}"),
-                "magnitude": f"{abs(value):.5g} {known.channel_unit}/({per})",
+                "magnitude": f"{abs(value):.5g} {chain.channel_unit}/({per})",
                 "phase / °": float(np.rad2deg(np.angle(value))),
                 "u / %": 100.0 * float(size),
                 "u of phase / °": float(np.rad2deg(turn)),

@@ -43,10 +43,10 @@ issue."""
     from vibrident.lab.issue import drafts
     from vibrident.show.issue import issued
 
-    known, belongings = issued(load_result(result), certificate or [])
+    certified, belongings = issued(load_result(result), certificate or [])
     with _opened(store) as opened:
-        number = drafts.hand_in(opened, known, belongings, by=by)
-    unused = [key for key in drafts.DRAWN if known.certificate.get(key)]
+        number = drafts.hand_in(opened, certified, belongings, by=by)
+    unused = [key for key in drafts.DRAWN if certified.certificate.get(key)]
     say(f"Draft {number} waits for a review by another account.")
     if unused:
         say(f"Its {' and '.join(unused)} are not used: issuing gives number and date.")

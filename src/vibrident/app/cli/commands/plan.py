@@ -129,9 +129,9 @@ def plan(
         "standard_uncertainty": standard_uncertainty,
         "damping": damping,
     }
-    stated = {name: value for name, value in mounting.items() if value is not None}
-    if stated:
-        _predict_mounted(source, stated, frequencies, folder)
+    mounting_inputs = {name: value for name, value in mounting.items() if value is not None}
+    if mounting_inputs:
+        _predict_mounted(source, mounting_inputs, frequencies, folder)
         return
     values = _parameters(parameter or [])
     settings: dict[str, Any] = {
@@ -154,10 +154,10 @@ def plan(
         from vibrident.use.planning import plan as run
 
         planned = run(sensor, values or None, **settings)
-    from vibrident.app.workflow.uses import describe_plan as said
+    from vibrident.app.workflow.uses import describe_plan as describe
     from vibrident.app.workflow.uses import write_plan
 
-    prediction = said(planned)
+    prediction = describe(planned)
     show_output(prediction)
     if folder is not None:
         from vibrident.show import plots

@@ -28,11 +28,11 @@ def predict(
     """
     from vibrident.data.io import read_guarded
 
-    known = load_result(result)
+    identified = load_result(result)
     data = read_guarded(calibration)
     with written_whole(folder) as output, ProgressBar("Predicting"):
         from vibrident.app.workflow.uses import predict as run
 
-        prediction = run(known, data, output.path)
+        prediction = run(identified, data, output.path)
     show_output(prediction)
     show_written([folder / "prediction.json", folder / "*.csv"])

@@ -59,12 +59,12 @@ needs results alone."""
     from vibrident.show.report import write
 
     written: list[Path] = []
-    for target, parts in jobs.items():
+    for target, documents in jobs.items():
         with written_whole(target) as output:
-            for part, subfolder, sections in parts:
+            for document, subfolder, sections in documents:
                 target_file = output.path / subfolder
                 issue = issues[0][1]
-                write(part, form, target_file, names, sections, issue)  # type: ignore[arg-type]
+                write(document, form, target_file, names, sections, issue)  # type: ignore[arg-type]
         written += output.files
     show_written([file for file in written if file.suffix == f".{form}"])
 

@@ -157,12 +157,14 @@ def _write_light(
     from vibrident.physics.simulation import sensor_named
     from vibrident.physics.simulation.optics import write_optical_calibration
 
-    chosen = sensor_named(sensor)
+    true_sensor = sensor_named(sensor)
     seed = settings["seed"]
-    light = _optics(kind, optics, settings["sampling_rate_hz"] or chosen.sampling_rate_hz, seed)
+    light = _optics(
+        kind, optics, settings["sampling_rate_hz"] or true_sensor.sampling_rate_hz, seed
+    )
     del settings["quantity"]
-    calibration = write_optical_calibration(folder, chosen, excitation, light, **settings)
-    write_truth(folder / "truth.json", chosen, calibration, seed, interferometer=asdict(light))
+    calibration = write_optical_calibration(folder, true_sensor, excitation, light, **settings)
+    write_truth(folder / "truth.json", true_sensor, calibration, seed, interferometer=asdict(light))
 
 
 def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
@@ -190,10 +192,10 @@ def _optics(kind: str, text: str | None, rate_hz: float, seed: int) -> Optics:
 
 def _read_faults(text: str | None) -> dict[str, Any]:
     faults: dict[str, Any] = {}
-    for part in (text or "").split(","):
-        if not part.strip():
+    for item in (text or "").split(","):
+        if not item.strip():
             continue
-        key, _, value = (piece.strip() for piece in part.partition("="))
+        key, _, value = (piece.strip() for piece in item.partition("="))
         if key not in KEYS:
             raise unknown(f"{key!r} is not a key of --optics.", key, KEYS, "--optics")
         try:

@@ -70,7 +70,7 @@ changes.
     track.csv, and the end, the alarms and what was wrong with the samples in track.json, and the
     sensor as it is now in result.json, for other commands.
     """
-    name, address = _chosen(follow=follow, stdin=stdin, source=source)
+    name, address = _one_source(follow=follow, stdin=stdin, source=source)
     from vibrident.app.workflow.tracked import TrackRequest
     from vibrident.app.workflow.tracked import track as run
 
@@ -85,7 +85,7 @@ changes.
     show_written(written)
 
 
-def _chosen(*, follow: bool, stdin: str | None, source: str | None) -> tuple[str, str]:
+def _one_source(*, follow: bool, stdin: str | None, source: str | None) -> tuple[str, str]:
     """Return the name and the address of the source."""
     name, _, address = (source or "").partition("=")
     sources = [("follow", "")] if follow else []
@@ -117,12 +117,12 @@ class LiveTable(ProgressReporter):
         if self._live is None:
             return
         from vibrident.app.workflow.tracked import parameter_rows
-        from vibrident.show.media.console import shown
+        from vibrident.show.media.console import on_console
         from vibrident.show.rows import table_of
 
         rows = parameter_rows(row.values, row.uncertainty, units)
         rows = [{**each, "excited": each["parameter"] in row.excited} for each in rows]
-        self._live.update(shown(table_of(rows, f"Tracked, {row.time_s:.6g} s")))
+        self._live.update(on_console(table_of(rows, f"Tracked, {row.time_s:.6g} s")))
 
 
 @contextlib.contextmanager

@@ -46,10 +46,10 @@ class CertificateForm:
     ``parameters``.
     """
 
-    def __init__(self, user: User, named: NamedResult, known: Mapping[str, Any]) -> None:
+    def __init__(self, user: User, named: NamedResult, states: Mapping[str, Any]) -> None:
         self.user = user
         self.named = named
-        self.known = known
+        self.states = states
         self._begin()
         self.entries: dict[str, Any] = {}
         self.of_sensor: dict[str, Any] = {}
@@ -57,9 +57,11 @@ class CertificateForm:
     def _begin(self) -> None:
         """Begin with what the chosen profile states, for a result that was made here."""
         if self.named.stated is None and self.named.choices is not None and self.user.profile:
-            known = self.known["certificate"]
-            stated = {key: v for key, v in self._laboratory().items() if key not in known}
-            self.named.stated = CertificateData(stated)
+            result_keys = self.states["certificate"]
+            from_profile = {
+                key: v for key, v in self._laboratory().items() if key not in result_keys
+            }
+            self.named.stated = CertificateData(from_profile)
             self.user.changed()
 
     def build(self) -> None:
@@ -68,12 +70,12 @@ class CertificateForm:
         self._say()
         if not self.user.may("identify"):
             return
-        self.place = (
+        self.expansion = (
             ui.expansion(say(LABELS["export.certificate"]))
             .classes("w-full")
             .props("id=certificate")
         )
-        self.place.on_value_change(self._open)
+        self.expansion.on_value_change(self._open)
 
     def stated_data(self) -> CertificateData:
         """Return what is stated beside the result, with logo and template."""
@@ -87,18 +89,18 @@ class CertificateForm:
 
     def name_of_file(self, name: str) -> str:
         """Return the name under which the browser saves a document, with sensor and date."""
-        certificate, sensor = self._stated()
+        certificate, sensor = self._statements()
         return name_of_sensor(name, sensor, certificate)
 
-    def _stated(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _statements(self) -> tuple[dict[str, Any], dict[str, Any]]:
         statements = self.named.stated or CertificateData()
-        return {**self.known["certificate"], **statements.certificate}, {
-            **self.known["sensor"],
+        return {**self.states["certificate"], **statements.certificate}, {
+            **self.states["sensor"],
             **statements.sensor,
         }
 
     def _say(self) -> None:
-        missing = lacking(*self._stated())
+        missing = lacking(*self._statements())
         names = ", ".join(say(str(ENGLISH("label", key))) for key in missing)
         self.lacking.text = (
             say("The PDF is a draft until these are stated: {names}.", names=names)
@@ -107,13 +109,13 @@ class CertificateForm:
         )
 
     async def _open(self) -> None:
-        if not self.place.value or self.entries:
+        if not self.expansion.value or self.entries:
             return
-        stated, sensor = self._stated()
+        stated, sensor = self._statements()
         stated = self._laboratory() | {
             key: value for key, value in stated.items() if value is not None
         }
-        with self.place:
+        with self.expansion:
             ui.label(
                 say(
                     "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
@@ -132,10 +134,12 @@ class CertificateForm:
                 ui.button(say("Save"), on_click=self._save).props("id=save-certificate")
                 file = ui.button(say("Save as a file"), on_click=self._file)
                 file.props("outline id=get-certificate-toml")
-            self.said = frame.hint("").props("role=status")
+            self.status = frame.hint("").props("role=status")
             self.errors = frame.error_place()
 
-    def _group(self, title: str, fields: Sequence[FormField], stated: Mapping[str, Any]) -> None:
+    def _group(
+        self, title: str, fields: Sequence[FormField], given_values: Mapping[str, Any]
+    ) -> None:
         """Ask for the keys below a heading of the certificate."""
         lists = {field.key: field for field in fields if _KEYS[field.key].kind == "entries"}
         with frame.add_group(title, 4):
@@ -143,12 +147,12 @@ class CertificateForm:
                 if field.key not in lists:
                     key = replace(_KEYS[field.key], title=field.label)
                     label = key.label + (" *" if field.required else "")
-                    self.entries[field.key] = entry(key, stated.get(field.key), label=label)
+                    self.entries[field.key] = entry(key, given_values.get(field.key), label=label)
         for name in lists:
             section = _KEYS[name].section
-            values = stated.get(name) or []
-            known = {name: say(in_words(name)) for name in self.known["parameters"]}
-            words = {"sensitivity_deviation": say("deviation of the sensitivity"), **known}
+            values = given_values.get(name) or []
+            names = {name: say(in_words(name)) for name in self.states["parameters"]}
+            words = {"sensitivity_deviation": say("deviation of the sensitivity"), **names}
             self.entries[name] = RowEntries(
                 ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
@@ -182,8 +186,8 @@ class CertificateForm:
 
     def _read(self) -> CertificateData:
         """Return the checked form; None for entries of the result that the form leaves empty."""
-        stated = entered(self.entries, _KEYS)
-        if len(json.dumps(stated)) > _MAX_ENTRY_CHARACTERS:
+        entered_values = entered(self.entries, _KEYS)
+        if len(json.dumps(entered_values)) > _MAX_ENTRY_CHARACTERS:
             raise InputError(
                 "The entries are too long.",
                 expected=f"at most {_MAX_ENTRY_CHARACTERS} characters in all",
@@ -191,21 +195,21 @@ class CertificateForm:
                 where="certificate",
                 remedy="shorten them",
             )
-        section = certificate_section(stated, "what the certificate states")
-        known = self.known["sensor"]
+        section = certificate_section(entered_values, "what the certificate states")
+        sensor_keys = self.states["sensor"]
         texts = {name: element.value.strip() or None for name, element in self.of_sensor.items()}
         sensor: Any = {
-            name: text for name, text in texts.items() if text != (known.get(name) or None)
+            name: text for name, text in texts.items() if text != (sensor_keys.get(name) or None)
         }
         paths = (named.path for named in self.user.results)
-        chosen = next((path for path in paths if str(path) == self.before.value), None)
+        before = next((path for path in paths if str(path) == self.before.value), None)
         check_dates(section, "what the certificate states")
-        certificate = {**dict.fromkeys(self.known["certificate"]), **section}
-        return CertificateData(certificate, sensor, before=chosen)
+        certificate = {**dict.fromkeys(self.states["certificate"]), **section}
+        return CertificateData(certificate, sensor, before=before)
 
     async def _save(self) -> bool:
         self.errors.clear()
-        self.said.text = ""
+        self.status.text = ""
         try:
             self.user.require("identify", "state what a certificate says")
             self.named.stated = self._read()
@@ -214,7 +218,7 @@ class CertificateForm:
             return False
         self.user.changed()
         self._say()
-        self.said.text = say("Saved: reports and exports of this result state it.")
+        self.status.text = say("Saved: reports and exports of this result state it.")
         return True
 
     async def _file(self) -> None:

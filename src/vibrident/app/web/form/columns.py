@@ -51,7 +51,7 @@ _GROUPS = (
     ("table",),
     ("sensor", "mounting"),
 )
-_PART = phrase("Reference files: more in names")
+_NAME_PART = phrase("Reference files: more in names")
 
 
 class _Outdated(Exception):
@@ -240,8 +240,8 @@ class ColumnsStep:
         with self.more, contextlib.suppress(_Outdated):
             await self._group([section for each in _GROUPS for section in each], "more", 4)
             self._rows()
-            known = KnownResponses(self.user, self._edited, self.data.show)
-            self.groups += [(place, [path]) for path, place in known.places.items()]
+            known_responses = KnownResponses(self.user, self._edited, self.data.show)
+            self.groups += [(place, [path]) for path, place in known_responses.elements.items()]
             self._visible()
 
     async def _group(self, sections: Sequence[str], level: str, heading: int) -> None:
@@ -259,14 +259,16 @@ class ColumnsStep:
                 if path == "sensor.model":
                     await self._model()
                 else:
-                    offered = self._offered(path) if path in ROLES else None
-                    element = entry(KEYS[path], self.form.get(path), options=offered)
+                    choices = self._choices(path) if path in ROLES else None
+                    element = entry(KEYS[path], self.form.get(path), options=choices)
                     await self._placed(path, element, KEYS[path])
             if "records.excitation" in paths and len(self.user.session.files) > 1:
                 value = self.form.description.optical_part
                 hint = say("such as _ref")
-                part = ui.input(say(_PART), value=value, placeholder=hint).props(PLAIN)
-                part.on_value_change(lambda event: self._edited("optical_part", event.value or ""))
+                part_input = ui.input(say(_NAME_PART), value=value, placeholder=hint).props(PLAIN)
+                part_input.on_value_change(
+                    lambda event: self._edited("optical_part", event.value or "")
+                )
 
     async def _placed(self, path: str, element: Any, key: Key) -> None:
         """Have an element set its key.
@@ -298,7 +300,7 @@ class ColumnsStep:
         for place, paths in self.groups:
             place.visible = any(map(applies, paths))
 
-    def _offered(self, path: str) -> dict[Any, str] | None:
+    def _choices(self, path: str) -> dict[Any, str] | None:
         """Return the columns to choose from; None if they are too many, and are written."""
         columns = self.form.guess.columns
         if self.form.guess.all_columns > len(columns.columns):
@@ -384,7 +386,7 @@ def merge_guess(before: Form | None, guessed: ColumnGuess) -> Form:
     if before is None or not before.touched:
         return Form(guessed, description)
     for path in ROLES:
-        known = before.description.get(path) in (None, *guessed.columns.columns)
-        if path not in before.touched and not known:
+        is_guessable = before.description.get(path) in (None, *guessed.columns.columns)
+        if path not in before.touched and not is_guessable:
             before.description.set(path, description.get(path))
     return Form(guessed, before.description, before.touched)

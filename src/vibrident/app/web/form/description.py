@@ -17,7 +17,7 @@ from vibrident.data.io.toml_text import toml_document
 from vibrident.data.records import USUAL_MODEL
 from vibrident.physics.models import ADD_ONS
 
-HERE = "columns and units"  # what messages call the form
+FORM_NAME = "columns and units"  # what messages call the form
 SECTIONS = {n: key for n, key in keys_of(CalibrationFile).items() if n != "certificate"}
 #: Section → its keys that a form can ask for.
 ENTRIES = {
@@ -34,8 +34,9 @@ def _form_keys() -> Iterator[tuple[str, Key]]:
             if key.kind == "columns":
                 first = phrase("First signal: cos, or carrier")
                 second = phrase("Second signal: sin")
-                for place, title in enumerate((first, second)):
-                    yield f"{section}.{key.name}.{place}", replace(key, title=title, kind="column")
+                for position, title in enumerate((first, second)):
+                    path = f"{section}.{key.name}.{position}"
+                    yield path, replace(key, title=title, kind="column")
             else:
                 yield f"{section}.{key.name}", key
 
@@ -78,9 +79,9 @@ class Description:
         """Return the value of ``section.key``, of a place in its list, or of a list of entries."""
         if "." not in path:
             return getattr(self, path, self.document.get(path))
-        section, name, *place = path.split(".")
+        section, name, *position = path.split(".")
         value = self.document.get(section, {}).get(name)
-        return _padded_pair(value)[int(place[0])] if place else value
+        return _padded_pair(value)[int(position[0])] if position else value
 
     def set(self, path: str, value: Any) -> None:
         """Set the value of ``section.key``, of a place in its list, or of a list of entries."""
@@ -89,12 +90,12 @@ class Description:
             target = vars(self) if path in vars(self) else self.document
             target[path] = value
             return
-        held = self.document.setdefault(section, {})
+        values = self.document.setdefault(section, {})
         if len(names) == 2:
-            both = _padded_pair(held.get(names[0]))
+            both = _padded_pair(values.get(names[0]))
             both[int(names[1])] = value
             value = both
-        held[names[0]] = value
+        values[names[0]] = value
 
     @property
     def decay(self) -> bool:
@@ -121,8 +122,10 @@ class Description:
 
         Files of known responses are no records.
         """
-        known = {entry.get("file") for path in KNOWN_RESPONSES for entry in self.get(path) or ()}
-        files = [file for file in files if file not in known]
+        response_files = {
+            entry.get("file") for path in KNOWN_RESPONSES for entry in self.get(path) or ()
+        }
+        files = [file for file in files if file not in response_files]
         return pair_files(files, "" if self.table or self.decay else self.optical_part)
 
     def applies(self, path: str) -> bool:
@@ -176,7 +179,7 @@ def calibration_text(description: Description, files: Sequence[str]) -> str:
         raise _form_error(problem, "one file", number, "remove the others")
     _require_distinct(description)
     document = dict(_document(description, files))
-    checked_calibration(document, HERE)
+    checked_calibration(document, FORM_NAME)
     return toml_document(document)
 
 
@@ -204,11 +207,11 @@ def _document(description: Description, files: Sequence[str]) -> Iterator[tuple[
             for number, entry in enumerate(entries, start=1):
                 _require_filled(section, number, entry)
             yield section, entries
-        elif filled := {**_filled(description, section), **_known(description, section)}:
+        elif filled := {**_filled(description, section), **_known_responses(description, section)}:
             yield section, filled
 
 
-def _known(description: Description, section: str) -> dict[str, Any]:
+def _known_responses(description: Description, section: str) -> dict[str, Any]:
     """Return the known responses of a channel; refused where one says nothing."""
     path = f"{section}.known_response"
     entries = description.get(path) if path in KNOWN_RESPONSES else None
@@ -268,7 +271,7 @@ def _require_distinct(description: Description) -> None:
 
 
 def _form_error(problem: str, expected: str, actual: str, remedy: str) -> InputError:
-    return InputError(problem, expected=expected, found=actual, where=HERE, remedy=remedy)
+    return InputError(problem, expected=expected, found=actual, where=FORM_NAME, remedy=remedy)
 
 
 def find_optical_part(files: Sequence[str]) -> str:
@@ -279,32 +282,35 @@ def find_optical_part(files: Sequence[str]) -> str:
     if len(files) < 2 or len(files) % 2:
         return ""
     first, *other_names = (Path(file).stem for file in files)
-    parts = (_inserted_part(*sorted((first, name), key=len)) for name in other_names)
-    return next((part for part in parts if part and _partners(files, part) is not None), "")
+    candidates = (_inserted_part(*sorted((first, name), key=len)) for name in other_names)
+    return next(
+        (part for part in candidates if part and _partners(files, part) is not None),
+        "",
+    )
 
 
-def pair_files(files: Sequence[str], part: str) -> list[tuple[str, str | None]]:
+def pair_files(files: Sequence[str], optical_part: str) -> list[tuple[str, str | None]]:
     """Return each file of a response with the file of its optical signals, None if the same."""
-    if not part:
+    if not optical_part:
         return [(file, None) for file in files]
-    partners = _partners(files, part)
+    partners = _partners(files, optical_part)
     if partners is None:
-        optical = [file for file in files if part in Path(file).stem]
+        optical = [file for file in files if optical_part in Path(file).stem]
         raise InputError(
             "The files with optical signals do not match those with responses.",
-            expected=f"for each file a second one, with {part!r} more in its name",
+            expected=f"for each file a second one, with {optical_part!r} more in its name",
             found=f"{len(files) - len(optical)} files without it, {len(optical)} with it",
-            where=HERE,
+            where=FORM_NAME,
             remedy="add or rename files, or correct that part of the names; "
             "leave it empty for signals in one file",
         )
     return list(partners)
 
 
-def _partners(files: Sequence[str], part: str) -> list[tuple[str, str | None]] | None:
+def _partners(files: Sequence[str], optical_part: str) -> list[tuple[str, str | None]] | None:
     """Return pairs in the order of the responses; None if a file is left over."""
-    marked = [file for file in files if part in Path(file).stem]
-    optical = {Path(file).stem.replace(part, "", 1): file for file in marked}
+    marked = [file for file in files if optical_part in Path(file).stem]
+    optical = {Path(file).stem.replace(optical_part, "", 1): file for file in marked}
     responses = [file for file in files if file not in marked]
     if len(optical) != len(responses) or len(files) != 2 * len(responses) or not responses:
         return None

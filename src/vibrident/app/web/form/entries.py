@@ -36,18 +36,18 @@ def entry(
     if options is None and kind == "choice":
         options = {choice: say(words) for choice, words in key.options.items()}
     if options is not None:
-        stated = value is not None or None in options or usual not in options
-        chosen = value if stated else usual
-        if chosen is not None and chosen not in options:
-            options = {**options, chosen: say("{column} (not in this file)", column=chosen)}
-        element = ui.select(dict(options), value=chosen, label=label)
+        is_given = value is not None or None in options or usual not in options
+        selected = value if is_given else usual
+        if selected is not None and selected not in options:
+            options = {**options, selected: say("{column} (not in this file)", column=selected)}
+        element = ui.select(dict(options), value=selected, label=label)
         return element.props(f"{PLAIN} options-dense")
     if kind == "flag":
         return ui.checkbox(label, value=bool(value))
     if kind in ("number", "whole"):
-        shown = None if value is None else value * (unit or key.in_form)[1]
+        displayed = None if value is None else value * (unit or key.in_form)[1]
         usual = f"{usual:g}" if isinstance(usual, int | float) else ""
-        element = ui.number(label, value=shown, placeholder=usual, format="%.12g")
+        element = ui.number(label, value=displayed, placeholder=usual, format="%.12g")
         return element.props(f"{PLAIN} step=any")
     text = "\n".join(value) if isinstance(value, list) else "" if value is None else str(value)
     if kind in ("lines", "paragraphs"):
@@ -111,7 +111,7 @@ class RowEntries:
         self.rare = {key for key in rare if key in self.keys}
         self.with_all = any(self.rare & {*value} for value in values)
         self.rows: list[dict[str, Any]] = []
-        self.place = ui.element("div").classes("w-full")
+        self.rows_element = ui.element("div").classes("w-full")
         for value in values:
             self.add(self.to_form(value))
         with frame.actions():
@@ -138,7 +138,7 @@ class RowEntries:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.place, frame.add_group(f"{say(self.name)} {number}", 0) as group:
+        with self.rows_element, frame.add_group(f"{say(self.name)} {number}", 0) as group:
             group.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
@@ -182,12 +182,12 @@ class RowEntries:
 
     def _value(self, row: Mapping[str, Any]) -> dict[str, Any]:
         entered = {name: element.value for name, element in row.items()}
-        stated = {}
+        values = {}
         for name, key in self.keys.items():
             value = filled(key, entered[name], key.asked_in(entered))
             if key.applies(entered) and value not in (None, key.default):
-                stated[name] = value
-        return stated
+                values[name] = value
+        return values
 
 
 def entered(elements: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[str, Any]:
@@ -219,8 +219,8 @@ class BandEntries(RowEntries):
         return self.frame.visible
 
     @visible.setter
-    def visible(self, shown: bool) -> None:
-        self.frame.visible = shown
+    def visible(self, is_visible: bool) -> None:
+        self.frame.visible = is_visible
 
     @property
     def value(self) -> Any:

@@ -133,13 +133,13 @@ class KnownResponses:
         frame.hint(hint)
         self._upload()
         self.errors = frame.error_place()
-        self.places: dict[str, ui.element] = {}
+        self.elements: dict[str, ui.element] = {}
         for path in KNOWN_RESPONSES:
             channel = path.partition(".")[0]
-            with ui.element("div").classes("w-full").props(f"id=known-{channel}") as place:
+            with ui.element("div").classes("w-full").props(f"id=known-{channel}") as element:
                 frame.heading(say(_TITLES[channel]), 4)
                 self._build_rows(path)
-            self.places[path] = place
+            self.elements[path] = element
 
     def _build_rows(self, path: str) -> None:
         form = self.user.form
@@ -171,11 +171,11 @@ class KnownResponses:
         try:
             for named in self.user.results:
                 file = _result_file(named.path)
-                chosen = any(entry.get("file") == file for entry in entries)
-                if chosen and file not in session.known_files:
+                has_result = any(entry.get("file") == file for entry in entries)
+                if has_result and file not in session.known_files:
                     size = named.path.stat().st_size
-                    place = session.reserve_path(file, size, known=True)
-                    shutil.copyfile(named.path, place)
+                    target = session.reserve_path(file, size, known=True)
+                    shutil.copyfile(named.path, target)
                     self.list_files()
         except Exception as error:
             frame.show_error(self.errors, error, session)
@@ -202,11 +202,11 @@ class KnownResponses:
         self.errors.clear()
         try:
             self.user.require("identify", "upload data")
-            place = session.reserve_path(event.file.name, event.file.size(), known=True)
+            copy_path = session.reserve_path(event.file.name, event.file.size(), known=True)
             try:
-                await event.file.save(place)
+                await event.file.save(copy_path)
             except BaseException:
-                session.remove(place.name)
+                session.remove(copy_path.name)
                 raise
         except Exception as error:
             frame.show_error(self.errors, error, session)

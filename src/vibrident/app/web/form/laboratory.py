@@ -33,7 +33,7 @@ class LaboratoryFileLabels(NamedTuple):
 
     label: str
     choose: str
-    here: str
+    stored: str
     remove: str
     endings: str
 
@@ -115,10 +115,10 @@ class LaboratoryStep:
 
     def _choice(self) -> None:
         names = {"": say("none"), **{name: name for name in self.user.users.laboratories.names}}
-        chosen = self.user.profile if self.user.profile in names else ""
+        selected = self.user.profile if self.user.profile in names else ""
         with ui.element("div").classes("fields wide"):
-            choice = ui.select(names, value=chosen, label=say("Laboratory profile"))
-            choice.props(f"{PLAIN} id=profile").on_value_change(self._chosen)
+            choice = ui.select(names, value=selected, label=say("Laboratory profile"))
+            choice.props(f"{PLAIN} id=profile").on_value_change(self._select)
         ui.label(
             say(
                 "A profile keeps what is the same on each calibration: sources of uncertainty, "
@@ -126,7 +126,7 @@ class LaboratoryStep:
             )
         ).classes("hint")
 
-    def _chosen(self, event: events.ValueChangeEventArguments) -> None:
+    def _select(self, event: events.ValueChangeEventArguments) -> None:
         """Take the sources and files of a profile in place of those that there are."""
         user = self.user
         name = str(event.value or "")
@@ -188,7 +188,7 @@ class LaboratoryStep:
         self.user.changed()
         self.fit.refresh()
 
-    def _laboratory(self, stated: Mapping[str, Any]) -> None:
+    def _laboratory(self, values: Mapping[str, Any]) -> None:
         """Ask for what the certificates of a laboratory have in common."""
         self.entries: dict[str, Any] = {}
         expansion = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
@@ -198,11 +198,11 @@ class LaboratoryStep:
             with frame.add_group(say("Name and address")):
                 for name in (name for name in fields if _KEYS[name].kind != "entries"):
                     key = replace(_KEYS[name], title=fields[name].label)
-                    self.entries[name] = entry(key, stated.get(name), label=key.label)
+                    self.entries[name] = entry(key, values.get(name), label=key.label)
             section = _KEYS["instruments"].section
             assert section is not None
             frame.heading(say("Instruments"))
-            instruments = stated.get("instruments") or []
+            instruments = values.get("instruments") or []
             rows = RowEntries("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
             for kind in LABORATORY_FILES:
@@ -214,27 +214,27 @@ class LaboratoryStep:
 
         async def keep(event: events.UploadEventArguments) -> None:
             self.user.session.keep_laboratory_file(kind, await event.file.read())
-            here.visible = True
+            stored_row.visible = True
 
         def remove() -> None:
             self.user.session.keep_laboratory_file(kind, b"")
-            here.visible = False
+            stored_row.visible = False
 
         with ui.element("div"):
-            chosen = ui.upload(
+            upload = ui.upload(
                 label=say(words.label),
                 auto_upload=True,
                 max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
             )
-            chosen.classes("uploader").props(f'flat bordered accept="{words.endings}"')
-            chosen.on("uploaded", js_handler=f"() => vibrident.sent({chosen.id})")
-            with frame.actions() as here:
-                frame.hint(say(words.here)).props("role=status")
+            upload.classes("uploader").props(f'flat bordered accept="{words.endings}"')
+            upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
+            with frame.actions() as stored_row:
+                frame.hint(say(words.stored)).props("role=status")
                 ui.button(say(words.remove), on_click=remove).props("flat")
-            here.visible = self.user.session.laboratory_file(kind) is not None
+            stored_row.visible = self.user.session.laboratory_file(kind) is not None
         names = json.dumps([say(words.choose), say(words.label).partition(":")[0]])
-        ui.run_javascript(f"vibrident.name({chosen.id}, ...{names})")
+        ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
 
     def _keeping(self) -> None:
         with frame.actions():
@@ -243,7 +243,7 @@ class LaboratoryStep:
             if self.user.profile:
                 remove = ui.button(say("Remove the profile"), on_click=self._remove)
                 remove.props("flat id=remove-profile")
-        self.said = frame.hint("").props("role=status id=profile-said")
+        self.status = frame.hint("").props("role=status id=profile-said")
 
     async def _save(self) -> None:
         user = self.user
@@ -255,8 +255,12 @@ class LaboratoryStep:
             lists = {name: rows.value for name, rows in self.lists.items()}
             paths = {kind: user.session.laboratory_file(kind) for kind in LABORATORY_FILES}
             files = {kind: path.read_bytes() for kind, path in paths.items() if path is not None}
-            wanted = (self.name.value or "").strip() or str(certificate.get("laboratory") or "")
-            user.profile = laboratories.write(wanted, {"certificate": certificate, **lists}, files)
+            profile_name = (self.name.value or "").strip() or str(
+                certificate.get("laboratory") or ""
+            )
+            user.profile = laboratories.write(
+                profile_name, {"certificate": certificate, **lists}, files
+            )
             await user.note("saved a laboratory's profile", name=user.profile)
         except Exception as error:
             frame.show_error(self.errors, error, user.session)
@@ -265,7 +269,7 @@ class LaboratoryStep:
         name = user.profile
         self.show()
         message = "Saved as “{name}”: new calibrations and certificates begin with it."
-        self.said.text = say(message, name=name)
+        self.status.text = say(message, name=name)
 
     async def _remove(self) -> None:
         try:

@@ -58,7 +58,7 @@ def source_keys() -> list[Key]:
             keys.append(_key(plain, "U", in_form=("", 1.0)))
         elif key.name == "table":
             by_kind = next(
-                known for known in keys if known.name == "standard_uncertainty"
+                option for option in keys if option.name == "standard_uncertainty"
             ).in_form_by
             keys.append(_key(key, "table", in_form_by=by_kind))
         else:

@@ -17,7 +17,7 @@ _HINT = phrase(
     "A calibration file can state more than the form asks. "
     "To come back to the form, remove the file above."
 )
-_TRIED = ".tried.toml"  # name under which a text is read before it takes the place of a file
+_TRIAL_FILE = ".tried.toml"  # name under which a text is read before it takes the place of a file
 
 
 def edit_as_text(
@@ -38,22 +38,24 @@ def edit_as_text(
         session = user.session
         content = (written.value or "").encode()
         session.open()
-        tried = session.data / _TRIED
+        trial = session.data / _TRIAL_FILE
         try:
             user.require("identify", "write files")
-            tried.write_bytes(content)
+            trial.write_bytes(content)
             for look in (read_calibration_text, require_readable):
-                await user.run_sandboxed(look, session.data, _TRIED)
+                await user.run_sandboxed(look, session.data, _TRIAL_FILE)
             session.reserve_path(name, len(content)).write_bytes(content)
         except InputError as error:
-            fields = {key: part.replace(_TRIED, name) for key, part in vars(error).items()}
+            fields = {
+                key: message.replace(_TRIAL_FILE, name) for key, message in vars(error).items()
+            }
             frame.show_error(errors, type(error)(**fields), session)
         except Exception as error:
             frame.show_error(errors, error, session)
         else:
             await on_taken()
         finally:
-            tried.unlink(missing_ok=True)
+            trial.unlink(missing_ok=True)
 
     with frame.actions():
         ui.button(say("Use this file"), on_click=take).props("id=use-text")
