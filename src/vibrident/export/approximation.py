@@ -137,7 +137,7 @@ def _order(
 
 
 def _coefficients(order: int) -> list[float]:
-    """Q(x) = Σ c_j x^j, ascending, with e^{−x} ≈ Q(−x)/Q(x)."""
+    """Return the coefficients of Q(x) = Σ c_j x^j, ascending, with e^{−x} ≈ Q(−x)/Q(x)."""
     n = order
     return [
         math.factorial(2 * n - j) / (math.factorial(n - j) * math.factorial(j)) * math.factorial(n)

@@ -44,7 +44,7 @@ def codes(sensor: ExportedSensor, options: Options) -> tuple[str, str, str, str]
 
 
 def described(sensor: ExportedSensor) -> tuple[PolesZeros, list[str]]:
-    """Poles and zeros from acceleration to response, and the approximations.
+    """Return poles and zeros from acceleration to response, and the approximations.
 
     Raises:
         InputError: the reference was a drive, or the sensor has no form in poles and zeros.

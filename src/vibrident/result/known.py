@@ -39,11 +39,11 @@ def known_response(
     result.require_linear()
     sensor = result.to_sensor("a known response")
     sensor.require_uncertainty()
-    wanted = quantity or sensor.quantity
-    if "force" in (wanted, sensor.quantity) and wanted != sensor.quantity:
+    measured_quantity = quantity or sensor.quantity
+    if "force" in (measured_quantity, sensor.quantity) and measured_quantity != sensor.quantity:
         raise InputError(
             "The result is not of a sensor of this quantity.",
-            expected=f"a sensor that was identified by {wanted}",
+            expected=f"a sensor that was identified by {measured_quantity}",
             found=f"a response per {sensor.quantity}",
             where=source,
             remedy="give the result of another sensor, or correct the quantity of the reference",
@@ -51,11 +51,11 @@ def known_response(
     band_hz = sensor.band_hz or (0.0, np.inf)
     low = max(band_hz[0], 1e-9)
     at = np.geomspace(low, min(band_hz[1], 1e9 * low), TABLE_POINTS)
-    slopes = sensor.slopes(at, wanted) / sensor.frequency_response(at, wanted)
+    slopes = sensor.slopes(at, measured_quantity) / sensor.frequency_response(at, measured_quantity)
     effects = effects_of_covariance(source, at, slopes, sensor.covariance)
     effects += flat_effects(f"{source}, whose model was rejected", sensor.misfit, sensor.misfit)
     return KnownResponse(
-        (_shape(sensor, wanted, at),), sensor.response_unit, band_hz, effects, source
+        (_shape(sensor, measured_quantity, at),), sensor.response_unit, band_hz, effects, source
     )
 
 

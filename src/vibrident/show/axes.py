@@ -148,7 +148,7 @@ def _logarithmic(label: str, low: float, high: float, *, thousands: bool = False
 
 
 def _apart(dates: Sequence[datetime.date], most: int = 6) -> list[datetime.date]:
-    """Dates far enough from each other to be written side by side, the first among them."""
+    """Select dates far enough apart to be written side by side, the first among them."""
     span = (dates[-1] - dates[0]).days or 1
     separate = [dates[0]]
     for date in dates[1:]:
@@ -158,7 +158,7 @@ def _apart(dates: Sequence[datetime.date], most: int = 6) -> list[datetime.date]
 
 
 def log_ticks(low: float, high: float, *, thousands: bool = False) -> tuple[tuple[float, str], ...]:
-    """1, 2, 5 of each decade where few decades are shown, powers of ten alone where many."""
+    """Return 1, 2, 5 of each decade if few decades are shown, powers of ten alone if many."""
     decades = math.log10(high / low)
     if decades < 0.8:
         return tuple(tick for tick in linear_ticks(low, high, thousands=thousands) if tick[0] > 0)

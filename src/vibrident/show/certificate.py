@@ -163,7 +163,7 @@ def groups(result: Result, say: Say = ENGLISH) -> tuple[Facts, ...]:
     other_entries = {key: value for key, value in sensor.items() if key not in _SENSOR and value}
 
     def facts_of(*keys: str) -> list[Fact]:
-        """Rows that appear only where they are stated."""
+        """Return the rows of those keys that the certificate states."""
         return [(say("label", key), "\n".join(_listed(data, key))) for key in keys if data.get(key)]
 
     def always(*keys: str) -> list[Fact]:
@@ -263,7 +263,7 @@ def _band(result: Result, say: Say) -> str:
 
 
 def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
-    """Paragraphs on uncertainty, phase, adequacy and reproduction."""
+    """Return the paragraphs on uncertainty, phase, adequacy and reproduction."""
     covers = result.settings.get("uncertainty_covers")
     relative = result.settings.get("reference_standard_uncertainty")
     verdict = "adequate" if result.fit.adequate else "not_adequate"

@@ -296,7 +296,7 @@ def point_budgets(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
 
 
 def temperature(result: Result, say: Say = ENGLISH) -> Table | None:
-    """Temperature coefficients with U; None where the records are of one temperature."""
+    """Tabulate temperature coefficients with U; None if the records are of one temperature."""
     settings = result.settings.get("temperature")
     if not isinstance(settings, Mapping) or not settings.get("coefficients"):
         return None

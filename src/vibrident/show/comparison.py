@@ -57,7 +57,7 @@ class Value:
 
     @property
     def expanded(self) -> float | None:
-        """U, k = 2."""
+        """Return the expanded uncertainty U, k = 2."""
         return None if self.u is None else K * self.u
 
 
@@ -245,7 +245,7 @@ def _phase(point: SensitivityPoint | None, near: SensitivityPoint) -> Value | No
 
 
 def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
-    """Difference of the second value from the first, and E_n."""
+    """Return the difference of the second value from the first, and E_n."""
     first, second = row.values
     if first is None or second is None:
         return NONE, NONE
@@ -288,12 +288,12 @@ def _lines(
 
 
 def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
-    """Value and U as text, the value to the place of U."""
+    """Return value and U as text, the value rounded to the last digit of U."""
     return (NONE, NONE) if value is None else with_u(value.value, value.u, factor)
 
 
 def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
-    """Difference from the base, relative where the quantity allows it."""
+    """Return the difference from the base, relative where the quantity allows it."""
     if value is None:
         return NONE
     relative = bool(row.relative and base.value)
@@ -307,7 +307,7 @@ def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
 
 
 def _fixed_point(text: str) -> str:
-    """Without a power of ten where few zeros do: numbers below each other are compared."""
+    """Write a number without a power of ten if few zeros do, so that a column can be compared."""
     if "e" not in text or abs(float(text)) < _MIN_FIXED_POINT:
         return text
     return f"{Decimal(text):f}"

@@ -27,7 +27,7 @@ class Coverage:
     probability: float  # of the interval value ± U
 
     def text(self, say: Say = ENGLISH) -> Words:
-        """All of it in a sentence."""
+        """Return coverage probability, factor and distribution in a sentence."""
         freedom = self.degrees_of_freedom
         kind = (
             "normal"
@@ -40,7 +40,7 @@ class Coverage:
 
 
 def coverage(result: Result) -> Coverage:
-    """Coverage of every U of a result."""
+    """Return the coverage of every U of a result."""
     if _KEY not in result.settings:
         return Coverage(None, math.erf(K / math.sqrt(2.0)))
     freedom = result.settings[_KEY]

@@ -12,14 +12,14 @@ from vibrident.show.views import FloatArray, K
 
 
 def column(curve: Curve, name: str) -> FloatArray:
-    """Values of a curve, one to each frequency; NaN where one is not known, or all are absent."""
+    """Return a column of a curve, a value per frequency; NaN where it is not known."""
     values = getattr(curve, name)
     points = len(curve.frequency_hz)
     return values if values.size == points else np.full(points, np.nan)
 
 
 def expanded(curve: Curve, quantity: str) -> FloatArray:
-    """U (k = 2) of a curve's ``magnitude`` or ``phase_deg``; NaN where it is not known."""
+    """Return U (k = 2) of a curve's ``magnitude`` or ``phase_deg``; NaN where it is not known."""
     return K * column(curve, f"{quantity}_uncertainty")
 
 
@@ -34,7 +34,7 @@ def bars_of_deviation(measured: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
 
 
 def continuous(phase_deg: FloatArray) -> FloatArray:
-    """Phase without jumps of a whole turn, starting in (−180°, 180°]; NaN stays."""
+    """Unwrap a phase by whole turns, starting in (−180°, 180°]; NaN stays."""
     out = phase_deg.copy()
     usable = np.isfinite(out)
     if usable.any():
@@ -44,12 +44,12 @@ def continuous(phase_deg: FloatArray) -> FloatArray:
 
 
 def nearest_turn(phase_deg: FloatArray, near_deg: FloatArray) -> FloatArray:
-    """Phase in degrees, moved by whole turns to where it is nearest to another."""
+    """Move a phase in degrees by whole turns to where it is nearest to another."""
     return phase_deg + 360.0 * np.round((near_deg - phase_deg) / 360.0)
 
 
 def principal(phase_deg: FloatArray) -> FloatArray:
-    """Phase in degrees in [−180°, 180°)."""
+    """Return the phase in degrees in [−180°, 180°)."""
     return (phase_deg + 180.0) % 360.0 - 180.0
 
 
@@ -82,12 +82,12 @@ def envelope(
 
 
 def largest(*values: FloatArray) -> float:
-    """Largest finite magnitude; zero if no value is finite."""
+    """Return the largest finite magnitude; zero if no value is finite."""
     return max((float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in values), default=0.0)
 
 
 def record_frequencies(result: Result) -> dict[str, float]:
-    """Frequency of each record that was excited at one frequency alone, Hz."""
+    """Return the frequency of each record that was excited at one frequency alone, Hz."""
     excited = set(zip(result.measured.record, result.measured.frequency_hz.tolist(), strict=False))
     times = Counter(name for name, _ in excited)
     return {name: frequency for name, frequency in excited if times[name] == 1}

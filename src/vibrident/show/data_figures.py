@@ -147,7 +147,7 @@ def light(calibration: Calibration) -> Figure:
 
 
 def _light(name: str, optical: OpticalSummary) -> tuple[Stack, Stack]:
-    """Both signals over each other, and beside them a piece of the displacement."""
+    """Draw both signals over each other, and a piece of the displacement beside them."""
     time, clock = from_start(optical.excerpt_s)
     size = scaled("m", float(np.nanmax(np.abs(optical.excerpt_m), initial=0.0)))
     series = Series(time, optical.excerpt_m * size.factor, look=Look(BLUE, width=0.8))

@@ -219,7 +219,7 @@ def _certificate(result: Result) -> tuple[Block | None, ...]:
 
 
 def _provenance(result: Result) -> tuple[Block, ...]:
-    """Versions and times, and the files in a table of their own."""
+    """Return versions and times, and a table of the files."""
     files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
     other_entries = {
         key: value for key, value in result.provenance.items() if key != "files" or not files

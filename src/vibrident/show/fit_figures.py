@@ -45,7 +45,7 @@ MAX_RECORDS = 60  # most records to choose from
 
 
 def signals(result: Result) -> Figure | None:
-    """Measured and predicted response in time by record, residual underneath on its own scale."""
+    """Draw measured and predicted response in time by record, and the residual below them."""
     frequencies = record_frequencies(result)
     with_samples = [signal for signal in result.signals if signal.measured.size]
     ordered = sorted(with_samples, key=lambda signal: frequencies.get(signal.record, 0.0))

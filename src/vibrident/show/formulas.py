@@ -26,7 +26,7 @@ class Mixed(str):
 
 
 def symbol(name: str) -> Words:
-    """Symbol of a parameter: ``f_n``; empty if it has no symbol."""
+    """Return the symbol of a parameter: ``f_n``; empty if it has no symbol."""
     letters = parameter_name(name).symbol
     return Words(f"{letters[0]}_{letters[1:]}" if len(letters) > 1 else letters)
 

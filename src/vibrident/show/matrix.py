@@ -43,7 +43,7 @@ def main_table(matrix: Matrix) -> Table:
 
 
 def element_table(matrix: Matrix) -> Table:
-    """Every element of the matrix with U of its parts, a row a frequency and output."""
+    """Tabulate the elements of the matrix with U of Re and Im, a row per frequency and output."""
     scale = magnitude_scale(matrix.unit, np.abs(matrix.values).ravel())
     rows = []
     for n, f in enumerate(matrix.frequency_hz):
@@ -53,12 +53,12 @@ def element_table(matrix: Matrix) -> Table:
                 value = matrix.values[n, i, j]
                 u = matrix.u[n, i, j]
                 cell_texts = [
-                    with_u(part, uncertainty, scale.factor)
-                    for part, uncertainty in zip((value.real, value.imag), u, strict=True)
+                    with_u(component, uncertainty, scale.factor)
+                    for component, uncertainty in zip((value.real, value.imag), u, strict=True)
                 ]
-                cells += [NONE if np.isnan(value) else " ± ".join(part) for part in cell_texts]
+                cells += [NONE if np.isnan(value) else " ± ".join(pair) for pair in cell_texts]
             rows.append((f"{f:.5g}" if i == 0 else "", output, *cells))
-    heads = [Words(f"{part} {axis}") for axis in matrix.axes for part in ("Re", "Im")]
+    heads = [Words(f"{component} {axis}") for axis in matrix.axes for component in ("Re", "Im")]
     titled = (Column(head, "number", scale.unit) for head in heads)
     title = "Sensitivity matrix, value ± U (k = 2)"
     return Table(

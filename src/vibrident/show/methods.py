@@ -147,7 +147,7 @@ def _metrics(results: Sequence[Result], names: Sequence[str]) -> Table:
 def models(
     results: Mapping[str, Result], left_out: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Table, Sentence]:
-    """Criteria for each model, and the recommended one.
+    """Tabulate the criteria of each model, and name the recommended one.
 
     ``results``: name of the method to its result; ``left_out``: name of the method to its
     cross-validation, where one was made.
@@ -284,14 +284,14 @@ def _weight_rows(result: Result, methods: int) -> list[tuple[str, ...]]:
 def _against(
     name: str, scale: UnitScale, true: float, pairs: Sequence[tuple[float, float | None] | None]
 ) -> list[tuple[str, ...]]:
-    """Values with u beside the true one, and how many u they are from it."""
+    """Compare values with the true one: each with u and its distance from the truth in u."""
     cells = [NONE if p is None else _with_u(*p, scale) for p in pairs]
     off = ["" if p is None or not p[1] else f"{signed((p[0] - true) / p[1], 1)} u" for p in pairs]
     return [(name, scale.printed, plain(scale.times(true), 8), *cells), ("", "", "", *off)]
 
 
 def mounted(result: Result, prediction: MountedSensor) -> Table:
-    """Sensitivity as identified and on another mounting, rounded by GUM 7.2.6."""
+    """Tabulate the sensitivity as identified and on another mounting, rounded by GUM 7.2.6."""
     scale = sensitivity_scale(result)
     rows = []
     both = prediction.identified, prediction.predicted
@@ -316,7 +316,7 @@ def mounted(result: Result, prediction: MountedSensor) -> Table:
 
 
 def planned(plan: Plan) -> Table:
-    """Predicted u of each parameter in a planned calibration, rounded by GUM 7.2.6."""
+    """Tabulate the predicted u of each parameter in a planned calibration, by GUM 7.2.6."""
     is_chosen = plan.criterion is not None
     rows = []
     for name, parameter in plan.parameters.items():

@@ -73,7 +73,7 @@ def _is_finite(value: float | None) -> TypeGuard[float]:
 
 
 def pair(value: float | None, uncertainty: float | None) -> tuple[str, str]:
-    """Value and standard uncertainty as text.
+    """Return a value and its standard uncertainty as text.
 
     Both are fixed-point, or both carry the same power of ten where fixed-point would need many
     zeros. Without a usable uncertainty (None, zero, not finite) the value has six significant
@@ -160,7 +160,7 @@ def natural_scale(parameter: Parameter) -> UnitScale:
 def rounded_parameter(
     parameter: Parameter, k: float = K, scale: UnitScale | None = None
 ) -> StatedParameter:
-    """All numbers of a parameter in one unit, rounded by GUM 7.2.6; U = k u.
+    """Round all numbers of a parameter by GUM 7.2.6, in one unit; U = k u.
 
     ``scale``: unit and factor to it; None for a natural prefix.
     """
@@ -212,7 +212,7 @@ def with_sign(number: str) -> str:
 
 
 def with_u(value: float | None, u: float | None, factor: float) -> tuple[str, str]:
-    """Value to the place of its U (k = 2), and U; both times ``factor``."""
+    """Return a value rounded to the last digit of its U (k = 2), and U; both times ``factor``."""
     if not _is_finite(value):
         return NONE, NONE
     return pair(value * factor, None if u is None else K * u * factor)
@@ -254,7 +254,7 @@ def fit_unit(result: Result) -> str:
 
 
 def sensor_name(sensor: Mapping[str, object], number: str = "no.") -> str:
-    """Manufacturer, type and serial number of a sensor in one line; empty if nothing is stated."""
+    """Return a sensor's manufacturer, type and serial number in a line; empty if none is stated."""
     words = [str(sensor[key]) for key in ("manufacturer", "type") if sensor.get(key)]
     if sensor.get("serial_number"):
         words.append(f"{number} {sensor['serial_number']}")
@@ -308,7 +308,7 @@ def shortened(text: str, width: int) -> str:
 
 
 def subject(model: str, sensor: Mapping[str, object]) -> str:
-    """Model and sensor in a line, for the head of a picture."""
+    """Return model and sensor in a line, for the title of a picture."""
     return " · ".join(
         text for text in (f"model {model}" if model else "", sensor_name(sensor)) if text
     )

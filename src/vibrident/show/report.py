@@ -109,7 +109,7 @@ def _form_of(path: str | os.PathLike[str]) -> Form:
 
 
 def file_name(result: Result, form: Form) -> str:
-    """Usual name of the file of one result."""
+    """Return the default file name of the report of one result."""
     names = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
     usual = FILE_NAMES[form][0]
     return names.get(document_kind(result), usual) if form == "pdf" else usual

@@ -26,7 +26,7 @@ FEWEST = 8  # fewer points tell nothing of a pattern
 
 
 def residual_tests(result: Result) -> Table:
-    """Every test of the magnitude and, where there is one, of the phase."""
+    """Test the residuals of the magnitude and, where there is one, of the phase."""
     read = partial(column, result.measured)
     halves = bars_of_deviation(result.measured)
     noise = 100.0 * read("magnitude_noise") / read("magnitude"), read("phase_deg_noise")
@@ -119,7 +119,7 @@ def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
 
 
 def _runs(name: str, z: FloatArray) -> _Outcome:
-    """Wald-Wolfowitz test on the signs: too few changes of sign are a trend."""
+    """Apply the Wald-Wolfowitz test to the signs: too few changes of sign are a trend."""
     above = z > 0
     n_above = int(above.sum())
     n_below = int((~above).sum())

@@ -51,7 +51,7 @@ _NOT_MOTIONS = {"drive": "Response per drive", "force": "Response per force"}
 
 
 def sensitivity(result: Result) -> Figure | None:
-    """Magnitude and phase of the model and of the measured points, both with U (k = 2)."""
+    """Draw magnitude and phase of the model and of the measured points, both with U (k = 2)."""
     if not result.has_gain and not result.measured.frequency_hz.size:
         return None
     panels = response_panels(
@@ -89,7 +89,7 @@ def _any(values: FloatArray) -> bool:
 def response_panels(
     model: Curve | None, measured: Curve, scale: UnitScale, quantity: str, label: str
 ) -> tuple[Panel, ...]:
-    """Magnitude and, where there is any, phase.
+    """Return the panels of the magnitude and, where there is one, of the phase.
 
     ``model``: drawn as a line with its band; ``measured``: drawn as points with bars, called
     ``label``; ``scale``: of the magnitudes; ``quantity``: what they are per.
@@ -124,7 +124,7 @@ def response_panels(
 def _quantity(
     model: Curve | None, measured: Curve, quantity: str, factor: float, unit: str, label: str
 ) -> tuple[Series, ...]:
-    """Line and points of a magnitude or a phase, in the order of frequency."""
+    """Return line and points of a magnitude or a phase, ordered by frequency."""
     lines = []
     line = None
     phase = quantity == "phase_deg"
@@ -178,7 +178,7 @@ def _sorted(
 
 
 def _point_text(frequency: float, value: float, half: float, unit: str) -> str:
-    """Frequency, value and U, rounded as in the tables."""
+    """Return frequency, value and U as text, rounded as in the tables."""
     if not np.isfinite(value):
         return ""
     text, bar = with_u(value, half / K if np.isfinite(half) else None, 1.0)
@@ -197,7 +197,7 @@ def _deviated(value: float, half: float) -> str:
 
 
 def deviation(result: Result) -> Figure | None:
-    """Model − measured at each excited frequency with U (k = 2), and around zero the model's own U.
+    """Draw model − measured at each frequency with U (k = 2), and the model's U around zero.
 
     Where most of U is common to all points, as that of a reference is, the model follows it and no
     deviation shows it: around zero is then the noise of the points, and the common part is said
@@ -243,7 +243,7 @@ def deviation(result: Result) -> Figure | None:
 def _apart(
     measured: MeasuredCurve, quantity: str, factor: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """U (k = 2) of the points: of their noise, and of what is common to them all."""
+    """Return U (k = 2) of the points by their noise, and by what is common to them all."""
     noise = K * column(measured, f"{quantity}_noise") * factor
     measured_expanded = expanded(measured, quantity) * factor
     return noise, np.sqrt(np.maximum(measured_expanded**2 - noise**2, 0.0))

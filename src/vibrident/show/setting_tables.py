@@ -59,7 +59,7 @@ def budget(result: Result, say: Say = ENGLISH) -> Table | None:
 
 
 def _translated(source: str, say: Say) -> str:
-    """Our own words for a source in the languages; those of others as they are."""
+    """Translate the name of a source if it is one of ours; keep that of others."""
     return say.translate(source) if say.has(source) else source
 
 

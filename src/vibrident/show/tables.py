@@ -87,7 +87,7 @@ def doubts(result: Result, word: Word = python_word) -> tuple[Doubt, ...]:
 
 
 def parameters(result: Result) -> Table:
-    """Value, u, k, U, unit and interval of each parameter, derived ones last."""
+    """Tabulate value, u, k, U, unit and interval of each parameter, derived ones last."""
     rows = []
     k = parameter_factor(result)
     for name, parameter in sorted(result.parameters.items(), key=lambda item: item[1].derived):
@@ -151,7 +151,7 @@ def per_g(result: Result, say: Say = ENGLISH) -> str:
 
 
 def correlation(result: Result) -> Table | None:
-    """Correlation of the estimated parameters."""
+    """Tabulate the correlation of the estimated parameters."""
     names = result.correlation.names
     if not names:
         return None
@@ -164,7 +164,7 @@ def correlation(result: Result) -> Table | None:
 
 
 def fit(result: Result) -> Table:
-    """Every metric with its unit and definition."""
+    """Tabulate every metric of the fit with its unit and definition."""
     unit = fit_unit(result)
     scale = scaled(unit, result.fit.rmse or 0.0)  # one for all of its metrics
     rows = []
@@ -331,7 +331,7 @@ def _turned(deviation_deg: float, expanded_deg: float) -> str:
 
 
 def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
-    """Mean and largest deviation of the magnitude in a sentence; empty if no deviation is known."""
+    """Return mean and largest deviation of the magnitude in words; empty if none is known."""
     off = np.abs(points.deviation_percent)
     if np.isnan(off).all():
         return ""
@@ -368,7 +368,7 @@ def leaf(value: Any) -> str:
 
 
 def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
-    """Nested settings: names and plain values, and a table for each list of alike mappings."""
+    """Tabulate nested settings: names with values, and each list of alike mappings by itself."""
     rows = []
     lists = []
     for name, value in _leaves(settings, "") if settings else ():
@@ -380,7 +380,7 @@ def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
 
 
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Names, the parts of a path after each other, and plain values or lists of alike mappings."""
+    """Yield the path of each setting, and its value or its list of alike mappings."""
     if isinstance(value, Mapping) and len(value) > 1 and _alike(list(value.values())):
         yield name, [{"": spoken_key(key), **row} for key, row in value.items()]
     elif isinstance(value, list | tuple) and _alike(value):

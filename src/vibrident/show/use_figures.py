@@ -214,7 +214,7 @@ def mounting(result: Result, mounted: MountedSensor) -> Figure:
 def tracking(
     columns: Mapping[str, FloatArray], document: Mapping[str, Any], sensor: Mapping[str, object]
 ) -> Figure:
-    """Parameters over time.
+    """Draw the parameters over time.
 
     ``columns``: of ``track.csv`` by name, each of shape (rows,); ``document``: what ``track.json``
     says; ``sensor``: manufacturer, type and serial number, for the heading.
@@ -246,7 +246,7 @@ def tracking(
 
 
 def _alarms(document: Mapping[str, Any], name: str) -> tuple[tuple[float, str], ...]:
-    """Time of each alarm of a parameter, and its first words."""
+    """Return the time of each alarm of a parameter, and its first words."""
     return tuple(
         (a["time_s"], re.split("[:,]", a["what"])[0])
         for a in document["alarms"]

@@ -48,7 +48,7 @@ class Column:
 
     @property
     def heading(self) -> str:
-        """Title and unit: ``magnitude / (mV/(m/s²))``."""
+        """Return the title with the unit: ``magnitude / (mV/(m/s²))``."""
         if not self.unit:
             return self.title
         unit = f"({self.unit})" if "/" in self.unit else self.unit
@@ -57,7 +57,7 @@ class Column:
 
 
 def columns(*titles: str, kind: Literal["text", "number"] = "text") -> tuple[Column, ...]:
-    """Columns of one kind."""
+    """Return columns of one kind."""
     return tuple(Column(title, kind) for title in titles)
 
 
@@ -81,12 +81,12 @@ class Table:
 
     @property
     def header(self) -> tuple[str, ...]:
-        """Headings of the columns."""
+        """Return the headings of the columns."""
         return tuple(column.heading for column in self.columns)
 
     @property
     def right(self) -> tuple[int, ...]:
-        """Numbers of the columns that are set flush right."""
+        """Return the numbers of the columns that are set flush right."""
         return tuple(j for j, column in enumerate(self.columns) if column.kind != "text")
 
     def select(self, keep: tuple[int, ...]) -> Table:
@@ -337,5 +337,5 @@ def listed(length: int, most: int) -> int:
 
 
 def count(number: int, noun: str) -> str:
-    """``1 point``, ``2 points``."""
+    """Return a number with its noun: ``1 point``, ``2 points``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -55,7 +55,7 @@ class WeightRow:
 
 
 def weight_rows(weights: Mapping[str, Any], digits: int = 6) -> list[WeightRow]:
-    """W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
+    """Return W1 to W4 in the order of the paper's Table 1, as far as the result holds them."""
     rows = []
     for name, entry in (
         (name, weights[name]) for name in ("W1", "W2", "W3", "W4") if name in weights

@@ -96,7 +96,7 @@ class Comparison:
 
     @property
     def recommendation(self) -> Recommendation:
-        """The method to take, and the reason in words, where all are of the same data."""
+        """Recommend a method, with the reason in words, if all results are of the same data."""
         return recommendation(self.results)
 
     def to_dataframe(self) -> DataFrame:

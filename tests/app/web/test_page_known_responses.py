@@ -27,7 +27,7 @@ def test_every_key_of_the_form_is_one_of_the_file():
 def test_files_of_known_responses_are_no_records(tmp_path):
     session = PageSession(tmp_path, 10.0)
     for name, known in (("a.csv", False), ("certificate.csv", True), ("sensor.pz", True)):
-        session.reserve_path(name, 3, known=known).write_text("1,2")
+        session.reserve_path(name, 3, is_response=known).write_text("1,2")
     assert session.files == ["a.csv"]
     assert session.known_files == ["certificate.csv", "sensor.pz"]
     again = PageSession(tmp_path, 10.0, name=session.folder.name)

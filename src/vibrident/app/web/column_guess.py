@@ -43,7 +43,7 @@ def prepare() -> None:
 
 
 def guess(folder: Path, files: Sequence[str], code: str = "en") -> ColumnGuess:
-    """ColumnGuess the columns from the first file, and the excitation from several."""
+    """Guess the columns from the first file, and the excitation from several."""
     name_part = find_optical_part(files)
     columns, apart = _guess_columns(folder, pair_files(files, name_part))
     name_part = name_part if apart else ""

@@ -339,12 +339,12 @@ async def offer_download(
         if not isinstance(name, str):
             content, plain = content
             name = name(plain)
-        place = await asyncio.to_thread(user.session.download, content)
+        download = await asyncio.to_thread(user.session.download, content)
     except Exception as error:
         frame.show_error(errors, error, user.session)
         return
     if not errors.is_deleted:
-        ui.download.file(place, name)
+        ui.download.file(download, name)
 
 
 def _curves(outcome: dict[str, Any]) -> None:

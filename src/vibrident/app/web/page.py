@@ -96,10 +96,10 @@ async def _say_if_gone() -> None:
     To be called before the steps, which tell the browser that the tab is empty.
     """
     try:
-        held = await ui.run_javascript("sessionStorage.vibridentHeld === 'yes'", timeout=5.0)
+        was_held = await ui.run_javascript("sessionStorage.vibridentHeld === 'yes'", timeout=5.0)
     except TimeoutError:
         return
-    if held:
+    if was_held:
         with ui.element("div").classes("warning").props("role=alert id=gone"):
             gone = say("The server no longer has the data, the form and the results of this page.")
             ui.label(gone).classes("problem")

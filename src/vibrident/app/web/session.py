@@ -145,18 +145,18 @@ class PageSession:
         if self._written:
             self.remove(CALIBRATION)
 
-    def reserve_path(self, name: str, size: int, *, known: bool = False) -> Path:
+    def reserve_path(self, name: str, size: int, *, is_response: bool = False) -> Path:
         """Return the path for a file of this name and size.
 
-        A calibration file replaces one of the same name. ``known``: it states a known response.
+        A calibration file replaces one of its name; ``is_response``: it states a known response.
         """
         safe = safe_name(name)
-        endings = (*by_ending(), ".json", *RESPONSE_ENDINGS) if known else ACCEPTED_ENDINGS
+        endings = (*by_ending(), ".json", *RESPONSE_ENDINGS) if is_response else ACCEPTED_ENDINGS
         if Path(safe).suffix.lower() not in endings:
             raise unknown_format(Path(safe).suffix, safe)
         if safe.lower() == CALIBRATION:
             self.forget_calibration()
-        existing = {known.lower(): known for known in self._sizes}.get(safe.lower())
+        existing = {used.lower(): used for used in self._sizes}.get(safe.lower())
         if existing is not None and Path(safe).suffix.lower() != ".toml":
             raise InputError(
                 "A file of that name already exists.",
@@ -173,7 +173,7 @@ class PageSession:
         if existing is not None:
             self.remove(existing)
         self._sizes[safe] = size
-        if known:
+        if is_response:
             self._response_files.add(safe)
         return self.data / safe
 

@@ -209,7 +209,7 @@ def require_same_unit(
         raise column.refused("a response with its unit", conversion.unit, remedy)
 
 
-def require_coverage(column: TableColumn, stated: float) -> None:
+def require_coverage(column: TableColumn, expected: float) -> None:
     """Refuse uncertainties of another coverage factor than the one that is stated.
 
     A header that says "expanded" alone fits any factor but 1.
@@ -217,13 +217,13 @@ def require_coverage(column: TableColumn, stated: float) -> None:
     name = column.header[: 2 * MAX_NAME_LENGTH].translate(PLAIN_BRACKETS)
     factor = _COVERAGE.search(name)
     expanded = _EXPANDED.search(name)
-    if factor is not None and float(factor.group(1).replace(",", ".")) != stated:
+    if factor is not None and float(factor.group(1).replace(",", ".")) != expected:
         coverage = f"k = {factor.group(1)}"
         number = factor.group(1)
-    elif factor is None and expanded is not None and stated == 1.0:
+    elif factor is None and expanded is not None and expected == 1.0:
         coverage = expanded.group(0)
         number = "k"
     else:
         return
     remedy = f"state coverage_factor = {number}; or divide it by {number}, and correct the header"
-    raise column.refused(f"uncertainties of k = {stated:g}", coverage, remedy)
+    raise column.refused(f"uncertainties of k = {expected:g}", coverage, remedy)

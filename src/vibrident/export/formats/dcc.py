@@ -131,7 +131,7 @@ def _administration(
     make = tree.make
     text = tree.text
     date = str(certificate["date_of_calibration"])
-    place = str(certificate.get("place") or "laboratory").strip().lower()
+    location = str(certificate.get("place") or "laboratory").strip().lower()
     order = certificate.get("order_number")
     core = make(
         "coreData",
@@ -151,7 +151,7 @@ def _administration(
         tree.optional("receiptDate", certificate.get("date_of_receipt")),
         make("beginPerformanceDate", text=date),
         make("endPerformanceDate", text=date),
-        make("performanceLocation", text=_LOCATIONS.get(place, "other")),
+        make("performanceLocation", text=_LOCATIONS.get(location, "other")),
         tree.optional("issueDate", certificate.get("date_of_issue")),
     )
     maker = named.get("manufacturer")
@@ -180,7 +180,7 @@ def _administration(
     statements = _statements(tree, result, unstated_sources)
     declared = (make("statement", text("name", title), *nodes) for title, *nodes in statements)
     country = _country(result, options)
-    place = certificate.get("laboratory_address")
+    address = certificate.get("laboratory_address")
     return make(
         "administrativeData",
         make(
@@ -192,7 +192,7 @@ def _administration(
         make(
             "calibrationLaboratory",
             tree.optional("calibrationLaboratoryCode", certificate.get("accreditation")),
-            _contact(tree, "contact", certificate["laboratory"], place, country),
+            _contact(tree, "contact", certificate["laboratory"], address, country),
         ),
         make("respPersons", *responsible),
         _contact(

@@ -74,7 +74,7 @@ def memory_limit(orders: Orders) -> int | None:
 
 
 def _machine_bytes() -> int | None:
-    """Memory of this machine, or of the container that this process is in."""
+    """Return the memory of this machine, or of the container that this process is in."""
     limits = []
     with suppress(AttributeError, ValueError, OSError):  # not on Windows
         limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))

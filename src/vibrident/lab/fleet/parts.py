@@ -209,20 +209,20 @@ def index(
     entries = np.concatenate(blocks)
     del blocks
     entries = entries[_latest_of_each_key(entries)]
-    key, part, row, is_final = (
+    key, part_number, row, is_final = (
         np.ascontiguousarray(entries[name]) for name in ("key", "part", "row", "is_final")
     )
-    return Index(key, part, row, is_final, names, parameters)
+    return Index(key, part_number, row, is_final, names, parameters)
 
 
 def _block(
-    values: Mapping[str, Any], part: int, time_limit_s: float, memory_limit_bytes: int | None
+    values: Mapping[str, Any], part_number: int, time_limit_s: float, memory_limit_bytes: int | None
 ) -> NDArray[np.void]:
     """Return the places of a part's rows, and whether each is final under the limits of this run.
 
     Args:
         values: of the part's columns.
-        part: number of the part.
+        part_number: number of the part.
         time_limit_s: of this run.
         memory_limit_bytes: of this run; None: no limit.
     """
@@ -238,7 +238,7 @@ def _block(
     ended = ~failed & ~passing
     failed_for_good = failed & ~passing & (time_limit_s <= seconds) & (memory_needed <= memory)
     block["key"] = packed(values["key"])
-    block["part"] = part
+    block["part"] = part_number
     block["row"] = np.arange(block.size)
     block["ended"] = ended
     block["seconds"] = seconds

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def summary(outcome: Outcome) -> Group:
-    """Rows by status and warning, the rate, and the files."""
+    """Return the counts by status and warning, the rate, and the files."""
     from rich.console import Group
 
     return Group(on_console(*overview(outcome)), written(outcome.files))

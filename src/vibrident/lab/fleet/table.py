@@ -150,8 +150,8 @@ def _parameters(index: parts.Index, positions: NDArray[np.intp]) -> list[str]:
     """Return all parameters of the rows, the estimated first, in the documentation's order."""
     names = {
         name
-        for part in np.unique(index.part[positions]).tolist()
-        for name in index.parameters[part]
+        for number in np.unique(index.part[positions]).tolist()
+        for name in index.parameters[number]
     }
     ordered = [name for name in parameter_names() if name in names]
     return [*ordered, *sorted(names.difference(ordered))]

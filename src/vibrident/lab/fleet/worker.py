@@ -89,7 +89,7 @@ def _row(path: str, key: str, outcome: Any, orders: Orders, seconds: float) -> r
 
 
 def _held_bytes() -> int:
-    """Memory of this process now, where the system says it."""
+    """Return the memory that this process holds, where the system tells it."""
     try:
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf(
             "SC_PAGE_SIZE"

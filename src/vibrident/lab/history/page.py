@@ -90,7 +90,7 @@ def picture(document: Mapping[str, Any]) -> Figure:
 
 
 def chart_of_values(document: Mapping[str, Any]) -> Figure | None:
-    """Each calibration with U, its series, the predicted band, tolerance and events."""
+    """Draw each calibration with U, its series, the predicted band, tolerance and events."""
     if not any(row["counts"] for row in document["calibrations"]):
         return None
     return Figure(
@@ -99,7 +99,7 @@ def chart_of_values(document: Mapping[str, Any]) -> Figure | None:
 
 
 def control_charts(document: Mapping[str, Any]) -> Figure | None:
-    """EWMA and CUSUM with their limits, in standard deviations."""
+    """Draw EWMA and CUSUM with their limits, in standard deviations."""
     if document["control"] is None:
         return None
     panels = tuple(_control(chart, document) for chart in document["control"]["charts"])

@@ -21,7 +21,7 @@ metadata: sa.MetaData = sa.MetaData()
 
 
 def _filled(kind: Any, *names: str) -> list[sa.Column[Any]]:
-    """Columns in which every row has a value."""
+    """Return the columns in which every row has a value."""
     return [sa.Column(name, kind, nullable=False) for name in names]
 
 

@@ -82,7 +82,7 @@ def caption(figure: Figure) -> str:
 
 
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
-    """Numbers for JSON, rounded to so many digits; None for a value that is not finite."""
+    """Round numbers for JSON to so many digits; None for a value that is not finite."""
     return [
         float(f"{value:.{digits}g}") if np.isfinite(value) else None
         for value in np.asarray(values, dtype=float)
@@ -184,7 +184,7 @@ def _levels(axis: Axis) -> Chart:
 
 
 def _once(data: list[Any]) -> None:
-    """Each name once in the key."""
+    """Name each series once in the key."""
     names: set[str] = set()
     for trace in data:
         name = trace.get("name", "")
@@ -194,7 +194,7 @@ def _once(data: list[Any]) -> None:
 
 
 def _domains(stack: Stack) -> list[list[float]]:
-    """Position of each panel, from the top."""
+    """Return the position of each panel, from the top."""
     heights = [_INCH * panel.height_in for panel in stack.panels]
     rooms = [_BETWEEN + (14.0 if panel.title else 0.0) for panel in stack.panels[1:]]
     total = sum(heights) + sum(rooms)
@@ -233,7 +233,7 @@ def _ticks(axis: Axis) -> Chart:
 def _annotations(
     panel: Panel, across: list[float], domain: list[float], x: str, y: str
 ) -> list[Any]:
-    """Title, words at marks, and what is said in place of curves."""
+    """Return the title, the words at marks, and the text in place of absent curves."""
     paper = {
         "xref": "paper",
         "yref": "paper",
@@ -262,7 +262,7 @@ def _annotations(
 
 
 def _shapes(panel: Panel, x: str, y: str) -> list[Any]:
-    """Lines across and down."""
+    """Return the horizontal and the vertical lines."""
     across = {"type": "line", "xref": f"{x} domain", "yref": y, "x0": 0, "x1": 1, "layer": "below"}
     down = {"type": "line", "xref": x, "yref": f"{y} domain", "y0": 0, "y1": 1}
     rules = [
@@ -378,7 +378,7 @@ def _marker(look: Look, size: float) -> Chart:
 
 
 def _texts(series: Series, indices: Sequence[int] | None = None) -> Chart:
-    """Text at a point under the pointer: its own text if it has one."""
+    """Return the text of each point under the pointer: its own if it has one."""
     drawn_points = range(len(series.x)) if indices is None else indices
     word = plotly(in_a_line(series.label.partition(",")[0]))
     named = f"{word}: " if word else ""

@@ -45,12 +45,12 @@ class Written:
 
 
 def on_console(*blocks: Block | None) -> ConsoleBlocks:
-    """Blocks for a console to print."""
+    """Wrap blocks for a console to print."""
     return ConsoleBlocks(tuple(block for block in blocks if block is not None))
 
 
 def written(paths: Sequence[str | os.PathLike[str]]) -> Written:
-    """Paths for a console to print."""
+    """Wrap the paths of written files for a console to print."""
     return Written(tuple(os.fspath(path) for path in paths))
 
 
@@ -140,7 +140,7 @@ def _least(table: Table, j: int) -> int:
 
 
 def _fitting(table: Table, width: int) -> Table:
-    """Without the columns that a narrow terminal has no room for, which the others say as well."""
+    """Drop redundant columns of a table for which a narrow terminal has no room."""
     spare = [j for j, column in enumerate(table.columns) if column.spare]
     if not spare or _width(table) <= width:
         return table

@@ -231,7 +231,7 @@ class _Drawing:
 
 
 def _left_margin(stack: Stack) -> float:
-    """Room at the left: the axes' labels and the longest of their ticks."""
+    """Return the width at the left of the axes' labels and of their longest tick."""
     return max(
         13.0
         + _LABEL * len(split_lines(panel.y.label))
@@ -258,7 +258,7 @@ def _tall(stack: Stack) -> float:
 
 
 def _key_rows(keys: Sequence[str], width: float) -> tuple[int, int]:
-    """Rows and columns of the key."""
+    """Return the number of rows and columns of the key."""
     if not keys:
         return 0, 1
     widest = 36.0 + 4.9 * max(map(len, keys))

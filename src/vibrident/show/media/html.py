@@ -59,7 +59,7 @@ def _page(document: Document, data: str = "", scripts: Iterable[str] = ()) -> st
 
 
 def fragment(*blocks: Block) -> str:
-    """Tables, sentences, warnings and pictures for a page that has its own frame."""
+    """Return tables, sentences, warnings and pictures for a page that has its own frame."""
     return _template().render(fragment=blocks, scripts=())
 
 
@@ -69,7 +69,7 @@ def _template() -> Any:
     from markupsafe import Markup
 
     def text(value: Any) -> Any:
-        """All that is printed passes here: text of others becomes text, our formulas are set."""
+        """Escape a text for HTML and typeset our own formulas; everything printed passes here."""
         if isinstance(value, Markup):
             return value
         return Markup(typeset(value, escaped, marked))

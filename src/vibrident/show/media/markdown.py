@@ -62,7 +62,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[
 
 
 def cell(text: str) -> str:
-    """Text of a table's cell."""
+    """Return the text of a table's cell."""
     return typeset(text, markdown, marked)
 
 

@@ -219,11 +219,13 @@ def _with_envelope(
         return np.zeros_like(acceleration)
     last = int(np.flatnonzero(has_motion)[-1])
     x = np.log(frequency / frequency[last])
-    shown = has_motion & (x >= -ENVELOPE_OCTAVES * np.log(2.0)) & (acceleration > 0)
+    in_envelope = has_motion & (x >= -ENVELOPE_OCTAVES * np.log(2.0)) & (acceleration > 0)
     slope = MIN_ENVELOPE_EXPONENT
-    if shown.sum() >= MIN_ENVELOPE_BINS:
-        slope = max(slope, float(-np.polyfit(x[shown], np.log(acceleration[shown]), 1)[0]))
-    level = float(np.mean(acceleration[shown] * np.exp(slope * x[shown])))
+    if in_envelope.sum() >= MIN_ENVELOPE_BINS:
+        slope = max(
+            slope, float(-np.polyfit(x[in_envelope], np.log(acceleration[in_envelope]), 1)[0])
+        )
+    level = float(np.mean(acceleration[in_envelope] * np.exp(slope * x[in_envelope])))
     silent = np.flatnonzero(x > lobe_octaves * np.log(2.0))[1:]
     if silent.size and level > 0:
         slope = float(

@@ -128,7 +128,7 @@ class SensorTracker:
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Changes of the sensor so far, in the order of their detection."""
+        """Return the changes of the sensor so far, in the order of their detection."""
         return tuple(self._session.alarms)
 
     def to_dict(self) -> dict[str, Any]:

@@ -85,8 +85,8 @@ def sign(
 
     signing_key = load_key(key, passphrase(passphrase_file))
     with _opened(store) as opened:
-        known, documents = issue_draft(opened, number, signing_key, by=by)
-    say(f"Draft {number} is certificate {known.number} of {known.date}.")
+        numbered, documents = issue_draft(opened, number, signing_key, by=by)
+    say(f"Draft {number} is certificate {numbered.number} of {numbered.date}.")
     _write(documents, folder)
 
 

@@ -111,9 +111,9 @@ class CertificateForm:
     async def _open(self) -> None:
         if not self.expansion.value or self.entries:
             return
-        stated, sensor = self._statements()
-        stated = self._laboratory() | {
-            key: value for key, value in stated.items() if value is not None
+        entries, sensor = self._statements()
+        entries = self._laboratory() | {
+            key: value for key, value in entries.items() if value is not None
         }
         with self.expansion:
             ui.label(
@@ -128,7 +128,7 @@ class CertificateForm:
                     label = say(key.label) + (" *" if key.name == "serial_number" else "")
                     self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
             for title in dict.fromkeys(field.group for field in fields):
-                self._group(title, [field for field in fields if field.group == title], stated)
+                self._group(title, [field for field in fields if field.group == title], entries)
             self._more()
             with frame.actions():
                 ui.button(say("Save"), on_click=self._save).props("id=save-certificate")

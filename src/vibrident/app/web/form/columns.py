@@ -241,7 +241,9 @@ class ColumnsStep:
             await self._group([section for each in _GROUPS for section in each], "more", 4)
             self._rows()
             known_responses = KnownResponses(self.user, self._edited, self.data.show)
-            self.groups += [(place, [path]) for path, place in known_responses.elements.items()]
+            self.groups += [
+                (container, [path]) for path, container in known_responses.elements.items()
+            ]
             self._visible()
 
     async def _group(self, sections: Sequence[str], level: str, heading: int) -> None:
@@ -252,8 +254,8 @@ class ColumnsStep:
             return
         basic = say(SECTIONS[sections[0]].label)
         title = basic if level == "basic" else say("Channels and records")
-        with ui.element("div").classes("w-full") as place, frame.add_group(title, heading):
-            self.groups.append((place, paths))
+        with ui.element("div").classes("w-full") as container, frame.add_group(title, heading):
+            self.groups.append((container, paths))
             self._visible()
             for path in paths:
                 if path == "sensor.model":
@@ -297,8 +299,8 @@ class ColumnsStep:
         applies = self.form.description.applies
         for path, element in self.elements.items():
             element.visible = applies(path)
-        for place, paths in self.groups:
-            place.visible = any(map(applies, paths))
+        for container, paths in self.groups:
+            container.visible = any(map(applies, paths))
 
     def _choices(self, path: str) -> dict[Any, str] | None:
         """Return the columns to choose from; None if they are too many, and are written."""
@@ -328,11 +330,11 @@ class ColumnsStep:
         files = {file: file for file in self.user.session.files}
         keys = [key for key in ENTRIES["records"] if key.name != "reference_file"]
         values = self.form.get("different") or []
-        with ui.element("div").classes("w-full") as place:
+        with ui.element("div").classes("w-full") as container:
             frame.heading(say("Records that differ"), 4)
             rows = RowEntries(ENTRY_NAMES["records"], keys, values, options={"file": files})
             rows.on_change = lambda: self._edited("different", rows.value)
-        self.groups.append((place, ["records"]))
+        self.groups.append((container, ["records"]))
         self._visible()
 
     async def _plot(self) -> None:
@@ -341,11 +343,11 @@ class ColumnsStep:
         if form is None:
             return
         self.errors.clear()
-        place = self.plot
+        container = self.plot
         errors = self.errors
         arguments = form.description, session.data, session.files, spoken().code
         drawn = await frame.run_sandboxed(self.user, errors, draw_chart, *arguments)
-        if drawn is not None and place is self.plot and not place.is_deleted:
+        if drawn is not None and container is self.plot and not container.is_deleted:
             self._draw(drawn)
             await self._examine()
 
@@ -353,14 +355,14 @@ class ColumnsStep:
         """Show what an identification would refuse in each file."""
         form = self.user.form
         session = self.user.session
-        place = self.faults
+        container = self.faults
         if form is None:
             return
-        place.clear()
+        container.clear()
         arguments = form.description, session.data, session.files
-        refused = await frame.run_sandboxed(self.user, place, find_faults, *arguments)
-        if refused and not place.is_deleted:
-            frame.show_faults(place, [InputError(**fields) for fields in refused], session)
+        refused = await frame.run_sandboxed(self.user, container, find_faults, *arguments)
+        if refused and not container.is_deleted:
+            frame.show_faults(container, [InputError(**fields) for fields in refused], session)
 
     async def _confirm(self) -> None:
         self.errors.clear()

@@ -174,7 +174,7 @@ class KnownResponses:
                 has_result = any(entry.get("file") == file for entry in entries)
                 if has_result and file not in session.known_files:
                     size = named.path.stat().st_size
-                    target = session.reserve_path(file, size, known=True)
+                    target = session.reserve_path(file, size, is_response=True)
                     shutil.copyfile(named.path, target)
                     self.list_files()
         except Exception as error:
@@ -202,7 +202,7 @@ class KnownResponses:
         self.errors.clear()
         try:
             self.user.require("identify", "upload data")
-            copy_path = session.reserve_path(event.file.name, event.file.size(), known=True)
+            copy_path = session.reserve_path(event.file.name, event.file.size(), is_response=True)
             try:
                 await event.file.save(copy_path)
             except BaseException:
