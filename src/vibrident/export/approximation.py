@@ -43,7 +43,7 @@ def approximate(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     system = poles_zeros(sensor)
     words = []
     if sensor.model.has_delay and sensor.delay_s != 0.0:
-        late, remark = _late(sensor)
+        late, remark = _approximate_delay(sensor)
         system = system.times(late)
         words.append(remark)
     for addon in sensor.model.add_ons:
@@ -61,8 +61,8 @@ def approximate(sensor: Exported) -> tuple[PolesZeros, list[str]]:
                 ),
             )
         length = float(sensor.values[addon.window])
-        order = _order(
-            partial(_boxcar, length), partial(_averaged, length), sensor, addon.name, length
+        order = _find_order(
+            partial(_boxcar, length), partial(_average_response, length), sensor, addon.name, length
         )
         system = system.times(_boxcar(length, order))
         words.append(
@@ -79,7 +79,7 @@ def approximate(sensor: Exported) -> tuple[PolesZeros, list[str]]:
     return system, words
 
 
-def _late(sensor: Exported) -> tuple[PolesZeros, str]:
+def _approximate_delay(sensor: Exported) -> tuple[PolesZeros, str]:
     """Return the sensor's delay, in poles and zeros and in words."""
     delay = sensor.delay_s
     name = next(addon.name for addon in sensor.model.add_ons if addon.delay is not None)
@@ -100,18 +100,18 @@ def _late(sensor: Exported) -> tuple[PolesZeros, str]:
             remedy=f"identify without {name}, or give the export ⟦export.without = [{name!r}]⟧: "
             "the file then states the error",
         )
-    order = _order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
+    order = _find_order(partial(_delay, delay), lambda s: np.exp(-s * delay), sensor, name, delay)
     return _delay(delay, order), (
         f"delay of {delay!r} s: {order} poles and {order} zeros, before those of an average, are "
         f"its all-pass approximation of order {order} (Pade)"
     )
 
 
-def _averaged(length_s: float, s: np.ndarray) -> np.ndarray:
+def _average_response(length_s: float, s: np.ndarray) -> np.ndarray:
     return -np.expm1(-s * length_s) / (s * length_s)
 
 
-def _order(
+def _find_order(
     make: Callable[[int], PolesZeros],
     exact: Callable[[np.ndarray], np.ndarray],
     sensor: Exported,

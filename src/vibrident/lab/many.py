@@ -155,19 +155,19 @@ def _identified_in_processes(
     else:
         return
     waiting: deque[_Waiting] = deque()
-    pool = _started(workers - 1)
+    pool = _start_processes(workers - 1)
     try:
         for calibration in remaining:
             waiting.append((calibration, pool.submit(_identified, calibration, settings)))
             if len(waiting) >= WINDOW * workers:
-                yield _next(waiting, settings)
+                yield _take_next(waiting, settings)
         while waiting:
-            yield _next(waiting, settings)
+            yield _take_next(waiting, settings)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _started(processes: int) -> ProcessPoolExecutor:
+def _start_processes(processes: int) -> ProcessPoolExecutor:
     """Start processes with one thread of arithmetic each, which is read when they start."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
@@ -192,7 +192,7 @@ def _load() -> None:
     import vibrident.use.identification  # noqa: F401
 
 
-def _next(waiting: deque[_Waiting], settings: dict[str, Any]) -> Result | VibridentError:
+def _take_next(waiting: deque[_Waiting], settings: dict[str, Any]) -> Result | VibridentError:
     """Return the outcome of the first calibration that waits.
 
     Until it is there, calibrations that no process has begun are identified here.

@@ -76,7 +76,7 @@ def simulated(settings: ReproductionSettings, *, full_range: bool = False) -> Ju
 
 def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) -> PaperSection:
     """Run section 4: every method on the paper's simulated records."""
-    near = _first_look(judge)
+    near = _first_estimate(judge)
     rows = list(recurrent)
     for name, discretisation, activation in TRAINED:
         with stages(f"Training {name}") as progress:
@@ -88,7 +88,7 @@ def simulation(judge: Judge, recurrent: Sequence[MethodResult], stages: Stages) 
     with stages("Identifying"):
         closed = [method(judge) for method in CLOSED.values()]
     rows += [closed[0], network_of_time, *closed[1:]]
-    return _against_truth("simulation of section 4", judge.published, rows, BAND_HZ)
+    return _compare_with_truth("simulation of section 4", judge.published, rows, BAND_HZ)
 
 
 def full_range(settings: ReproductionSettings, stages: Stages) -> PaperSection:
@@ -97,14 +97,14 @@ def full_range(settings: ReproductionSettings, stages: Stages) -> PaperSection:
         judge = simulated(settings, full_range=True)
     with stages("Identifying from 0.1 to 1000 Hz"):
         rows = [CLOSED[name](judge) for name in IN_EXPERIMENT]
-    return _against_truth("full range of section 4", judge.published, rows, FULL_BAND_HZ)
+    return _compare_with_truth("full range of section 4", judge.published, rows, FULL_BAND_HZ)
 
 
 def experiment(
     data: Experiment, judge: Judge, recurrent: Sequence[MethodResult], stages: Stages
 ) -> PaperSection:
     """Run section 5: the same protocol, the interferometer's points as reference."""
-    near = _first_look(judge)
+    near = _first_estimate(judge)
     kind = "simulated" if data.simulated else "measured"
     rows = list(recurrent)
     with stages(f"Training {methods.PUBLISHED} ({kind})") as progress:
@@ -133,7 +133,7 @@ def experiment(
     )
 
 
-def _first_look(judge: Judge) -> dict[str, float]:
+def _first_estimate(judge: Judge) -> dict[str, float]:
     """Return a first estimate of the parameters, the same for every network.
 
     Training starts at a distance from it.
@@ -143,7 +143,7 @@ def _first_look(judge: Judge) -> dict[str, float]:
     return {spec.name: float(result.parameters[spec.name].value) for spec in core.parameters}
 
 
-def _against_truth(
+def _compare_with_truth(
     title: str, data: Dataset, rows: Sequence[MethodResult], band_hz: tuple[float, float]
 ) -> PaperSection:
     model = parse(SENSOR.model)

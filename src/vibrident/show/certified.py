@@ -29,7 +29,7 @@ REJECTED = "rejected_model"  # in the settings of what is certified
 
 def certified(result: Result) -> Result:
     """Return what may be certified of a result."""
-    statable = result if result.is_tracked else _of_the_model(result)
+    statable = result if result.is_tracked else _certify_model(result)
     return statable if states_phase(result) else _without_phase(statable)
 
 
@@ -92,7 +92,7 @@ def stated_parameters(result: Result) -> Result:
     return replace(result, parameters=parameters, correlation=Correlation(names, matrix))
 
 
-def _of_the_model(result: Result) -> Result:
+def _certify_model(result: Result) -> Result:
     if not result.fit.adequate:
         settings = {key: each for key, each in result.settings.items() if key != "temperature"}
         return replace(

@@ -91,7 +91,7 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     compared = []
     same = len({sensitivity_kind(result) for result in results}) == 1
     points = [reference_point(result)[0] if same else None for result in results]
-    at_one = _at_the_same(points)
+    at_one = _points_at_first_frequency(points)
     if sum(point is not None for point in at_one) > 1:
         name = next(point.nominal for point in at_one if point is not None)
         compared.append(_magnitudes(f"|S| at {name} Hz", at_one, results))
@@ -147,7 +147,7 @@ def comparison_tables(
     suffixes = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
     for (chunk, called), suffix in zip(chunks, suffixes, strict=True):
         titled_tables.append(
-            (f"What is compared{suffix}", _subjects([results[i] for i in chunk], called))
+            (f"What is compared{suffix}", _subjects_table([results[i] for i in chunk], called))
         )
     rows = quantities(results)
     for (chunk, called), suffix in zip(chunks if rows else [], suffixes, strict=False):
@@ -156,7 +156,7 @@ def comparison_tables(
         notes = tuple(filter(None, (EN, assumption(assumed(rows)))))
         titled_tables.append((f"Parameters{suffix}", Table(heads, body, notes=notes)))
     for result, name, reason in list(zip(results, names, reasons, strict=True))[1:]:
-        table = _at_nominal(results[0], result, (names[0], name), reason)
+        table = _compare_at_nominal(results[0], result, (names[0], name), reason)
         if table is not None:
             titled_tables.append((f"Sensitivity of {name} beside {names[0]}", table))
     return tuple(titled_tables)
@@ -176,7 +176,7 @@ def _chunks(count: int) -> list[list[int]]:
     return [[0, *range(start, min(start + step, count))] for start in range(1, count, step)]
 
 
-def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
+def _subjects_table(results: Sequence[Result], names: Sequence[str]) -> Table:
     rows = (
         ("sensor", *(sensor_name(result.sensor) or NONE for result in results)),
         ("model", *(result.model for result in results)),
@@ -198,7 +198,9 @@ def _subjects(results: Sequence[Result], names: Sequence[str]) -> Table:
     return Table(columns("", *names), rows)
 
 
-def _at_nominal(first: Result, second: Result, names: tuple[str, str], reason: str) -> Table | None:
+def _compare_at_nominal(
+    first: Result, second: Result, names: tuple[str, str], reason: str
+) -> Table | None:
     """Return magnitude and phase of two results at common nominal frequencies; None without any."""
     if sensitivity_kind(first) != sensitivity_kind(second):
         return None
@@ -206,7 +208,7 @@ def _at_nominal(first: Result, second: Result, names: tuple[str, str], reason: s
     second_points = {point.nominal: point for point in nominal_points(second)}
     rows = []
     for point in nominal_points(first):
-        pair_of_points = _at_the_same([point, second_points.get(point.nominal)])
+        pair_of_points = _points_at_first_frequency([point, second_points.get(point.nominal)])
         if pair_of_points[1] is None:
             continue
         magnitudes = _magnitudes("", pair_of_points, (first, second))
@@ -214,11 +216,11 @@ def _at_nominal(first: Result, second: Result, names: tuple[str, str], reason: s
             point.nominal,
             *(text for value in magnitudes.values for text in printed_value(value, scale.factor)),
         ]
-        row += _compared(magnitudes, reason)
+        row += _difference_cells(magnitudes, reason)
         phases = ComparedQuantity(
             "", UnitScale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False
         )
-        rows.append((*row, *_compared(phases, reason)))
+        rows.append((*row, *_difference_cells(phases, reason)))
     if not rows:
         return None
     pairs = [
@@ -244,7 +246,7 @@ def _phase(point: SensitivityPoint | None, near: SensitivityPoint) -> Value | No
     )
 
 
-def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
+def _difference_cells(row: ComparedQuantity, reason: str) -> tuple[str, str]:
     """Return the difference of the second value from the first, and E_n."""
     first, second = row.values
     if first is None or second is None:
@@ -252,7 +254,9 @@ def _compared(row: ComparedQuantity, reason: str) -> tuple[str, str]:
     return difference(second, first, row), reason or error(second, first)
 
 
-def _at_the_same(points: Sequence[SensitivityPoint | None]) -> list[SensitivityPoint | None]:
+def _points_at_first_frequency(
+    points: Sequence[SensitivityPoint | None],
+) -> list[SensitivityPoint | None]:
     """Return the points at the frequency of the first.
 
     Nominal 160 Hz may be 160.00 or 158.49 Hz, where S is not the same.

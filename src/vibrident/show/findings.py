@@ -74,7 +74,7 @@ def _sentence_of_kind(result: Result, alike: list[Finding]) -> str:
     most = max(alike, key=lambda finding: _impact(result, finding)[0])
     where = "" if most.record is None else f"{most.record}: "
     more = f", and {len(alike) - 1} more like it" if len(alike) > 1 else ""
-    return f"{where}{_what(most).removesuffix('.')} ({_moved(result, most)}){more}."
+    return f"{where}{_message_alone(most).removesuffix('.')} ({_impact_text(result, most)}){more}."
 
 
 def findings(result: Result) -> Section:
@@ -93,7 +93,13 @@ def table(result: Result) -> Table | None:
             f"<{plain(_LEAST)}" if finding.probability < _LEAST else plain(finding.probability, 1)
         )
         rows.append(
-            (_what(finding), finding.record or "all", time, chance, _moved(result, finding))
+            (
+                _message_alone(finding),
+                finding.record or "all",
+                time,
+                chance,
+                _impact_text(result, finding),
+            )
         )
     heads = (
         Column("what"),
@@ -106,13 +112,13 @@ def table(result: Result) -> Table | None:
     return Table((*heads, Column("largest impact")), tuple(rows), notes=(*more, *_NOTES)).telling()
 
 
-def _what(finding: Finding) -> str:
+def _message_alone(finding: Finding) -> str:
     """Return the message without the record and the parameters, which have their own columns."""
     text = finding.message.removeprefix(f"{finding.record}: ")
     return text.rpartition(" Without it ")[0] or text
 
 
-def _moved(result: Result, finding: Finding) -> str:
+def _impact_text(result: Result, finding: Finding) -> str:
     size, name = _impact(result, finding)
     return f"{plain(size, 2)} u of the {in_words(name)}" if name else "no u is stated"
 

@@ -109,7 +109,7 @@ def residuals(result: Result) -> Figure | None:
         return None
     if result.signals:
         panel = _by_record(result)
-        values = np.concatenate([_in_own_rmse(signal) for signal in result.signals])
+        values = np.concatenate([_scale_by_rmse(signal) for signal in result.signals])
         right = _distribution(values, "Residual / rmse of its record\n(dimensionless)", "residuals")
     else:
         panel = _by_point(result.measured)
@@ -177,7 +177,7 @@ def _stems(
     )
 
 
-def _in_own_rmse(signal: Signal) -> FloatArray:
+def _scale_by_rmse(signal: Signal) -> FloatArray:
     residual = axes.usable(signal.residual)
     size = math.sqrt(float(np.mean(residual**2))) if residual.size else 0.0
     return residual / size if size > 0 else residual[:0]

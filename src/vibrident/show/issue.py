@@ -202,10 +202,10 @@ def with_statements(result: Result, data: CertificateData) -> Result:
     """Return the result with further statements for certificate and sensor; None removes one."""
     return replace(
         result,
-        certificate=_over(result.certificate, data.certificate),
-        sensor=_over(result.sensor, data.sensor),
+        certificate=_override(result.certificate, data.certificate),
+        sensor=_override(result.sensor, data.sensor),
     )
 
 
-def _over(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+def _override(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in {**first, **second}.items() if value is not None}

@@ -90,11 +90,11 @@ def _parameter_rows(
     cells = []
     below = []
     for i, estimate in enumerate(estimates):
-        cells.append(NONE if estimate is None else _short(estimate, scale, unit))
+        cells.append(NONE if estimate is None else _value_with_u(estimate, scale, unit))
         deviation = ""
         is_compared = bool(truth) or i > 0
         if is_compared and estimate is not None and zero is not None and estimate.unit == unit:
-            deviation = _deviation(estimate.value, zero, scale.factor)
+            deviation = _deviation_text(estimate.value, zero, scale.factor)
         below.append(deviation)
     true = [NONE if zero is None else plain(zero * scale.factor)] if truth else []
     rows = [(parameter_name(key).words, scale.printed, *true, *cells)]
@@ -103,7 +103,7 @@ def _parameter_rows(
     return rows
 
 
-def _short(parameter: Parameter, scale: UnitScale, unit: str) -> str:
+def _value_with_u(parameter: Parameter, scale: UnitScale, unit: str) -> str:
     if parameter.unit != unit:  # another quantity with the same name: show its unit
         return f"{concise(parameter.value, parameter.standard_uncertainty)} {parameter.unit}"
     text = _with_u(parameter.value, parameter.standard_uncertainty, scale)
@@ -114,7 +114,7 @@ def _with_u(value: float | None, u: float | None, scale: UnitScale) -> str:
     return concise(scale.times(value), scale.times(u))
 
 
-def _deviation(value: float | None, zero: float, factor: float) -> str:
+def _deviation_text(value: float | None, zero: float, factor: float) -> str:
     if value is None:
         return NONE
     if zero:
@@ -241,12 +241,16 @@ def network_beside(
         estimates = [result.parameters.get(key) for result in results]
         unit = next((p.unit for p in estimates if p is not None), "")
         pairs = [None if p is None else (p.value, p.standard_uncertainty) for p in estimates]
-        values += _against(parameter_name(key).words, scaled(unit, abs(true)), true, pairs)
+        values += _compare_with_truth(
+            parameter_name(key).words, scaled(unit, abs(true)), true, pairs
+        )
     curve = []
     for frequency, true in true_curve.items():
         points = [sensitivity_at(result, Nominal(frequency, frequency)) for result in results]
         pairs = [None if p is None else (p.magnitude, p.magnitude_uncertainty) for p in points]
-        curve += _against(f"|S| at {frequency:g} Hz", sensitivity_scale(results[0]), true, pairs)
+        curve += _compare_with_truth(
+            f"|S| at {frequency:g} Hz", sensitivity_scale(results[0]), true, pairs
+        )
     weights = _weight_rows(results[-1], len(called))
     groups = {len(values): "the curve:"}
     if weights:
@@ -281,7 +285,7 @@ def _weight_rows(result: Result, methods: int) -> list[tuple[str, ...]]:
     return rows
 
 
-def _against(
+def _compare_with_truth(
     name: str, scale: UnitScale, true: float, pairs: Sequence[tuple[float, float | None] | None]
 ) -> list[tuple[str, ...]]:
     """Compare values with the true one: each with u and its distance from the truth in u."""

@@ -134,12 +134,12 @@ def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
         return None
     nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
     if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _SAME_POINT or frequency.size == 1:
-        return _own_point(curve, nearest, where)
+        return _point_at(curve, nearest, where)
     right = min(max(int(np.searchsorted(frequency, where.frequency_hz)), 1), frequency.size - 1)
-    return _between(result, slice(right - 1, right + 1), where)
+    return _interpolate_point(result, slice(right - 1, right + 1), where)
 
 
-def _own_point(curve: Curve, i: int, where: Nominal) -> SensitivityPoint:
+def _point_at(curve: Curve, i: int, where: Nominal) -> SensitivityPoint:
     values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
     point = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
     return SensitivityPoint(*point, *(_none_if_nan(column[i]) for column in values))
@@ -149,7 +149,7 @@ def _none_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _between(result: Result, pair: slice, where: Nominal) -> SensitivityPoint:
+def _interpolate_point(result: Result, pair: slice, where: Nominal) -> SensitivityPoint:
     curve = result.response
     f = where.frequency_hz
     ends = curve.frequency_hz[pair]
@@ -157,20 +157,27 @@ def _between(result: Result, pair: slice, where: Nominal) -> SensitivityPoint:
     model = _model_response(result, np.array([*ends, f]))
     shape = np.abs(curve.magnitude[pair]) / np.abs(model[:2])
     magnitude = abs(model[2]) * float(shape[0]) * float(shape[1] / shape[0]) ** share
-    phase = _mixed(curve.phase_deg[pair], 0.0)
+    phase = _interpolate_value(curve.phase_deg[pair], 0.0)
     if phase is not None:
         offset = curve.phase_deg[pair] - np.rad2deg(np.angle(model[:2]))
         offset[1] -= 360.0 * round(float(offset[1] - offset[0]) / 360.0)
         phase = float(np.rad2deg(np.angle(model[2])) + offset[0] + share * (offset[1] - offset[0]))
         phase -= 360.0 * math.ceil((phase - 180.0) / 360.0)
-    relative = _mixed(curve.magnitude_uncertainty[pair] / np.abs(curve.magnitude[pair]), share)
+    relative = _interpolate_value(
+        curve.magnitude_uncertainty[pair] / np.abs(curve.magnitude[pair]), share
+    )
     u = None if relative is None else relative * magnitude
     return SensitivityPoint(
-        where.name, f, magnitude, phase, u, _mixed(curve.phase_deg_uncertainty[pair], share)
+        where.name,
+        f,
+        magnitude,
+        phase,
+        u,
+        _interpolate_value(curve.phase_deg_uncertainty[pair], share),
     )
 
 
-def _mixed(ends: FloatArray, share: float) -> float | None:
+def _interpolate_value(ends: FloatArray, share: float) -> float | None:
     return _none_if_nan((1.0 - share) * ends[0] + share * ends[1])
 
 

@@ -70,19 +70,21 @@ def sensitivity(result: Result) -> Figure | None:
 
 def _small_print(result: Result) -> list[str]:
     drawn = []
-    if len(result.measured.frequency_hz) <= CROWD and _any(result.measured.magnitude_uncertainty):
+    if len(result.measured.frequency_hz) <= CROWD and _has_finite(
+        result.measured.magnitude_uncertainty
+    ):
         drawn.append("bars")
-    if _any(result.response.magnitude_uncertainty):
+    if _has_finite(result.response.magnitude_uncertainty):
         drawn.append("band")
     sentences = (
         [f"{' and '.join(drawn).capitalize()}: expanded uncertainty U, k = 2."] if drawn else []
     )
-    if _any(result.response.phase_deg) or _any(result.measured.phase_deg):
+    if _has_finite(result.response.phase_deg) or _has_finite(result.measured.phase_deg):
         sentences.append(ENGLISH("text", "phase"))
     return sentences
 
 
-def _any(values: FloatArray) -> bool:
+def _has_finite(values: FloatArray) -> bool:
     return bool(np.isfinite(values).any())
 
 
@@ -109,7 +111,7 @@ def response_panels(
     panels = [
         Panel(x, replace(axes.size(name, values, *ends), levels=True), series, 2.45, empty=empty)
     ]
-    if any(_any(curve.phase_deg) for curve in curves):
+    if any(_has_finite(curve.phase_deg) for curve in curves):
         series = _quantity(model, measured, "phase_deg", 1.0, "°", label)
         extents = [line.y for line in series]
         for line in series:
@@ -128,19 +130,19 @@ def _quantity(
     lines = []
     line = None
     phase = quantity == "phase_deg"
-    if model is not None and _any(getattr(model, quantity)):
-        x, y, half, texts = _sorted(model, quantity, factor, unit)
+    if model is not None and _has_finite(getattr(model, quantity)):
+        x, y, half, texts = _sorted_points(model, quantity, factor, unit)
         finite = np.isfinite(y)
         x = x[finite]
         y = continuous(y[finite]) if phase else y[finite]
         half = half[finite]
         line = x, y
         look = Look(BLUE, marker="s" if x.size == 1 else "")
-        band = half if _any(half) else None
+        band = half if _has_finite(half) else None
         texts = tuple(filter(None, texts))
         lines.append(Series(x, y, "model", look, half=band, band="model, U (k = 2)", texts=texts))
-    if _any(getattr(measured, quantity)):
-        x, y, half, texts = _sorted(measured, quantity, factor, unit)
+    if _has_finite(getattr(measured, quantity)):
+        x, y, half, texts = _sorted_points(measured, quantity, factor, unit)
         if phase:
             y = continuous(y) if line is None else nearest_turn(y, np.interp(x, *line))
         lines.append(_points(measured, x, y, half, label, texts))
@@ -157,7 +159,7 @@ def _points(
 ) -> Series:
     """Return marks with bars, in the order of frequency; many are a cloud without bars."""
     crowd = len(x) > CROWD
-    bars = None if crowd or not _any(half) else half
+    bars = None if crowd or not _has_finite(half) else half
     look = Look(ORANGE, marker=".") if crowd else MEASURED
     named = label if bars is None else f"{label}, U (k = 2)"
     records: tuple[str, ...] = getattr(measured, "record", ())
@@ -166,7 +168,7 @@ def _points(
     return Series(x, y, named, look, "points", bars, texts=texts, names=names)
 
 
-def _sorted(
+def _sorted_points(
     curve: Curve, quantity: str, factor: float, unit: str
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
     x = curve.frequency_hz
@@ -190,7 +192,7 @@ def _span(values: FloatArray) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _deviated(value: float, half: float) -> str:
+def _deviation_text(value: float, half: float) -> str:
     if not np.isfinite(value):
         return NONE
     return with_sign(rounded(value, half)[0] if half > 0 else f"{value:.3g}")
@@ -220,11 +222,11 @@ def deviation(result: Result) -> Figure | None:
             percent,
             bars[0],
             model_expanded,
-            *_apart(measured, "magnitude", size),
+            *_split_u(measured, "magnitude", size),
         )
     ]
-    if _any(phase):
-        of_phase = _apart(measured, "phase_deg", np.ones(frequency.size))
+    if _has_finite(phase):
+        of_phase = _split_u(measured, "phase_deg", np.ones(frequency.size))
         panels_data.append(
             ("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase)
         )
@@ -240,7 +242,7 @@ def deviation(result: Result) -> Figure | None:
     )
 
 
-def _apart(
+def _split_u(
     measured: MeasuredCurve, quantity: str, factor: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return U (k = 2) of the points by their noise, and by what is common to them all."""
@@ -280,24 +282,24 @@ def _deviation(
     inside = band[(x_model >= x[0]) & (x_model <= x[-1]) & np.isfinite(band)]
     if inside.size and float(np.median(inside)) > y_axis.high:  # it would fill the panel
         title = title or f"U of the model (k = 2): {_span(inside)} {unit}"
-    elif _any(band):
+    elif _has_finite(band):
         order = np.argsort(x_model, kind="stable")
         unseen = Look(colour, width=0.0)
         series.append(
             Series(x_model[order], 0.0 * x_model, "", unseen, half=band[order], band=named)
         )
     texts = tuple(
-        f"{f:.6g} Hz: {_deviated(value, bar)} {unit}"
+        f"{f:.6g} Hz: {_deviation_text(value, bar)} {unit}"
         for f, value, bar in zip(x, y, bars, strict=True)
     )
     series.append(_points(measured, x, y, bars, "model − measured", texts))
-    if len(x) > CROWD and _any(bars):
+    if len(x) > CROWD and _has_finite(bars):
         few = spread(len(x), 4 * CROWD)
         look = Look(BLACK, "dashed", 1.1)
         series += [
             Series(x[few], sign * bars[few], "measured, U (k = 2)", look) for sign in (1, -1)
         ]
-    empty = "" if _any(y) else "no measured points to compare with"
+    empty = "" if _has_finite(y) else "no measured points to compare with"
     return Panel(
         axes.frequency(frequency), y_axis, tuple(series), 1.6, title, rules=(0.0,), empty=empty
     )

@@ -219,7 +219,7 @@ def measured(result: Result) -> Table | None:
         1.0,
         principal(column(points, "deviation_phase_deg")),
         column(points, "deviation_phase_uncertainty_deg"),
-        _turned,
+        _phase_deviation_text,
     )
     blank = ("",) * 5
     rows = [
@@ -323,7 +323,7 @@ _APART = Words(
 )
 
 
-def _turned(deviation_deg: float, expanded_deg: float) -> str:
+def _phase_deviation_text(deviation_deg: float, expanded_deg: float) -> str:
     """Return a deviation of the phase: to the place of its U, else three places."""
     if expanded_deg > 0.0 and not math.isnan(deviation_deg):
         return with_sign(rounded(deviation_deg, expanded_deg)[0])
@@ -381,9 +381,9 @@ def values(settings: Mapping[str, Any]) -> tuple[Facts | Table, ...]:
 
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the path of each setting, and its value or its list of alike mappings."""
-    if isinstance(value, Mapping) and len(value) > 1 and _alike(list(value.values())):
+    if isinstance(value, Mapping) and len(value) > 1 and _are_alike_mappings(list(value.values())):
         yield name, [{"": spoken_key(key), **row} for key, row in value.items()]
-    elif isinstance(value, list | tuple) and _alike(value):
+    elif isinstance(value, list | tuple) and _are_alike_mappings(value):
         yield name, list(value)
     elif isinstance(value, list | tuple) and not any(
         isinstance(item, Mapping | list | tuple) for item in value
@@ -412,7 +412,7 @@ def _listed(title: str, rows: list[Mapping[str, Any]]) -> Table:
     )
 
 
-def _alike(values: Sequence[Any]) -> bool:
+def _are_alike_mappings(values: Sequence[Any]) -> bool:
     """Return whether these are mappings of plain values that share most of their keys."""
     if not values or not all(isinstance(value, Mapping) and value for value in values):
         return False

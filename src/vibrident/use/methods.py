@@ -239,18 +239,19 @@ def compare_methods(
     listener: Listener | None = None,
 ) -> Comparison:
     """Identify a calibration by each method, as :func:`compare` does, with a listener."""
-    methods = _methods(
+    methods = _valid_methods(
         estimators or [estimator.name for estimator in ranked(ESTIMATORS.built_in())],
         models or (None,),
         discretisations or (None,),
     )
     listener = NoListener() if listener is None else listener
-    results = _identified(calibration, methods, listener, must=bool(estimators))
+    results = _identify_by_methods(calibration, methods, listener, must=bool(estimators))
     comparison = Comparison(results, dict(truth or {}))
     if not cross_validation or len(results) < 2:
         return comparison
     return replace(
-        comparison, cross_validations=_cross_validated(calibration, methods, results, listener)
+        comparison,
+        cross_validations=_cross_validate_methods(calibration, methods, results, listener),
     )
 
 
@@ -277,7 +278,7 @@ def _value(result: Result, name: str, parameter: str) -> tuple[float, float | No
     return estimate.value, None if u is None else COVERAGE_FACTOR * u
 
 
-def _methods(
+def _valid_methods(
     estimators: Sequence[str],
     models: Sequence[str | None],
     steps: Sequence[str | None],
@@ -291,7 +292,7 @@ def _methods(
     ]
 
 
-def _identified(
+def _identify_by_methods(
     calibration: Calibration,
     methods: Sequence[IdentificationMethod],
     listener: Listener,
@@ -319,7 +320,7 @@ def _identified(
     return results
 
 
-def _cross_validated(
+def _cross_validate_methods(
     calibration: Calibration,
     methods: Sequence[IdentificationMethod],
     results: Mapping[str, Result],

@@ -72,13 +72,14 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
         best = min(sound, key=order)
         rejected = [name for name, result in results.items() if result.model != results[best].model]
         words = f"Take {best}: it explains the data and they determine all its parameters"
-        reasons = [_against(results[name], judged[name], judged[best]) for name in rejected]
+        reasons = [_reason_against(results[name], judged[name], judged[best]) for name in rejected]
         return Recommendation(best, "; ".join([words, *dict.fromkeys(reasons)]) + ".")
     adequate = [name for name, result in results.items() if result.fit.adequate]
     if adequate:
         best = min(adequate, key=order)
+        undetermined = _undetermined_parameters(results[best])
         words = (
-            f"{best} explains the data, but they do not determine the {_weak(results[best])}: use "
+            f"{best} explains the data, but they do not determine the {undetermined}: use "
             "its curve within the band, not these parameters, or measure where they matter."
         )
         return Recommendation(best, words)
@@ -91,18 +92,18 @@ def recommendation(results: Mapping[str, Result]) -> Recommendation:
     return Recommendation(None, words)
 
 
-def _weak(result: Result) -> str:
+def _undetermined_parameters(result: Result) -> str:
     """Return the parameters that the data do not determine, in words."""
     return ", ".join(
         in_words(n) for n, p in result.parameters.items() if not p.derived and not p.identifiable
     )
 
 
-def _against(result: Result, judged: Criteria, best: Criteria) -> str:
+def _reason_against(result: Result, judged: Criteria, best: Criteria) -> str:
     """Return the reason why another model is not recommended."""
     if not result.fit.adequate:
         return f"{result.model} does not explain them"
-    if weak := _weak(result):
+    if weak := _undetermined_parameters(result):
         return f"they do not determine the {weak} of {result.model}"
     if judged.bic is not None and best.bic is not None:
         return f"{result.model} has a BIC larger by {judged.bic - best.bic:.3g}"

@@ -141,7 +141,7 @@ def _combined(
     model = first.evidence.model
     base = results[0]
     covariance = np.sum([row.covariance for row in rows], axis=0)
-    freedom = float(np.min(effective_degrees_of_freedom(_joined(rows))))
+    freedom = float(np.min(effective_degrees_of_freedom(_join_type_a_rows(rows))))
     doubtful = {
         name: "" for each in results for name, p in each.parameters.items() if not p.identifiable
     }
@@ -292,7 +292,7 @@ def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
     return BudgetRow(source, DATA, None, "", float(freedom), covariance)
 
 
-def _joined(rows: Sequence[BudgetRow]) -> list[BudgetRow]:
+def _join_type_a_rows(rows: Sequence[BudgetRow]) -> list[BudgetRow]:
     """Return the budget with its type A rows as one.
 
     That row has the degrees of freedom of the means: the rows are parts of one sample variance.

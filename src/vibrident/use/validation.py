@@ -87,7 +87,7 @@ def cross_validate(
         else np.abs(np.abs(predicted) / np.abs(measured) - 1.0)
     )
     percent = 100.0 * float(np.sqrt(np.mean(off**2)))
-    return CrossValidation(percent, _in_u(off, result.measured, has_phase), dealt)
+    return CrossValidation(percent, _rms_in_u(off, result.measured, has_phase), dealt)
 
 
 def _index_of_points(calibration: Calibration, measured: MeasuredCurve) -> np.ndarray:
@@ -112,7 +112,7 @@ def _subset(calibration: Calibration, keep: BoolArray) -> Calibration:
     )
 
 
-def _in_u(off: FloatArray, measured: MeasuredCurve, has_phase: bool) -> float | None:
+def _rms_in_u(off: FloatArray, measured: MeasuredCurve, has_phase: bool) -> float | None:
     if np.isnan(measured.magnitude_uncertainty).any():
         return None
     relative = measured.magnitude_uncertainty / measured.magnitude

@@ -18,7 +18,7 @@ from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
-from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, ORDER, PredictedChannel, breaks
+from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, ORDER, PredictedChannel, find_breaks
 from vibrident.physics.simulation import SENSORS, simulate
 
 N = 4000
@@ -413,9 +413,9 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
         motion_, at = MOTIONS[motion](rng), int(part * N)
         response = np.convolve(motion_, np.exp(-0.3 * np.arange(40)), mode="same")
         channels = [v + 1e-3 * np.std(v) * rng.standard_normal(N) for v in (motion_, response)]
-        assert breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
+        assert find_breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
         cut = [np.delete(values, slice(at, at + 37)) for values in channels]
-        (place,) = breaks(
+        (place,) = find_breaks(
             *(PredictedChannel.from_samples(ChannelSamples(one, np.ones(N - 37, dtype=bool))) for one in cut)
         )
         assert abs(place - at) <= 2
@@ -440,7 +440,7 @@ def test_a_converter_that_flickers_before_the_motion_has_lost_nothing(draws: int
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
     for noise in (1e-6, 1e-3):
         channels = [np.where(T < 1500, 0.0, band_limited(rng)) + noise * rng.standard_normal(N) for _ in range(2)]
-        assert breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
+        assert find_breaks(*(PredictedChannel.from_samples(ChannelSamples(one, ALL)) for one in channels)).size == 0
 
 
 @pytest.mark.parametrize(("channel", "part"), [("reference", 0.8), ("response", 0.4)])

@@ -42,17 +42,17 @@ def show_error(
     element.clear()
     with element, ui.element("div").classes("error").props("role=alert"):
         if not isinstance(to_show, InputError):
-            _spoken_as_is(str(to_show)).classes("problem")
+            _show_untranslated(str(to_show)).classes("problem")
             return
         local = _for_page(to_show, session, labels)
-        _spoken_as_is(local.problem).classes("problem")
+        _show_untranslated(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
                 ui.label(f"{say(label)}: ").classes("label")
-                _spoken_as_is(text)
+                _show_untranslated(text)
 
 
-def _spoken_as_is(text: str) -> ui.label:
+def _show_untranslated(text: str) -> ui.label:
     """Show a text of the engine, marked as English where no catalogue translates it."""
     spoken = say(text)
     return ui.label(spoken).props("lang=en" if spoken == text else "")

@@ -124,7 +124,7 @@ def _offer(user: User) -> None:
         row.props["aria-label"] = say("Earlier work")
         ui.label(say("Go on with earlier work:"))
         for earlier in closed_tabs[:_MAX_OFFERED_TABS]:
-            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.last_seen))
+            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.seen))
             files = say_count(len(earlier.session.names), "{count} file", "{count} files")
             results = say_count(len(earlier.results), "{count} result", "{count} results")
             named = f"{files}, {results}, {at}"

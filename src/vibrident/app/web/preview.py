@@ -56,22 +56,22 @@ def preview(
         positions = [source.position_of(column, "columns and units") for column in shown_columns]
         require_room(folder / response_file, sum(source.length(position) for position in positions))
     stacks = [
-        *_light(light, description),
-        _over(source, shown_columns, across, table=description.table),
+        *_draw_light(light, description),
+        _draw_columns(source, shown_columns, across, table=description.table),
     ]
     if light is not source:
         signals = [column for column in description.motion if column is not None]
-        stacks.insert(-1, _over(light, signals, None, table=False))
+        stacks.insert(-1, _draw_columns(light, signals, None, table=False))
     ((_, chart),) = charts(language, Figure("preview", "", tuple(stacks), across=len(stacks)))
     return chart
 
 
-def _over(
+def _draw_columns(
     source: ColumnFile, shown_columns: Sequence[int | str], across: int | str | None, *, table: bool
 ) -> Stack:
     """Draw columns of a file below each other, over one of them or the sample number."""
-    values = dict(zip(shown_columns, _beginnings(source, shown_columns), strict=True))
-    x = None if across is None else _beginnings(source, [across])[0]
+    values = dict(zip(shown_columns, _load_beginnings(source, shown_columns), strict=True))
+    x = None if across is None else _load_beginnings(source, [across])[0]
     if x is not None and not table and x.size:  # times since 1970 make unreadable labels
         x = x - x[0]
     size = min((column.size for column in values.values()), default=0)
@@ -84,24 +84,24 @@ def _over(
     for colour, column in zip((BLUE, VERMILION, GREEN), shown_columns, strict=False):
         look = Look(colour, width=1.0, marker=mark)  # type: ignore[arg-type]
         # the file's own words
-        line = Series(abscissa, values[column][:size], Mixed(_named(source, column)), look)
+        line = Series(abscissa, values[column][:size], Mixed(_column_title(source, column)), look)
         panels.append(Panel(below, axes.linear("", values[column]), (line,), 1.0))
     return Stack(tuple(panels))
 
 
-def _named(source: ColumnFile, column: int | str) -> str:
+def _column_title(source: ColumnFile, column: int | str) -> str:
     """Return the name of a column with the unit that the file states, if the name has none."""
     unit = source.stated_unit(source.position_of(column, "columns and units"))
     unit_text = "" if split_brackets(str(column))[1] else pretty(unit)
     return " / ".join(filter(None, (shortened(str(column), 50), unit_text)))
 
 
-def _beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
+def _load_beginnings(source: ColumnFile, columns: Sequence[int | str]) -> list[FloatArray]:
     positions = [source.position_of(column, "columns and units") for column in columns]
     return [source.block([p], 0, min(source.length(p), MAX_SAMPLES))[0] for p in positions]
 
 
-def _light(source: ColumnFile, description: Description) -> tuple[Stack, ...]:
+def _draw_light(source: ColumnFile, description: Description) -> tuple[Stack, ...]:
     """Draw two photodetector signals over each other, with their ellipse where it is determined."""
     if len(description.signals) != 2 or None in description.signals:
         return ()

@@ -45,7 +45,7 @@ class User:
         self.job: Job | None = None
         self.notice = ""
         self.client: Any = None
-        self.last_seen = time.time()
+        self.seen = time.time()
         self.running: Choices | None = None  # under way, or broken off and not repeated
         self.stopped: InputError | None = None  # why it was broken off
 
@@ -60,7 +60,7 @@ class User:
             user.session.restore(state["session"])
             user.form = state["form"]
             user.confirmed = state["confirmed"]
-            user.last_seen = state["seen"]
+            user.seen = state["seen"]
             user.profile = state["profile"]
             user.results = [named for named in state["results"] if named.path.exists()]
             if user.form is not None:

@@ -133,7 +133,7 @@ class Users:
         )
         user = user or self._new(client.tab_id, owner)
         user.client = client
-        user.last_seen = time.time()
+        user.seen = time.time()
         return user
 
     def closed_tabs_of(self, owner: str) -> list[User]:
@@ -143,7 +143,7 @@ class Users:
             for user in self.members
             if owner and user.owner == owner and not (user.connected or user.empty)
         ]
-        return sorted(mine, key=lambda user: -user.last_seen)
+        return sorted(mine, key=lambda user: -user.seen)
 
     def hand_over(self, closed: User, user: User) -> bool:
         """Give a tab the state of a closed one; return whether that still exists.
@@ -193,8 +193,8 @@ class Users:
         now = time.time()
         for user in list(self.members):
             if user.connected or user.busy or user.task.busy:
-                user.last_seen = now
-            elif now - user.last_seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
+                user.seen = now
+            elif now - user.seen > (_ROUND_S if user.empty else self.keep_s or KEPT_S):
                 self._drop(user)
 
     def _drop_oldest(self) -> bool:
@@ -202,7 +202,7 @@ class Users:
             user for user in self.members if not (user.connected or user.busy or user.task.busy)
         ]
         if gone:
-            self._drop(min(gone, key=lambda user: user.last_seen))
+            self._drop(min(gone, key=lambda user: user.seen))
         return bool(gone)
 
     def _drop(self, user: User) -> None:

@@ -90,7 +90,7 @@ def write_json(path: Path, document: Any) -> None:
     path.write_text(json_text(document), encoding="utf-8")
 
 
-def refuse_used(target: Path, *, force: bool) -> None:
+def refuse_filled_folder(target: Path, *, force: bool) -> None:
     """Refuse a folder that is not empty, unless forced."""
     if force or not target.is_dir() or not any(target.iterdir()):
         return

@@ -40,7 +40,7 @@ def choose(surveys: Sequence[Survey], names: Sequence[str]) -> list[EllipseChoic
     # On an arc, light that fades looks like an ellipse that moves: it is believed if larger motions
     # show it, too.
     drifts = not with_fringe or max(each.change for each in with_fringe) > MAX_STABLE_CHANGE
-    common, scatter = _common([surveys[i].ellipse for i in steady])
+    common, scatter = _common_ellipse_shape([surveys[i].ellipse for i in steady])
     choices = []
     for index, (record_survey, name) in enumerate(zip(surveys, names, strict=True)):
         if record_survey.knots and (record_survey.covers_fringe or drifts):
@@ -104,7 +104,7 @@ class _CommonShape:
         )
 
 
-def _common(ellipses: Sequence[Ellipse]) -> tuple[_CommonShape | None, FloatArray]:
+def _common_ellipse_shape(ellipses: Sequence[Ellipse]) -> tuple[_CommonShape | None, FloatArray]:
     """Return the common shape of consistent ellipses, and their scatter, shape (4,).
 
     None for the shape if the ellipses are too few or inconsistent.
@@ -169,7 +169,7 @@ def _borrowed_choice(
                 "uncertainty."
             )
             findings.append(OpticalFinding("ellipse_unstable", text))
-    return _checked(
+    return _check_choice(
         record_survey, name, index, EllipseChoice(ellipse, (), origin, group, 0.0, tuple(findings))
     )
 
@@ -189,7 +189,7 @@ def _unsteady_borrowed_choice(
     ellipse = source.ellipse.with_shape_covariance(
         source.ellipse.shape_covariance + np.diag(np.var(shapes, axis=0))
     )
-    return _checked(
+    return _check_choice(
         record_survey,
         name,
         index,
@@ -215,7 +215,9 @@ def _arc_choice(record_survey: Survey, name: str, index: int) -> EllipseChoice:
     )
 
 
-def _checked(record_survey: Survey, name: str, index: int, choice: EllipseChoice) -> EllipseChoice:
+def _check_choice(
+    record_survey: Survey, name: str, index: int, choice: EllipseChoice
+) -> EllipseChoice:
     """Return the choice, widened and with a finding if the samples lie off the borrowed ellipse."""
     ellipse = choice.ellipse
     points = record_survey.points[:, usable_samples(ellipse, record_survey.points)]

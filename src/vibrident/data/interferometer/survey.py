@@ -94,7 +94,7 @@ def survey(signals: SampledSignals) -> Survey:
     start = _scaled(coarse, coarse.centre, scale)
     fitted = ellipses.fit_ellipse(blocks, start) if blocks else None
     if fitted is not None:
-        blocks = _without_fading(blocks, fitted)
+        blocks = _remove_fading(blocks, fitted)
         fitted = ellipses.fit_ellipse(blocks, fitted)
     if fitted is None:
         usable = points[:, usable_samples(coarse, points)]
@@ -228,7 +228,7 @@ def _block_sums(
     return sums, middles
 
 
-def _without_fading(blocks: list[FloatArray], ellipse: Ellipse) -> list[FloatArray]:
+def _remove_fading(blocks: list[FloatArray], ellipse: Ellipse) -> list[FloatArray]:
     """Return the sums of the blocks without common fading, which leaves the phase alone."""
     count = np.array([block[0, 0] for block in blocks])
     excess = np.array([ellipses.excess(block, ellipse) for block in blocks])

@@ -98,7 +98,7 @@ def align(
     rate_hz = response.clock.clock.rate_hz
     if _is_plain(response) and (reference is None or _share_raster(response, reference)):
         if reference is not None and reference.values.size != response.values.size:
-            raise _differ_in_length(response, reference)
+            raise _length_error(response, reference)
         rows = cut(response.values.size, rate_hz, start_s, stop_s, where)
         for channel in filter(None, (response, reference)):
             channel.require_finite(rows)
@@ -119,12 +119,14 @@ def align(
     begin_s = window.start / rate_hz
     end_s = math.inf if window.stop == duration else window.stop / rate_hz
     _require_finite_within(response, begin_s, end_s)
-    raster = _on_raster(response)
+    raster = _put_on_raster(response)
     if reference is None:
         return _cut_to(raster, begin_s, end_s)
     apart_s, timing_u_s = _time_between(response, reference)
     _require_finite_within(reference, begin_s - apart_s, end_s - apart_s)
-    return _on_one_raster(raster, _on_raster(reference), begin_s, end_s, (apart_s, timing_u_s))
+    return _resample_to_slower(
+        raster, _put_on_raster(reference), begin_s, end_s, (apart_s, timing_u_s)
+    )
 
 
 def _slice_rows(values: FloatArray, rows: slice) -> FloatArray:
@@ -176,7 +178,7 @@ def _share_raster(first: ClockedChannel, second: ClockedChannel) -> bool:
     return is_together and first.values.size == second.values.size
 
 
-def _differ_in_length(response: ClockedChannel, reference: ClockedChannel) -> InputError:
+def _length_error(response: ClockedChannel, reference: ClockedChannel) -> InputError:
     return InputError(
         "The reference channel and the response differ in length.",
         expected=f"{response.values.size} samples, as the response has in {response.source.file}",
@@ -186,7 +188,7 @@ def _differ_in_length(response: ClockedChannel, reference: ClockedChannel) -> In
     )
 
 
-def _on_raster(channel: ClockedChannel) -> _Raster:
+def _put_on_raster(channel: ClockedChannel) -> _Raster:
     """Return a channel on its even raster: doubled rows out, holes as NaN, uneven stamps evened."""
     assert channel.clock is not None
     timeline = channel.clock.timeline
@@ -261,10 +263,10 @@ def _cut_to(raster: _Raster, begin_s: float, end_s: float) -> AlignedChannels:
     assert raster.channel.clock is not None
     start_s = raster.channel.clock.begins_s + first / rate_hz
     values = raster.values[first:last]
-    return _without_holes(values, None, rate_hz, start_s, raster.notes, 0.0, raster)
+    return _mask_holes(values, None, rate_hz, start_s, raster.notes, 0.0, raster)
 
 
-def _on_one_raster(
+def _resample_to_slower(
     response: _Raster,
     reference: _Raster,
     begin_s: float,
@@ -329,7 +331,7 @@ def _on_one_raster(
     values, motion = pair if slower is response else pair[::-1]
     assert response.channel.clock is not None
     start_s = response.channel.clock.begins_s + begins_s + low / rate_hz
-    return _without_holes(values, motion, rate_hz, start_s, tuple(notes), timing_u_s, response)
+    return _mask_holes(values, motion, rate_hz, start_s, tuple(notes), timing_u_s, response)
 
 
 def _time_between(response: ClockedChannel, reference: ClockedChannel) -> tuple[float, float]:
@@ -366,7 +368,7 @@ def _require_overlap(
     )
 
 
-def _without_holes(
+def _mask_holes(
     response: FloatArray,
     reference: FloatArray | None,
     rate_hz: float,
@@ -393,14 +395,14 @@ def _without_holes(
         )
     rows = slice(int(complete_index[0]), int(complete_index[-1]) + 1)
     valid = complete[rows]
-    filled = [None if v is None else _filled(v[rows], valid) for v in (response, reference)]
+    filled = [None if v is None else _fill_holes(v[rows], valid) for v in (response, reference)]
     assert filled[0] is not None
     start_s += rows.start / rate_hz
     holes = None if valid.all() else valid
     return AlignedChannels(filled[0], filled[1], holes, rate_hz, start_s, notes, timing_u_s)
 
 
-def _filled(values: FloatArray, valid: BoolArray) -> FloatArray:
+def _fill_holes(values: FloatArray, valid: BoolArray) -> FloatArray:
     """Return the values with straight lines across the holes, which are not used."""
     if valid.all():
         return values

@@ -48,14 +48,14 @@ def levels_of(
     A dataset of one number or text, such as "fs" or "unit", is a statement of its group, as MATLAB
     stores it. ``groups``: the statements of groups that were read, by path.
     """
-    levels = [_stated_by(file[array])]
+    levels = [_statements_of(file[array])]
     while array:
         array = array.rpartition("/")[0]
         if array not in groups:
             group = file[array or "/"]
-            named = {name: _stated_value(group, name) for name in group if meaning_of(name)[0]}
+            named = {name: _statement_value(group, name) for name in group if meaning_of(name)[0]}
             group_values = {name: value for name, value in named.items() if value is not None}
-            groups[array] = {**statements(group_values), **_stated_by(group)}
+            groups[array] = {**statements(group_values), **_statements_of(group)}
         levels.append(groups[array])
     return levels
 
@@ -104,7 +104,7 @@ def axes_of(file: Any, arrays: Sequence[str]) -> dict[str, str]:
     return axes
 
 
-def kept_elsewhere(dataset: Any) -> str:
+def external_reason(dataset: Any) -> str:
     """Return why a dataset's numbers are outside the file or need a plug-in; "" if neither."""
     if dataset.external:
         return f"stored in another file, {str(dataset.external[0][0])!r}"
@@ -125,7 +125,7 @@ def text_attribute(dataset: Any, name: str) -> str:
     return value if isinstance(value, str) else str(value)
 
 
-def _stated_by(item: Any) -> Mapping[str, Statement]:
+def _statements_of(item: Any) -> Mapping[str, Statement]:
     """Return the statements among the attributes of a dataset or group."""
     import h5py
 
@@ -168,14 +168,14 @@ def _require_whole_heaps(path: str, changed_ns: int) -> None:
             start = content.find(_HEAP, start + 4)
 
 
-def _stated_value(group: Any, name: str) -> Any:
+def _statement_value(group: Any, name: str) -> Any:
     """Return the number or text that a dataset of a group holds; None for a column or a link."""
     import h5py
 
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         return None
     item = group[name]
-    if not isinstance(item, h5py.Dataset) or item.shape is None or kept_elsewhere(item):
+    if not isinstance(item, h5py.Dataset) or item.shape is None or external_reason(item):
         return None
     size = math.prod(item.shape)
     if (

@@ -272,7 +272,7 @@ def _refuse_second_conversion(
 ) -> None:
     """Refuse a scale that is the factor of the file's unit, or of g where the file has SI."""
     if factor != 1.0 and is_same_factor(section.scale, factor):
-        raise _converted_twice(column, text, section.scale)
+        raise _double_conversion_error(column, text, section.scale)
     if factor == 1.0 and is_same_factor(section.scale, STANDARD_GRAVITY):
         remedy = "set scale = 1.0; or correct the unit in the file"
         raise column.refused("values in g", text, remedy, "scale")
@@ -330,7 +330,7 @@ def _convert(
     if parsed is not None and target is not None and parsed.dimension == target.dimension:
         factor = parsed.factor / target.factor
         if factor != 1.0 and is_same_factor(section.scale, factor):
-            raise _converted_twice(column, text, section.scale)
+            raise _double_conversion_error(column, text, section.scale)
         return ChannelConversion(factor, text)
     is_field = bool(column.source.stated_unit(column.position))
     sure = is_field or (parsed is not None and not _is_time_like(parsed))
@@ -350,7 +350,7 @@ def is_same_factor(scale: float, factor: float) -> bool:
     return math.isclose(abs(scale), factor, rel_tol=_SAME_FACTOR)
 
 
-def _converted_twice(column: SourceColumn, text: str, scale: float) -> InputError:
+def _double_conversion_error(column: SourceColumn, text: str, scale: float) -> InputError:
     return InputError(
         "The scale would convert a unit that is converted already.",
         expected=f"no scale: the file states {text!r}, and its factor is applied",

@@ -55,14 +55,14 @@ def known_channel(
     for number, entry in enumerate(section.known_response, start=1):
         location = f"{where}, [[{name}.known_response]] entry {number}"
         default_unit = f"{unit}/({target})" if name == "reference" and quantity != "drive" else "1"
-        response, response_unit = _read(entry, unit, default_unit, folder, location)
+        response, response_unit = _read_response(entry, unit, default_unit, folder, location)
         factor, unit = _factor_and_input_unit(unit, response_unit, location)
         response = replace(response, channel_unit=channel_unit)
-        response = _scaled(response, factor)
+        response = _scale(response, factor)
         chain = response if chain is None else chain.times(response)
     assert chain is not None
     if name == "reference" and quantity != "drive":
-        chain = _per_motion(chain, unit, quantity, f"{where}, [[reference.known_response]]")
+        chain = _convert_to_motion(chain, unit, quantity, f"{where}, [[reference.known_response]]")
         unit = target
     return KnownChannel(chain, channel_unit, unit)
 
@@ -82,12 +82,12 @@ def known_files(document: CalibrationFile) -> list[str]:
     return [e.file for section in sections for e in section.known_response if e.file is not None]
 
 
-def _read(
+def _read_response(
     entry: KnownResponseEntry, channel_unit: str, default_unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
     """Return the response of an entry and its unit, else ``default_unit``."""
     try:
-        response, unit = _of_entry(entry, channel_unit, default_unit, folder, where)
+        response, unit = _read_entry(entry, channel_unit, default_unit, folder, where)
     except InputError as error:
         raise (error.at(where) if error.where == "known response" else error) from None
     flat = flat_effects(
@@ -99,7 +99,7 @@ def _read(
     return response, unit
 
 
-def _of_entry(
+def _read_entry(
     entry: KnownResponseEntry, channel_unit: str, default_unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
     response_unit = entry.unit or "1"
@@ -121,14 +121,14 @@ def _of_entry(
         return KnownResponse.from_corners(*corners, gain, corner_uncertainty=unsure), response_unit
     path = folder / entry.file
     if path.suffix.lower() == ".json":
-        return _of_result(path, entry, default_unit)
+        return _read_result(path, entry, default_unit)
     if is_instrument_file(path):
         response, unit = read_instrument(path, entry.channel, entry.time)
         return replace(response, source=entry.file), entry.unit or unit
-    return _of_table(entry, channel_unit, entry.unit or default_unit, folder, where)
+    return _read_response_table(entry, channel_unit, entry.unit or default_unit, folder, where)
 
 
-def _of_result(
+def _read_result(
     path: Path, entry: KnownResponseEntry, default_unit: str
 ) -> tuple[KnownResponse, str]:
     """Return the response of a result's sensor, per the motion that is wanted if any is."""
@@ -145,7 +145,7 @@ def _of_result(
     )
 
 
-def _of_table(
+def _read_response_table(
     entry: KnownResponseEntry, channel_unit: str, unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
     """Return the response of a table, read as tabulated calibrations are."""
@@ -208,14 +208,16 @@ def _factor_and_input_unit(unit: str, response_unit: str, where: str) -> tuple[f
     return factor, below
 
 
-def _scaled(response: KnownResponse, factor: float) -> KnownResponse:
+def _scale(response: KnownResponse, factor: float) -> KnownResponse:
     if factor == 1.0:
         return response
     none = np.zeros(0, dtype=complex)
     return replace(response, shapes=(*response.shapes, RationalResponse(none, none, factor)))
 
 
-def _per_motion(response: KnownResponse, unit: str, quantity: str, where: str) -> KnownResponse:
+def _convert_to_motion(
+    response: KnownResponse, unit: str, quantity: str, where: str
+) -> KnownResponse:
     """Return a reference's response per SI unit of ``quantity``, from that per ``unit``."""
     theirs = quantity_of(unit)
     if theirs is None or is_motion(theirs) != is_motion(quantity):

@@ -25,8 +25,8 @@ from vibrident.data.screening.wild import (
     MAX_RUN_SAMPLES,
     MAX_SHORT_RUN_SAMPLES,
     PredictedChannel,
-    breaks,
-    moves,
+    find_breaks,
+    find_motion,
 )
 
 #: Part of half the sampling rate above which no anti-alias filter leaves any power …
@@ -71,15 +71,15 @@ def screen(
     usable = []
     findings = []
     for record in records:
-        dead = _dead(record)
+        dead = _dead_reason(record)
         if dead:
             findings.append(
                 ScreeningFinding("dead_channel", f"{record.name}: {dead}; the record is left out.")
             )
             continue
-        record, spoilt = _without_spoilt(record, units or {})
+        record, spoilt = _mask_spoilt_samples(record, units or {})
         findings += spoilt
-        if record.mask.sum() < 8 or (spoilt and _in_pieces(record)):
+        if record.mask.sum() < 8 or (spoilt and _is_too_broken(record)):
             text = (
                 f"{record.name}: too little is left between the samples left out; "
                 "the record is left out."
@@ -129,7 +129,7 @@ def _require_records(
     return tuple(records), tuple(findings)
 
 
-def _dead(record: Record) -> str:
+def _dead_reason(record: Record) -> str:
     """Return the reason why the record holds no signal; empty if it holds one."""
     for label, values, _ in _channels(record):
         used = values if record.mask.all() else values[record.mask]
@@ -138,7 +138,7 @@ def _dead(record: Record) -> str:
     return ""
 
 
-def _in_pieces(record: Record) -> bool:
+def _is_too_broken(record: Record) -> bool:
     """Return whether losses leave too little of the reference to interpolate it.
 
     Never so for a sine or a decay, whose reference is not interpolated.
@@ -164,7 +164,7 @@ def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
     return channels
 
 
-def _without_spoilt(
+def _mask_spoilt_samples(
     record: Record, units: Mapping[str, str]
 ) -> tuple[Record, list[ScreeningFinding]]:
     """Return the record without clipped, lost, copied and wild samples, and the findings.
@@ -182,7 +182,7 @@ def _without_spoilt(
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
             observation = f"the {label} channel is clipped at {levels}"
-            record, finding = _without(
+            record, finding = _mask_samples(
                 record, label, bad, "clipped", observation, f"{label} clipped at {levels}"
             )
             findings.append(finding)
@@ -196,12 +196,12 @@ def _without_spoilt(
                 f"the {label} channel stands still {often}at {first:.4g} s, as where a recorder "
                 "lost samples"
             )
-            record, finding = _without(
+            record, finding = _mask_samples(
                 record, label, bad, "dead_channel", observation, f"{label} stands still"
             )
             findings.append(finding)
     samples = _samples_by_channel(record, samples)
-    record, copied = _without_copied(record, samples)
+    record, copied = _mask_copied_block(record, samples)
     findings += copied
     for longest in _longest_runs(record):
         samples = _samples_by_channel(record, samples)
@@ -209,8 +209,8 @@ def _without_spoilt(
             label: PredictedChannel.from_samples(channel, longest)
             for label, channel in samples.items()
         }
-        for label, bad in reversed(_wild(record, channels).items()):
-            record, finding = _without(
+        for label, bad in reversed(_find_wild_samples(record, channels).items()):
+            record, finding = _mask_samples(
                 record,
                 label,
                 bad,
@@ -219,7 +219,7 @@ def _without_spoilt(
                 f"{label} wild",
             )
             findings.append(finding)
-    record, broken = _longest_part(record, channels)
+    record, broken = _keep_unbroken_part(record, channels)
     return record, findings + broken
 
 
@@ -277,7 +277,7 @@ def _samples_by_channel(
     return channels
 
 
-def _without_copied(
+def _mask_copied_block(
     record: Record, channels: Mapping[str, ChannelSamples]
 ) -> tuple[Record, list[ScreeningFinding]]:
     """Return the record without the copy of a block that was written twice, and the findings."""
@@ -301,14 +301,14 @@ def _without_copied(
             f"{second_s:.6g} s, as where a recorder writes a buffer twice"
         )
         label, code = ("both", "clock_suspect") if times else (label, "dead_channel")
-        record, finding = _without(
+        record, finding = _mask_samples(
             record, label, bad, code, observation, f"{channel_words} repeated"
         )
         findings.append(finding)
     return record, findings
 
 
-def _longest_part(
+def _keep_unbroken_part(
     record: Record, channels: Mapping[str, PredictedChannel]
 ) -> tuple[Record, list[ScreeningFinding]]:
     """Return the longest part of a steady motion in which no time was lost, and the finding.
@@ -324,7 +324,7 @@ def _longest_part(
             label: PredictedChannel.from_samples(ChannelSamples(values, valid))
             for label, values, _ in _channels(record)
         }
-    break_index = breaks(**channels)
+    break_index = find_breaks(**channels)
     if break_index.size and is_stairs(record.reference):
         return record, []
     if break_index.size:
@@ -346,13 +346,15 @@ def _longest_part(
         f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
         "only the longest unbroken part is used"
     )
-    record, finding = _without(
+    record, finding = _mask_samples(
         record, "both", outside, "clock_suspect", observation, "the longest part without lost time"
     )
     return record, [finding]
 
 
-def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str, BoolArray]:
+def _find_wild_samples(
+    record: Record, channels: Mapping[str, PredictedChannel]
+) -> dict[str, BoolArray]:
     """Return the wild samples of each channel that has any.
 
     Where the other channel moves as oddly, the samples are motion, and so is a shock, where both
@@ -367,7 +369,7 @@ def _wild(record: Record, channels: Mapping[str, PredictedChannel]) -> dict[str,
     for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
         if not wild[label].any():
             continue
-        moved = moves(channels[label], other_channel, wild[label])
+        moved = find_motion(channels[label], other_channel, wild[label])
         for first, end in zip(*runs_of_true(wild[label]), strict=True):
             run = slice(first, end)
             if record.excitation == "shock" and any(
@@ -429,7 +431,7 @@ def _is_shock(
     return length > MAX_SHORT_RUN_SAMPLES and min(ratios) > MIN_SHOCK_SIZE
 
 
-def _without(
+def _mask_samples(
     record: Record, label: str, bad: BoolArray, code: WarningCode, observation: str, reason: str
 ) -> tuple[Record, ScreeningFinding]:
     """Return the record without the ``bad`` samples, and the finding that says so.

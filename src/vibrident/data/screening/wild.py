@@ -393,7 +393,7 @@ class PredictionSamples:
         """
         size = np.abs(self.windows @ prediction.taps[::-1])
         usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
-        clean = self.clean & ~_near(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
+        clean = self.clean & ~_extend_flags(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
         return (
             PredictionSamples(self.windows, clean)
             if np.sum(clean) > 0.5 * np.sum(self.clean)
@@ -401,7 +401,9 @@ class PredictionSamples:
         )
 
 
-def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolArray) -> BoolArray:
+def find_motion(
+    channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolArray
+) -> BoolArray:
     """Return which odd samples are motion, as the other channel shows an event there, too.
 
     A jump of velocity is a pulse of acceleration of a few samples, so the other channel's first and
@@ -432,14 +434,14 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
         if bad_index.size and other_channel.readable:
             odd = np.zeros(bad.shape, dtype=bool)
             reach = MAX_SAMPLES_APART + order
-            near = np.flatnonzero(_near(bad, reach))
+            near = np.flatnonzero(_extend_flags(bad, reach))
             odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
                 near
             )
             midst = np.zeros(bad.shape, dtype=bool)
             for event in other_channel.events:
                 midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
-            explained = _near(odd, reach)
+            explained = _extend_flags(odd, reach)
             for run in short_runs:
                 around = slice(max(run.start - reach, 0), run.stop + reach)
                 stands_out = channel.prominence(run) > other_channel.prominence(around)
@@ -448,7 +450,7 @@ def moves(channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolA
     return moved
 
 
-def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[np.int_]:
+def find_breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[np.int_]:
     """Return the samples at which both channels of a stationary motion jump: time was lost there.
 
     Both channels go on elsewhere, no wild samples explain that, and nothing lies between the motion
@@ -465,7 +467,7 @@ def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[n
             )
             if significant and event.is_abrupt and answer.is_abrupt:
                 break_index += [first] * all(
-                    _breaks_off(channel, first) for channel in (reference, response)
+                    _is_break(channel, first) for channel in (reference, response)
                 )
     apart = np.diff(
         np.unique(np.array(break_index, dtype=int)),
@@ -477,7 +479,7 @@ def breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[n
     ]
 
 
-def _breaks_off(channel: PredictedChannel, index: int) -> bool:
+def _is_break(channel: PredictedChannel, index: int) -> bool:
     """Tell whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
     errors = channel.prediction.both(series[max(index - 2 * ORDER, 0) : index + 2 * ORDER])[0]
@@ -491,7 +493,7 @@ def _breaks_off(channel: PredictedChannel, index: int) -> bool:
     return sizes[0] > MIN_DEVIATION_RATIO * sizes[1]
 
 
-def _near(flags: BoolArray, reach: int) -> BoolArray:
+def _extend_flags(flags: BoolArray, reach: int) -> BoolArray:
     """Return which samples have a flag within reach, shape (samples,)."""
     count = np.cumsum(np.pad(flags, (reach + 1, reach)))
     return count[2 * reach + 1 :] > count[: -2 * reach - 1]

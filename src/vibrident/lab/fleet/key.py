@@ -48,7 +48,9 @@ def fingerprint(path: str, orders: Orders) -> Fingerprint:
     try:
         document = read_calibration_file(file)
     except InputError:
-        return Fingerprint(_key(file, [], orders), "not readable", calibration=_may_be_one(file))
+        return Fingerprint(
+            _key(file, [], orders), "not readable", calibration=_may_be_calibration(file)
+        )
     try:
         names = data_files(document, file.parent, path)
     except InputError:  # a glob that matches nothing
@@ -108,7 +110,7 @@ def _shape(document: CalibrationFile, folder: Path, names: list[str]) -> str:
     return " ".join(str(number) for number in numbers)
 
 
-def _may_be_one(file: Path) -> bool:
+def _may_be_calibration(file: Path) -> bool:
     """Return whether an invalid file was meant as a calibration file."""
     document = _toml(file)
     return not document or bool(document.keys() & CalibrationFile.model_fields.keys())

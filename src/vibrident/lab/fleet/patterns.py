@@ -76,7 +76,7 @@ def find_files(patterns: Sequence[str]) -> NamedFiles:
     marks = set[bytes]()
     for pattern in patterns:
         matched = False
-        for path, in_folder in _named(pattern):
+        for path, in_folder in _files_of_pattern(pattern):
             matched = True
             mark = hashlib.blake2b(os.fsencode(os.path.abspath(path)), digest_size=16).digest()
             if mark not in marks:
@@ -98,7 +98,7 @@ def find_files(patterns: Sequence[str]) -> NamedFiles:
     return files
 
 
-def _named(pattern: str) -> Iterator[tuple[str, bool]]:
+def _files_of_pattern(pattern: str) -> Iterator[tuple[str, bool]]:
     for match in (
         [pattern] if os.path.lexists(pattern) else sorted(glob.iglob(pattern, recursive=True))
     ):
@@ -120,12 +120,12 @@ def _files_of(path: str) -> Iterator[tuple[str, bool]]:
             for link in filter(os.path.islink, (os.path.join(folder, name) for name in below)):
                 target = os.path.realpath(link)
                 real_folder = os.path.realpath(folder)
-                if not _within(real_folder, target) and not any(
-                    _within(target, above) for above in visited
+                if not _is_within(real_folder, target) and not any(
+                    _is_within(target, above) for above in visited
                 ):
                     roots.append(link)
                     visited.append(target)
 
 
-def _within(path: str, folder: str) -> bool:
+def _is_within(path: str, folder: str) -> bool:
     return os.path.join(path, "").startswith(os.path.join(folder, ""))

@@ -44,7 +44,7 @@ class Question:
     tolerances: Callable[[StoredSensor], Tolerance | None] | None = None
 
 
-def _of(sensor: StoredSensor, question: Question) -> Question:
+def _set_tolerance(sensor: StoredSensor, question: Question) -> Question:
     """Return the question for one sensor, with the tolerance of that sensor."""
     return (
         question
@@ -61,7 +61,7 @@ def of_sensor(
     Raises:
         InputError: no calibration of the sensor has the quantity.
     """
-    question = _of(sensor, question)
+    question = _set_tolerance(sensor, question)
     entries = query.entries(store, sensor.id, question.quantity, question.frequency_hz).get(
         sensor.id, []
     )
@@ -151,7 +151,9 @@ def all_due(
         if key not in sensors or all(entry.value is None for entry in entries):
             continue
         history = life(entries, events.get(key, []))
-        due_values = _due(history, _of(sensors[key], question)) or _without_risk(history, question)
+        due_values = _due(history, _set_tolerance(sensors[key], question)) or _without_risk(
+            history, question
+        )
         last = history.entries[-1].date if history.entries else None
         recalled = history.recalled if history.entries else ""
         facts = {"last": last, "calibrations": len(history.entries), "recalled": recalled}
@@ -261,13 +263,13 @@ def _drift(history: Life, question: Question) -> dict[str, Any]:
         "random_walk_per_root_year": drift.wandering(),
         "probability": drift.probability,
         "prediction": {"date": until}
-        | _mixture(_at(history, until))
+        | _mixture(_sensitivity_at(history, until))
         | {"reading": _mixture(reading)},
         "curve": _curve(history, until),
     }
 
 
-def _at(history: Life, date: datetime.date) -> Mixture:
+def _sensitivity_at(history: Life, date: datetime.date) -> Mixture:
     assert history.drift is not None
     return history.drift.sensitivity(_year(history, date))
 
@@ -281,7 +283,7 @@ def _curve(history: Life, until: datetime.date) -> list[dict[str, Any]]:
     first = history.entries[-1].date.toordinal()
     days = sorted({round(day) for day in np.linspace(first, until.toordinal(), _CURVE)})
     return [
-        {"date": date} | _mixture(_at(history, date))
+        {"date": date} | _mixture(_sensitivity_at(history, date))
         for date in map(datetime.date.fromordinal, days)
     ]
 

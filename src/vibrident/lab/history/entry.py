@@ -64,7 +64,7 @@ def _insert(
     store: Store, connection: sa.Connection, rows: ResultRows, date: datetime.date | None
 ) -> Added:
     sensor_id = _sensor_id(store, connection, rows.sensor)
-    same = _stored(connection, sensor_id, rows.calibration)
+    same = _find_same_result(connection, sensor_id, rows.calibration)
     if same is not None:
         return Added(
             False, same, None if date is None else _redate(connection, sensor_id, same, date)
@@ -87,7 +87,7 @@ def _insert(
     return Added(True, key)
 
 
-def _stored(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int | None:
+def _find_same_result(connection: sa.Connection, sensor_id: int, row: DatabaseRow) -> int | None:
     """Return the number of the calibration that holds the same result; None if there is none."""
     columns = calibration.c
     same = connection.execute(

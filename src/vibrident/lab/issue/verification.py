@@ -92,11 +92,11 @@ def _verified_pdf(content: bytes, file: Path) -> _Signature:
     reader = library("pyhanko.pdf_utils.reader").PdfFileReader
     validation = library("pyhanko.sign.validation")
     status = library("pyhanko.sign.validation.status")
-    with _readable(file):
+    with _refuse_unreadable(file):
         signatures = list(reader(io.BytesIO(content)).embedded_signatures)
     if not signatures:
         raise _unsigned(file)
-    with _readable(file), _quiet():
+    with _refuse_unreadable(file), _silence_library():
         checked = [
             without_loop(
                 lambda each=each: validation.validate_pdf_signature(
@@ -119,7 +119,7 @@ def _verified_xml(content: bytes, file: Path) -> _Signature:
     etree = library("lxml.etree")
     signxml = library("signxml")
     xades = library("signxml.xades")
-    with _readable(file):
+    with _refuse_unreadable(file):
         root = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
     signatures = root.findall(f"{_DS}Signature")
     if not signatures:
@@ -128,7 +128,7 @@ def _verified_xml(content: bytes, file: Path) -> _Signature:
     if len(signatures) > 1 or not stored:
         what = f"{len(signatures)} signatures" if stored else "a signature without a certificate"
         raise _invalid(file, what, expected="one signature with the signer's certificate")
-    with _readable(file):
+    with _refuse_unreadable(file):
         chain = [_x509_base64(text) for text in stored]
     advanced = signatures[0].find(f".//{_XADES}SignedProperties") is not None
     verifier = xades.XAdESVerifier() if advanced else signxml.XMLVerifier()
@@ -158,7 +158,7 @@ def _verified_xml(content: bytes, file: Path) -> _Signature:
         if signed_node.tag != root.tag
     ]
     signing_time = next((text for text in times if text), None)
-    with _readable(file):
+    with _refuse_unreadable(file):
         time = None if signing_time is None else datetime.datetime.fromisoformat(signing_time)
     return _Signature(chain[0], chain[1:], time)
 
@@ -169,7 +169,7 @@ def _verified_detached(content: bytes, file: Path) -> _Signature:
         raise _unsigned(file)
     cms = library("asn1crypto.cms")
     validation = library("pyhanko.sign.validation")
-    with _readable(signature_file):
+    with _refuse_unreadable(signature_file):
         signed = cms.ContentInfo.load(_read(signature_file))["content"]
         embedded = [_x509(each.chosen.dump()) for each in signed["certificates"]]
         serial = signed["signer_infos"][0]["sid"].chosen["serial_number"].native
@@ -179,7 +179,7 @@ def _verified_detached(content: bytes, file: Path) -> _Signature:
         trust = _no_trust(_asn1(signer))
         return asyncio.run(validation.async_validate_detached_cms(content, signed, trust))
 
-    with _readable(signature_file), _quiet():
+    with _refuse_unreadable(signature_file), _silence_library():
         status = without_loop(check)
     if not (status.intact and status.valid):
         raise _invalid(file, "a file that was changed after signing")
@@ -269,7 +269,7 @@ def _no_trust(certificate: Any) -> Any:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_library() -> Iterator[None]:
     """Keep what the library says of trust out of the terminal."""
     loggers = [logging.getLogger(name) for name in ("pyhanko", "pyhanko_certvalidator")]
     before = [each.level for each in loggers]
@@ -283,7 +283,7 @@ def _quiet() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _readable(file: Path) -> Iterator[None]:
+def _refuse_unreadable(file: Path) -> Iterator[None]:
     """Refuse what a library stumbles over: files of others fail in ways that none of them lists."""
     try:
         yield
@@ -300,7 +300,7 @@ def _readable(file: Path) -> Iterator[None]:
 
 
 def _read(file: Path) -> bytes:
-    with _readable(file):
+    with _refuse_unreadable(file):
         if file.stat().st_size > _MAX_BYTES:
             raise ValueError(f"more than {_MAX_BYTES} bytes")
         return file.read_bytes()

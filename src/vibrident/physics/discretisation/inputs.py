@@ -200,7 +200,7 @@ def band_limited_filters(valid: BoolArray, terms: int, delay_samples: float) -> 
     """Return the filters of :func:`band_limited_inputs`; invalid samples count as zero."""
     half = half_width_for(valid.shape[0])
     lag = math.ceil(delay_samples)
-    usable = _moved_later(_all_valid(valid, 1 - half, half), lag)
+    usable = _delay_mask(_all_valid(valid, 1 - half, half), lag)
     return StepFilters(_filters(terms, half, lag - delay_samples), 1 - half - lag, usable, 0.0)
 
 
@@ -272,10 +272,10 @@ def sampled_filters(valid: BoolArray, terms: int, delay_samples: float) -> StepF
     lag = math.ceil(delay_samples)
     filters = np.ones((1, 1)) if terms == 1 else np.array([[0.5, 0.5], [-0.5, 0.5]])
     usable = valid if terms == 1 else valid & np.append(valid[1:], False)
-    return StepFilters(filters, -lag, _moved_later(usable, lag), lag - delay_samples)
+    return StepFilters(filters, -lag, _delay_mask(usable, lag), lag - delay_samples)
 
 
-def _moved_later(usable: BoolArray, lag: int) -> BoolArray:
+def _delay_mask(usable: BoolArray, lag: int) -> BoolArray:
     """Return ``usable``, moved ``lag`` samples later."""
     moved = np.zeros_like(usable)
     n = usable.shape[0]

@@ -167,7 +167,7 @@ class Model:
 
     def _filter(self, parameters: Parameters, s: Any) -> Any:
         values = self._at_unit_gain(parameters)
-        return self.response(_beside_zero(s), **values) + 0.0 * s
+        return self.response(_avoid_zero(s), **values) + 0.0 * s
 
     def _filter_slopes(self, parameters: Parameters, s: Any) -> dict[str, Any]:
         """Return the derivatives by Cauchy's formula on a small circle (Lyness & Moler 1967).
@@ -175,7 +175,7 @@ class Model:
         The response is complex itself, so that one complex step does not tell its derivative.
         """
         values = self._at_unit_gain(parameters)
-        at = _beside_zero(s)
+        at = _avoid_zero(s)
         if self.slopes is not None:
             return {name: slope + 0.0 * s for name, slope in self.slopes(at, **values).items()}
         slopes: dict[str, Any] = {}
@@ -211,7 +211,7 @@ def _scale(denominator: Coefficients) -> Any:
     return float(_CANCELLED[0])
 
 
-def _beside_zero(s: Any) -> Any:
+def _avoid_zero(s: Any) -> Any:
     """Return s with a frequency next to zero in place of zero, where many a formula is 0/0."""
     sizes = np.abs(np.asarray(s))
     moving = sizes[sizes > 0.0]

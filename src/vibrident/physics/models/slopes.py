@@ -43,12 +43,12 @@ def response_and_slopes(
         (parameters, sensors, points).
     """
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
-    moved, per = _moved(model, values)
+    moved, per = _step_parameters(model, values)
     system = model.rational(moved, quantity)
-    gain = _and_slopes((system.gain,), per)
-    top = _at(_and_slopes(system.numerator, per), s)
-    bottom = _at(_and_slopes(system.denominator, per), s)
-    delay = _and_slopes((model.delay_s(moved),), per) if model.has_delay else None
+    gain = _with_derivatives((system.gain,), per)
+    top = _evaluate_polynomials(_with_derivatives(system.numerator, per), s)
+    bottom = _evaluate_polynomials(_with_derivatives(system.denominator, per), s)
+    delay = _with_derivatives((model.delay_s(moved),), per) if model.has_delay else None
     late = 1.0 if delay is None else np.exp(-s * delay[0])
     factor = 1.0 if model.has_network else model.factors(values, frequency_hz)
     behind = factor * late / bottom[0]
@@ -65,7 +65,9 @@ def response_and_slopes(
     return response, slopes
 
 
-def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any], FloatArray]:
+def _step_parameters(
+    model: SensorModel, values: Mapping[str, Any]
+) -> tuple[dict[str, Any], FloatArray]:
     """Move each parameter by an imaginary step.
 
     Returns:
@@ -81,7 +83,7 @@ def _moved(model: SensorModel, values: Mapping[str, Any]) -> tuple[dict[str, Any
     return dict(zip(names, moved, strict=True)), 1.0 / steps
 
 
-def _and_slopes(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
+def _with_derivatives(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
     """Return coefficients and below them derivatives, shape (1 + parameters, …, coefficients)."""
     moved: ComplexArray = np.empty((*per.shape[:-1], len(coefficients)), dtype=complex)
     for index, coefficient in enumerate(coefficients):
@@ -89,7 +91,7 @@ def _and_slopes(coefficients: tuple[Any, ...], per: FloatArray) -> FloatArray:
     return np.concatenate([moved.real[:1], moved.imag * per])
 
 
-def _at(coefficients: FloatArray, s: ComplexArray) -> ComplexArray:
+def _evaluate_polynomials(coefficients: FloatArray, s: ComplexArray) -> ComplexArray:
     """Return the values of polynomials at ``s``, shape (…, points).
 
     ``coefficients``: ascending, shape (…, coefficients).

@@ -59,7 +59,7 @@ class MountedSensor:
     @property
     def mounting(self) -> tuple[float, float]:
         """Return frequency, Hz, and damping ratio of the other mounting."""
-        frequency, damping = (self.sensor.values[name] for name in _parameters_of_mounting())
+        frequency, damping = (self.sensor.values[name] for name in _mounting_parameter_names())
         return frequency, damping
 
     @property
@@ -125,15 +125,15 @@ def predict_mounted(
     require_usable(inputs, ("stiffness", "mass", "frequency_hz"), WHERE)
     mounted = sensor
     if frequency_hz is not None:
-        mounted = _at(sensor, frequency_hz, standard_uncertainty, damping)
-    elif _parameters_of_mounting()[0] not in sensor.values:
+        mounted = _remount(sensor, frequency_hz, standard_uncertainty, damping)
+    elif _mounting_parameter_names()[0] not in sensor.values:
         raise _refused(
             "The result has no mounting.",
             f"a result with '+{_mounting().name}', or the frequency of the mounting",
             f"model {sensor.model.name!r}",
             "state the frequency of the mounting, √(k/m)/2π",
         )
-    mounted = _scaled(mounted, stiffness, mass)
+    mounted = _scale_coupling(mounted, stiffness, mass)
     if frequencies_hz is None:
         low, high = sensor.band_hz or (10.0, 10e3)
         frequencies_hz = one_third_octave(low, high)
@@ -163,20 +163,20 @@ def _mounting() -> AddOn:
     return next(addon for addon in ADD_ONS.values() if addon.before_sensor and addon.oscillator)
 
 
-def _parameters_of_mounting() -> tuple[str, str]:
+def _mounting_parameter_names() -> tuple[str, str]:
     """Return the names of the mounting's frequency and damping ratio."""
     oscillator = _mounting().oscillator
     assert oscillator is not None
     return oscillator
 
 
-def _at(
+def _remount(
     sensor: IdentifiedSensor, frequency_hz: float, relative_u: float, damping: float | None
 ) -> IdentifiedSensor:
     """Return a sensor on a mounting of a stated frequency."""
     model = sensor.model
     values = dict(sensor.values)
-    frequency_name, damping_name = _parameters_of_mounting()
+    frequency_name, damping_name = _mounting_parameter_names()
     if frequency_name not in values:
         names = [*(addon.name for addon in model.add_ons), _mounting().name]
         model = with_add_ons(model.core, "+".join(names))
@@ -198,9 +198,9 @@ def _at(
     return replace(sensor, model=model, values=ordered, covariance=covariance)
 
 
-def _scaled(sensor: IdentifiedSensor, stiffness: float, mass: float) -> IdentifiedSensor:
+def _scale_coupling(sensor: IdentifiedSensor, stiffness: float, mass: float) -> IdentifiedSensor:
     """Return a mounted sensor with multiples of the coupling's stiffness and of the mass."""
-    frequency_name, damping_name = _parameters_of_mounting()
+    frequency_name, damping_name = _mounting_parameter_names()
     factors = {
         frequency_name: (stiffness / mass) ** 0.5,
         damping_name: (stiffness * mass) ** -0.5,

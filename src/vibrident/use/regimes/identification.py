@@ -184,7 +184,7 @@ def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:
         for number in range(len(fits))
     ]
     common = [name for name, is_one in zip(names, shared.is_shared, strict=True) if is_one]
-    text = _words(fitted, regimes, common, longest)
+    text = _describe_regimes(fitted, regimes, common, longest)
     changes = tuple(
         Finding(
             "regimes",
@@ -206,7 +206,7 @@ def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:
     )
 
 
-def _words(
+def _describe_regimes(
     fitted: Fitted, regimes: Sequence[dict[str, Any]], common: Sequence[str], longest: int
 ) -> str:
     """Return what changed and when, what did not, and which regime the result is of."""

@@ -41,7 +41,7 @@ def share(regimes: Sequence[PieceEstimate]) -> Shared:
     scale = np.maximum(np.max(np.abs(values), axis=0), np.finfo(float).tiny)
     scaled = values / scale
     informations = np.linalg.pinv(covariances / np.outer(scale, scale), hermitian=True)
-    is_shared = _alike(scaled, covariances / np.outer(scale, scale))
+    is_shared = _agreeing_parameters(scaled, covariances / np.outer(scale, scale))
     design = _design(len(regimes), is_shared)
     weights = np.zeros((scaled.size, scaled.size))
     count = values.shape[1]
@@ -59,7 +59,7 @@ def share(regimes: Sequence[PieceEstimate]) -> Shared:
     )
 
 
-def _alike(values: FloatArray, covariances: FloatArray) -> BoolArray:
+def _agreeing_parameters(values: FloatArray, covariances: FloatArray) -> BoolArray:
     """Return which parameters agree in all regimes, each by itself, shape (P,)."""
     variances = np.diagonal(covariances, axis1=1, axis2=2)
     safe = np.maximum(variances, np.finfo(float).tiny)

@@ -89,7 +89,7 @@ def identify_long(records: LongRecords, choices: FitChoices, sharing: Sharing) -
         ModelError: model and data do not fit together.
         NotConverged: no start leads to a finite fit.
     """
-    if not _suits(choices.estimator):
+    if not _is_network_at_bins(choices.estimator):
         return None
     samples = STRETCH_SAMPLES
     while samples < sum(records.lengths):
@@ -97,13 +97,13 @@ def identify_long(records: LongRecords, choices: FitChoices, sharing: Sharing) -
         first, number = _first_fit(records, stretches, choices)
         if first is None:
             return None
-        if _holds_enough(first, samples):
-            return _identified(records, stretches, (number, first), choices, sharing)
+        if _are_long_enough(first, samples):
+            return _identify_stretches(records, stretches, (number, first), choices, sharing)
         samples *= 2
     return None
 
 
-def _suits(estimator: str | Estimator) -> bool:
+def _is_network_at_bins(estimator: str | Estimator) -> bool:
     """Return whether an estimator is the network at bins."""
     if isinstance(estimator, str):
         return estimator in (AUTO, Ipnn.name)
@@ -141,7 +141,7 @@ def _first_fit(
     raise reason
 
 
-def _holds_enough(first: Fitted, samples: int) -> bool:
+def _are_long_enough(first: Fitted, samples: int) -> bool:
     """Return whether stretches are long against the slowest motion of the sensor."""
     poles = first.evidence.model.poles(first.values)
     rate_hz = max(record.sampling_rate_hz for record in first.evidence.records)
@@ -152,7 +152,7 @@ def _holds_enough(first: Fitted, samples: int) -> bool:
     return samples >= MIN_PERIODS * slowest_s * rate_hz
 
 
-def _identified(
+def _identify_stretches(
     records: LongRecords,
     stretches: list[Stretch],
     first: tuple[int, Fitted],
@@ -169,14 +169,14 @@ def _identified(
     fits: list[StretchOutcome] = []
     for each in _fits(records, stretches, fitted_before, order, store, sharing.scheduler):
         fits.append(each)
-        _tell(choices.progress, len(fits), len(stretches))
+        _report_fitted(choices.progress, len(fits), len(stretches))
     refused = [each for each in fits if isinstance(each, RefusedStretch)]
     if len(fits) - len(refused) < MIN_USED * len(fits):
-        raise _unusable(refused, len(fits))
+        raise _unusable_error(refused, len(fits))
     return pooled_result(fitted, fits, choices.uncertainty)
 
 
-def _tell(progress: Progress, done: int, count: int) -> None:
+def _report_fitted(progress: Progress, done: int, count: int) -> None:
     """Report how many stretches are fitted; a plain function is called as by an optimiser."""
     share = getattr(progress, "share", None)
     if share is None:
@@ -206,7 +206,7 @@ def _fits(
             cluster = stack.enter_context(
                 Cluster(scheduler, f"⟦identify.scheduler = {scheduler!r}⟧")
             )
-            calls = ((_sent(records, stretches[n]), stretches[n], order) for n in missing)
+            calls = ((_stretch_input(records, stretches[n]), stretches[n], order) for n in missing)
             computed = cluster.results(fit_stretch, calls)
         for number in range(len(stretches)):
             if number in outcomes:
@@ -218,12 +218,12 @@ def _fits(
             yield fitted
 
 
-def _sent(records: LongRecords, stretch: Stretch) -> LongRecords | Calibration:
+def _stretch_input(records: LongRecords, stretch: Stretch) -> LongRecords | Calibration:
     """Return what a worker needs for a stretch: where it reads the files, or the samples."""
     return records if isinstance(records, RecordsInFiles) else records.calibration(stretch)
 
 
-def _unusable(refused: Sequence[RefusedStretch], count: int) -> InputError:
+def _unusable_error(refused: Sequence[RefusedStretch], count: int) -> InputError:
     """Return the error of records of which too little can be used."""
     return InputError(
         "Most of the records cannot be used.",

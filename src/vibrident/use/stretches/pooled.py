@@ -123,15 +123,15 @@ def pooled_result(
         departures=(),
         reports=(),
     )
-    fitted = _judged(fitted, used)
+    fitted = _judge(fitted, used)
     result = document(fitted, budget_of(fitted, uncertainty))
     findings = _findings(used)
     warnings = [*result.warnings, *_warnings(used, {finding.code for finding in findings})]
     if not pooled.is_one_sensor:
-        warnings.append(_of_change(fitted, used, pooled, widened))
+        warnings.append(_change_warning(fitted, used, pooled, widened))
     refused = [each for each in outcomes if isinstance(each, RefusedStretch)]
     if refused:
-        warnings.append(_of_refused(refused, len(outcomes)))
+        warnings.append(_refusal_warning(refused, len(outcomes)))
     settings = {**result.settings, "stretches": _settings(fitted, used, pooled, len(outcomes))}
     return replace(
         result,
@@ -158,7 +158,7 @@ def _estimates(first: Fitted, used: Sequence[StretchFit]) -> tuple[FloatArray, F
     return np.array(points), np.array(covariances)
 
 
-def _judged(fitted: Fitted, used: Sequence[StretchFit]) -> Fitted:
+def _judge(fitted: Fitted, used: Sequence[StretchFit]) -> Fitted:
     """Return a fit judged by the points of all stretches."""
     model = fitted.evidence.model
     values = fitted.values
@@ -259,7 +259,7 @@ def _warnings(used: Sequence[StretchFit], significant: set[str]) -> list[ResultW
     ]
 
 
-def _of_change(
+def _change_warning(
     fitted: Fitted, used: Sequence[StretchFit], pooled: PooledEstimate, widened: float
 ) -> ResultWarning:
     """Return the warning of a sensor that is not the same all along."""
@@ -282,7 +282,7 @@ def _of_change(
     return ResultWarning("regimes", text)
 
 
-def _of_refused(refused: Sequence[RefusedStretch], count: int) -> ResultWarning:
+def _refusal_warning(refused: Sequence[RefusedStretch], count: int) -> ResultWarning:
     """Return the warning of stretches that could not be used."""
     text = (
         f"{len(refused)} of {count} stretches of the records could not be used and are left out. "

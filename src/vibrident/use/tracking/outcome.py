@@ -85,7 +85,7 @@ def tracked_result(result: Result, session: TrackingSession) -> Result:
         ),
         response=curve(coordinates, z, covariance, tracker.network.quantity, frequency_hz),
         measured=MeasuredCurve.none(),
-        warnings=_doubts(session),
+        warnings=_find_doubts(session),
         signals=(),
         training=None,
         weights={},
@@ -95,7 +95,7 @@ def tracked_result(result: Result, session: TrackingSession) -> Result:
     )
 
 
-def _doubts(session: TrackingSession) -> tuple[ResultWarning, ...]:
+def _find_doubts(session: TrackingSession) -> tuple[ResultWarning, ...]:
     noise = session.document()["reference_noise"]
     changing = session.tracker.changing
     if session.cause.code:

@@ -62,7 +62,7 @@ def correct(
     """
     limits = options.band(band)
     if calibration.suffix.lower() != ".toml":
-        _own_table(
+        _correct_table(
             load_result(result), calibration, folder, limits, noise, (column, time, rate, scale)
         )
         return
@@ -88,7 +88,7 @@ def correct(
     )
 
 
-def _own_table(
+def _correct_table(
     identified: Any,
     path: Path,
     folder: Path,

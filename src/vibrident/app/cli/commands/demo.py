@@ -41,7 +41,7 @@ def _steps(demo_folder: Path, folder: Path) -> None:
 
     file = shlex.quote(str(folder / "calibration.toml"))
     with painter() as artist:
-        _chapter(
+        _print_chapter(
             "1  A calibration",
             "The accelerometer of the paper's Table 2 on a shaker: 21 sines from 10 Hz to 1 kHz, "
             f"{SAMPLES} samples each. The sensor feels noise {SNR_DB:g} dB below the motion; its "
@@ -51,7 +51,7 @@ def _steps(demo_folder: Path, folder: Path) -> None:
         )
         with ProgressBar("Simulating"):
             write_demo(demo_folder)
-        _chapter(
+        _print_chapter(
             "2  The identification",
             f"The same as: vibrident identify {file}",
             "Look at: u, the standard uncertainty of each value, and the verdict on the fit.",
@@ -64,7 +64,7 @@ def _steps(demo_folder: Path, folder: Path) -> None:
         provenance = {**result.provenance, "calibration_file": str(folder / "calibration.toml")}
         result = dataclasses.replace(result, provenance=provenance)
         output_console().print(terminal.summary(result))
-        _chapter(
+        _print_chapter(
             "3  The paper's network beside it, and the truth",
             f"The same as: vibrident identify {file} --estimator ipnn --weights",
             "A simulation knows the truth. About two values in three lie within 1 u of it, 95 in "
@@ -76,11 +76,11 @@ def _steps(demo_folder: Path, folder: Path) -> None:
                 io.read(demo_folder / "calibration.toml"), estimator="ipnn", progress=progress
             )
         network = dataclasses.replace(network, provenance=provenance)
-        _show_beside([result, network])
+        _show_comparison([result, network])
         _finish(demo_folder, folder, result, network, artist)
 
 
-def _show_beside(results: list[Result]) -> None:
+def _show_comparison(results: list[Result]) -> None:
     """Show parameters, curve and weights of the estimators beside the truth."""
     import numpy as np
 
@@ -128,13 +128,13 @@ def _finish(
         "network.png": "its curve beside that of step 2",
     }
     width = max(map(len, files))
-    _chapter(
+    _print_chapter(
         "4  What is written",
         *(f"{folder}/{name:<{width}}  {words}" for name, words in files.items()),
     )
 
 
-def _chapter(title: str, *lines: str) -> None:
+def _print_chapter(title: str, *lines: str) -> None:
     from rich.padding import Padding
 
     say(f"\n{title}", style="bold")

@@ -60,13 +60,14 @@ def _show(
     from vibrident.show import words
 
     console = output_console()
-    for label, text in _understood(calibration).items():
+    for label, text in _describe_reading(calibration).items():
         console.print(
             Text.assemble((f"{label + ':':<11}", "bold"), printable(text)), soft_wrap=True
         )
     console.print()
     show_rows(
-        _telling(io.describe(calibration)), "Tabulated response" if calibration.table else "Records"
+        _drop_empty_columns(io.describe(calibration)),
+        "Tabulated response" if calibration.table else "Records",
     )
     if light := [
         _light_row(record.name, record.optical) for record in calibration.records if record.optical
@@ -110,7 +111,7 @@ def _steps(calibration: Calibration) -> list[str]:
     )
 
 
-def _understood(calibration: Calibration) -> dict[str, str]:
+def _describe_reading(calibration: Calibration) -> dict[str, str]:
     from vibrident.base.amounts import pretty
     from vibrident.show.numbers import sensor_name
 
@@ -180,7 +181,7 @@ def _light_row(name: str, optical: OpticalSummary) -> dict[str, Any]:
     return row
 
 
-def _telling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _drop_empty_columns(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return rows without empty columns; one or two rows become properties line by line."""
     silent = [
         key for key in ("frequency / Hz", "left out") if not any(row.get(key) for row in rows)

@@ -11,7 +11,7 @@ from vibrident.app.cli import options
 from vibrident.app.cli.console import say, show_written
 from vibrident.app.cli.options import choice, flag, option, unreadable_error
 from vibrident.app.cli.progress import ProgressBar
-from vibrident.app.workflow.folder import refuse_used, written_whole
+from vibrident.app.workflow.folder import refuse_filled_folder, written_whole
 from vibrident.app.workflow.simulated import write
 from vibrident.base.errors import unknown
 
@@ -114,7 +114,7 @@ def simulate(
     force: bool = flag("--force", help="Write into a folder that is not empty."),
 ) -> None:
     """Simulate a calibration: records, calibration.toml for identify, and truth.json."""
-    refuse_used(folder, force=force)
+    refuse_filled_folder(folder, force=force)
     settings: dict[str, Any] = {
         "sampling_rate_hz": rate,
         "samples": samples,

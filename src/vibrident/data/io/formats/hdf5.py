@@ -21,7 +21,7 @@ from vibrident.data.io.arrays import ArrayColumn, ArrayFile, channels_of, column
 from vibrident.data.io.columns import Channel, Clock, StartTime, reading, require_few, require_room
 from vibrident.data.io.hdf5_attributes import (
     axes_of,
-    kept_elsewhere,
+    external_reason,
     levels_of,
     packing_of,
     text_attribute,
@@ -303,7 +303,7 @@ def _reason_against(dataset: Any) -> str:
     if text_attribute(dataset, "NAME").startswith(_NO_COORDINATES):
         return "a dimension without coordinates"
     if dataset.dtype.kind in "iufbcV":
-        return kept_elsewhere(dataset)
+        return external_reason(dataset)
     words = {"O": "text or references", "S": "text"}
     return f"{words.get(dataset.dtype.kind, str(dataset.dtype))} and not real numbers"
 

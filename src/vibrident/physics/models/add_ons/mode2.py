@@ -88,7 +88,7 @@ def _alternatives(core: Model, values: Values) -> tuple[Relabelling, ...]:
     return (exchange,)
 
 
-def _in_order(values: Values, exchanged: Values) -> bool:
+def _are_in_order(values: Values, exchanged: Values) -> bool:
     """Return whether the first mode has the larger share, or the lower frequency of equal ones."""
     share = abs(values["mode2_gain"])
     return not (
@@ -96,7 +96,7 @@ def _in_order(values: Values, exchanged: Values) -> bool:
     )
 
 
-def _undecided(values: Values, uncertainty: Values) -> bool:
+def _are_equal_shares(values: Values, uncertainty: Values) -> bool:
     """Return whether the shares are equal within their uncertainty."""
     return abs(abs(values["mode2_gain"]) - 1.0) <= MIN_SHARE_DISTANCE_U * uncertainty["mode2_gain"]
 
@@ -137,5 +137,5 @@ MODE2 = AddOn(
     in_series=False,
     oscillator=_MODE,
     share="mode2_gain",
-    labels=Labels(_alternatives, _in_order, _undecided, _QUESTION),
+    labels=Labels(_alternatives, _are_in_order, _are_equal_shares, _QUESTION),
 )
