@@ -20,7 +20,7 @@ PATIENCE_S = 20.0  # to wait for a scheduler
 LOCAL = "local"  # in place of an address: workers of this machine, one a core
 #: Packages whose versions decide the last digits of a sum.
 _ARITHMETIC = ("numpy", "scipy")
-_AHEAD = 2  # calls that wait for each thread, so that none is idle
+_WAITING_CALLS_PER_THREAD = 2  # calls that wait for each thread, so that none is idle
 
 
 def connect(where: str, setting: str, patience_s: float = PATIENCE_S) -> Any:
@@ -100,7 +100,7 @@ class Cluster:
             InputError: the connection is lost, or a worker ends again and again.
         """
         remaining = iter(arguments)
-        ahead = _AHEAD * max(sum(self._client.nthreads().values()), 1)
+        ahead = _WAITING_CALLS_PER_THREAD * max(sum(self._client.nthreads().values()), 1)
         calls = deque(self._calls(function, itertools.islice(remaining, ahead)))
         try:
             while calls:

@@ -17,7 +17,7 @@ from typing import IO, Any
 
 import numpy as np
 
-_ALIGNED = 16
+_ALIGNMENT_BYTES = 16
 _PACKAGE = "vibrident."
 
 
@@ -33,11 +33,13 @@ def send(stream: IO[bytes] | io.RawIOBase, value: Any) -> None:
     """
     buffers: list[memoryview] = []
     tree = _plain(value, buffers)
-    line = json.dumps([sum(len(buffer) + -len(buffer) % _ALIGNED for buffer in buffers), tree])
+    line = json.dumps(
+        [sum(len(buffer) + -len(buffer) % _ALIGNMENT_BYTES for buffer in buffers), tree]
+    )
     stream.write(line.encode() + b"\n")
     for buffer in buffers:
         stream.write(buffer)
-        stream.write(bytes(-len(buffer) % _ALIGNED))
+        stream.write(bytes(-len(buffer) % _ALIGNMENT_BYTES))
     stream.flush()
 
 
@@ -91,7 +93,7 @@ class _Buffers:
         piece = self._content[self._offset : self._offset + length]
         if length < 0 or len(piece) != length:
             raise ValueError("an array without its bytes")
-        self._offset += length + -length % _ALIGNED
+        self._offset += length + -length % _ALIGNMENT_BYTES
         return piece
 
 

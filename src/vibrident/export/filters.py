@@ -125,9 +125,11 @@ _SAMPLING_ZEROS = {
 }
 #: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
 BELOW = 0.01
-OUTSIDE = 1e-3  # weight of the correction's gain above the band, relative to its error in the band
+GAIN_WEIGHT_OUTSIDE = (
+    1e-3  # weight of the correction's gain above the band, relative to its error in the band
+)
 LOW_PASS_ORDER = 8
-LONGEST = 16384  # longest delay line, samples
+MAX_DELAY_SAMPLES = 16384  # longest delay line, samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +234,10 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
         system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1]))
     )
     shift = (sensor.delay_s + 0.5 * sensor.window_s) * rate_hz
-    if abs(shift) > LONGEST:
+    if abs(shift) > MAX_DELAY_SAMPLES:
         raise InputError(
             "The delay is too long for a delay line.",
-            expected=f"{LONGEST} samples at most",
+            expected=f"{MAX_DELAY_SAMPLES} samples at most",
             found=f"{shift:.0f} samples",
             where="⟦export.rate_hz⟧",
             remedy="leave the delay out with ⟦export.without⟧, and delay the samples elsewhere",
@@ -283,7 +285,7 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
         rate_hz,
         shift=float(slope * rate_hz),
         tolerance=CORRECTION_TOLERANCE,
-        outside=OUTSIDE,
+        outside=GAIN_WEIGHT_OUTSIDE,
         size=1e-5,
         fewest=16,
     )

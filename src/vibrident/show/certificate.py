@@ -21,7 +21,7 @@ from vibrident.data.io.certificate import check_dates
 from vibrident.result import Result
 from vibrident.show import certificate_decisions, tables
 from vibrident.show import certificate_tables as parts
-from vibrident.show.certified import REJECTED, certified, said_of_raised
+from vibrident.show.certified import REJECTED, certified, describe_raised
 from vibrident.show.coverage import coverage, document_kind, not_certified, parameter_factor
 from vibrident.show.findings import findings
 from vibrident.show.formulas import Mixed
@@ -279,7 +279,7 @@ def statements(result: Result, say: Say = ENGLISH) -> tuple[str, ...]:
         if covers
         else "",
         say("text", "reference", percent=plain(100.0 * relative, 3)) if relative else "",
-        *said_of_raised(result, say),
+        *describe_raised(result, say),
         ""
         if result.is_tracked
         else say.each(

@@ -60,7 +60,7 @@ def raised_to_measured(result: Result) -> Result:
     return replace(raised_result, settings=settings)
 
 
-def said_of_raised(result: Result, say: Say = ENGLISH) -> tuple[Words, ...]:
+def describe_raised(result: Result, say: Say = ENGLISH) -> tuple[Words, ...]:
     """Return which U of a result are raised: to the laboratory's capability, to the measured."""
     settings = result.settings
     entries = ("cmc", settings.get("cmc")), ("raised", settings.get(RAISED))

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from vibrident.data.interferometer.ellipse import Ellipse
     from vibrident.data.interferometer.summary import OpticalSummary
 
-MOST = 6  # most records in a picture
+MAX_RECORDS = 6  # most records in a picture
 MAX_OPTICAL_RECORDS = 4  # most records in a picture of raw light
 PERIODS = 5.0  # periods of a sine in an excerpt
-ROUND = 361  # points of an ellipse
+ELLIPSE_POINTS = 361  # points of an ellipse
 
 
 def inspection(calibration: Calibration) -> Figure:
@@ -46,7 +46,7 @@ def inspection(calibration: Calibration) -> Figure:
         return _table(calibration, calibration.table)
     records = sorted(calibration.records, key=lambda record: sine_frequency(record) or 0.0)
     doubtful = [not record.mask.all() for record in records]
-    drawn = [records[i] for i in _choose_records(doubtful, MOST)]
+    drawn = [records[i] for i in _choose_records(doubtful, MAX_RECORDS)]
     faulty = sum(doubtful)
     stacks = tuple(_record(record, calibration) for record in drawn)
     left_out = f"× left out of every fit ({faulty} records affected)." if faulty else ""
@@ -171,7 +171,7 @@ def lissajous(points: FloatArray, ellipse: Ellipse | None) -> Panel:
     series = [Series(points[0], points[1], "", Look(BLUE, marker="."), "points")]
     visible = points
     if ellipse is not None:
-        turn = np.linspace(0.0, 2.0 * np.pi, ROUND)
+        turn = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_POINTS)
         around = ellipse.centre[:, None] + ellipse.matrix @ np.stack([np.cos(turn), np.sin(turn)])
         series.append(Series(around[0], around[1], "", Look(VERMILION, width=0.8)))
         visible = np.append(points, around, axis=1)

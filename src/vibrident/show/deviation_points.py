@@ -18,8 +18,8 @@ from vibrident.show.language import ENGLISH, Say
 from vibrident.show.numbers import NONE, plain, rounded, unit_of_sensitivity, with_sign, with_u
 from vibrident.show.points import reference_value
 from vibrident.show.views import (
-    CROWD,
     GREY,
+    MAX_POINTS_WITH_BARS,
     MEASURED,
     Column,
     Figure,
@@ -142,7 +142,7 @@ def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
     x = result.measured.frequency_hz[order]
     y = np.array([row.value for row in rows])
     half = np.array([math.nan if row.u is None else K * row.u for row in rows])
-    crowd = len(rows) > CROWD or not np.isfinite(half).any()
+    crowd = len(rows) > MAX_POINTS_WITH_BARS or not np.isfinite(half).any()
     series = [Series(x, y, "", MEASURED, "points", None if crowd else half)]
     ends = [np.array([getattr(row, end) for row in rows]) for end in ("low", "high")]
     for end in ends:

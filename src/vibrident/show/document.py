@@ -15,7 +15,7 @@ from vibrident.show import (
     tables,
     weight_tables,
 )
-from vibrident.show.certified import RAISED, raised_to_measured, said_of_raised
+from vibrident.show.certified import RAISED, describe_raised, raised_to_measured
 from vibrident.show.comparison import comparison_tables
 from vibrident.show.comparison_curves import comparison_figure
 from vibrident.show.coverage import parameter_factor, scatter_only
@@ -63,7 +63,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
             "parameters",
             "Parameters",
             tables.parameters(result),
-            *map(Sentence, said_of_raised(result)),
+            *map(Sentence, describe_raised(result)),
         ),
         # free decays alone have neither gain nor curve
         *(_curves(result) if result.has_gain else []),

@@ -23,7 +23,7 @@ from vibrident.show.views import (
 
 MAX_TABLE_ROWS = 30  # findings in a table; the result lists them all
 _MAX_KINDS_IN_LINE = 3  # kinds of finding in a line
-_LEAST = 1e-99  # probabilities below are not told apart
+_MIN_PROBABILITY = 1e-99  # probabilities below are not told apart
 
 _NOTES = (
     "A finding is a departure from the fit that noise alone would hardly show. One that matters is "
@@ -90,7 +90,9 @@ def table(result: Result) -> Table | None:
     for finding in result.findings[: listed(len(result.findings), MAX_TABLE_ROWS)]:
         time = "" if finding.time_s is None else plain(finding.time_s, 4)
         chance = (
-            f"<{plain(_LEAST)}" if finding.probability < _LEAST else plain(finding.probability, 1)
+            f"<{plain(_MIN_PROBABILITY)}"
+            if finding.probability < _MIN_PROBABILITY
+            else plain(finding.probability, 1)
         )
         rows.append(
             (

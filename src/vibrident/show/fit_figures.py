@@ -24,8 +24,8 @@ from vibrident.show.numbers import frequency_text, shortened, subject
 from vibrident.show.views import (
     BLACK,
     BLUE,
-    CROWD,
     LINES,
+    MAX_POINTS_WITH_BARS,
     ORANGE,
     SKY,
     VERMILION,
@@ -170,7 +170,7 @@ def _stems(
     )
     kind = "stems" if len(positions) <= 80 else "points"
     short_names = tuple(shortened(name, 40) for name in names)
-    look = Look(VERMILION, marker="o" if len(positions) <= CROWD else ".")
+    look = Look(VERMILION, marker="o" if len(positions) <= MAX_POINTS_WITH_BARS else ".")
     series = (Series(positions, percent, "", look, kind, names=short_names),)
     return Panel(
         x, y, series, 2.0, title, empty="" if positive.size else "no residuals in the result"

@@ -20,7 +20,7 @@ from vibrident.show.numbers import magnitude_scale, rounded_parameter, sensitivi
 from vibrident.show.response_figures import response_panels
 from vibrident.show.views import Block, Column, Figure, K, Sentence, Stack, Table, columns
 
-POINTS = 200  # of a sensor's curve
+CURVE_POINTS = 200  # of a sensor's curve
 
 
 def result(identification: Result) -> str:
@@ -80,7 +80,7 @@ def sensor(identified: IdentifiedSensor) -> str:
 
 
 def _curve(identified: IdentifiedSensor, band_hz: tuple[float, float], quantity: Quantity) -> Curve:
-    frequency = np.geomspace(*band_hz, POINTS)
+    frequency = np.geomspace(*band_hz, CURVE_POINTS)
     response = identified.frequency_response(frequency, quantity)
     relative, angle = identified.uncertainty(frequency, quantity)
     size = np.abs(response)

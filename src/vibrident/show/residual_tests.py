@@ -18,11 +18,11 @@ from vibrident.show.curves import bars_of_deviation, column, principal
 from vibrident.show.numbers import NONE, plain, signed
 from vibrident.show.views import K, Table, columns
 
-LEVEL = 0.01  # probability below which a test fails
+SIGNIFICANCE_LEVEL = 0.01  # probability below which a test fails
 #: One test: its name, the value found, the value expected of noise, whether it passes, and what a
 #: failure means.
 _Outcome = tuple[str, str, str, bool, str]
-FEWEST = 8  # fewer points tell nothing of a pattern
+MIN_POINTS = 8  # fewer points tell nothing of a pattern
 
 
 def residual_tests(result: Result) -> Table:
@@ -42,8 +42,8 @@ def residual_tests(result: Result) -> Table:
     ]
     note = (
         "Deviations in units of their standard uncertainty, in the order of frequency; fewer than "
-        f"{FEWEST} points with an uncertainty are not tested. Noise alone fails each in "
-        f"{100 * LEVEL:g} % of cases."
+        f"{MIN_POINTS} points with an uncertainty are not tested. Noise alone fails each in "
+        f"{100 * SIGNIFICANCE_LEVEL:g} % of cases."
     )
     return Table(
         columns("test", "found", "usual", "outcome", "what a failure means"),
@@ -79,18 +79,18 @@ def _ordered(result: Result, deviation: FloatArray, u: FloatArray) -> FloatArray
 
 
 def _pattern_tests(name: str, z: FloatArray, common: bool) -> list[_Outcome]:
-    if z.size < FEWEST:
+    if z.size < MIN_POINTS:
         return []
     from scipy.special import bdtr, ndtri
 
     n = z.size
     inside = int(np.sum(np.abs(z) <= K))
     coverage = math.erf(K / math.sqrt(2.0))
-    far = float(ndtri(1.0 - LEVEL / (2.0 * n)))
+    far = float(ndtri(1.0 - SIGNIFICANCE_LEVEL / (2.0 * n)))
     largest = float(np.max(np.abs(z)))
     lagged = float(np.sum(z[1:] * z[:-1]) / np.sum(z**2)) if np.any(z) else 0.0
-    limit = float(ndtri(1.0 - LEVEL / 2.0)) / math.sqrt(n)
-    enough = float(bdtr(inside, n, coverage)) >= LEVEL
+    limit = float(ndtri(1.0 - SIGNIFICANCE_LEVEL / 2.0)) / math.sqrt(n)
+    enough = float(bdtr(inside, n, coverage)) >= SIGNIFICANCE_LEVEL
     near = f"{100 * coverage:.1f} % of them"
     outlier = "one point is an outlier"
     small = "uncertainties of the points too small, or a misfit at some of them"

@@ -33,7 +33,7 @@ from vibrident.show.numbers import (
 from vibrident.show.views import (
     BLACK,
     BLUE,
-    CROWD,
+    MAX_POINTS_WITH_BARS,
     MEASURED,
     ORANGE,
     PURPLE,
@@ -70,7 +70,7 @@ def sensitivity(result: Result) -> Figure | None:
 
 def _small_print(result: Result) -> list[str]:
     drawn = []
-    if len(result.measured.frequency_hz) <= CROWD and _has_finite(
+    if len(result.measured.frequency_hz) <= MAX_POINTS_WITH_BARS and _has_finite(
         result.measured.magnitude_uncertainty
     ):
         drawn.append("bars")
@@ -158,7 +158,7 @@ def _points(
     texts: tuple[str, ...],
 ) -> Series:
     """Return marks with bars, in the order of frequency; many are a cloud without bars."""
-    crowd = len(x) > CROWD
+    crowd = len(x) > MAX_POINTS_WITH_BARS
     bars = None if crowd or not _has_finite(half) else half
     look = Look(ORANGE, marker=".") if crowd else MEASURED
     named = label if bars is None else f"{label}, U (k = 2)"
@@ -231,7 +231,7 @@ def deviation(result: Result) -> Figure | None:
             ("Phase deviation", "°", phase, bars[1], expanded(model, "phase_deg"), *of_phase)
         )
     panels = [_deviation(result, *panel_data) for panel_data in panels_data]
-    bars_are = "dashed lines" if frequency.size > CROWD else "bars"
+    bars_are = "dashed lines" if frequency.size > MAX_POINTS_WITH_BARS else "bars"
     caption = (
         "Deviation = model − measured, magnitude relative to measured. Expanded uncertainty U, k = "
         f"2: {bars_are} deviation, band as named."
@@ -293,8 +293,8 @@ def _deviation(
         for f, value, bar in zip(x, y, bars, strict=True)
     )
     series.append(_points(measured, x, y, bars, "model − measured", texts))
-    if len(x) > CROWD and _has_finite(bars):
-        few = spread(len(x), 4 * CROWD)
+    if len(x) > MAX_POINTS_WITH_BARS and _has_finite(bars):
+        few = spread(len(x), 4 * MAX_POINTS_WITH_BARS)
         look = Look(BLACK, "dashed", 1.1)
         series += [
             Series(x[few], sign * bars[few], "measured, U (k = 2)", look) for sign in (1, -1)

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from vibrident.use.correction import Correction, Corrections
     from vibrident.use.planning import MountedSensor, Plan
 
-MOST = 4  # most records in a picture
+MAX_RECORDS = 4  # most records in a picture
 MAX_POINTS_PER_LINE = 2000  # most points of a line of a tracked sensor
-USUAL = 0.9  # part of its rows whose U the axes show whole
+SHARE_SHOWN_WHOLE = 0.9  # part of its rows whose U the axes show whole
 #: Origins of uncertainty: how each is drawn and called. One that is nowhere a hundredth of the
 #: whole is left out.
 _ORIGINS = {
@@ -52,7 +52,7 @@ _ORIGINS = {
     "background": (Look(ORANGE, "dashed", 1.1), "disturbance seen at rest"),
 }
 _MIN_SHARE = 0.01
-_LEAST = 3e-3  # part of the whole below which a line ends
+_MIN_LINE_SHARE = 3e-3  # part of the whole below which a line ends
 
 
 def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure:
@@ -62,7 +62,7 @@ def correction(corrections: Corrections, sensor: Mapping[str, object]) -> Figure
     the heading.
     """
     every = corrections.corrections
-    drawn = [every[i] for i in spread(len(every), MOST)]
+    drawn = [every[i] for i in spread(len(every), MAX_RECORDS)]
     share = f" ({len(drawn)} of {len(every)} records)" if len(every) > len(drawn) else ""
     title = f"{corrections.motion.capitalize()} restored from the response{share}"
     stacks = tuple(_corrected(record_correction, corrections) for record_correction in drawn)
@@ -94,7 +94,7 @@ def _corrected(correction: Correction, corrections: Corrections) -> Stack:
     for name, (look, words) in _ORIGINS.items():
         values = correction.components[name][span]
         if np.isfinite(values).any() and np.nanmax(values) > _MIN_SHARE * typical:
-            visible = np.where(values > _LEAST * typical, values, np.nan)
+            visible = np.where(values > _MIN_LINE_SHARE * typical, values, np.nan)
             lower.append(Series(time[thin], visible[thin], words, look))
     lower.append(Series(time[thin], u[thin], "together (u)", Look(BLACK)))
     scale = scaled("Hz", correction.band.high_hz)
@@ -228,7 +228,7 @@ def tracking(
         half = K * columns[f"{name}_u"][thin]
         bar = np.where(np.isfinite(half), half, 0.0)
         # a change that is not named yet would hide all else
-        bar = np.minimum(bar, np.quantile(bar, USUAL))
+        bar = np.minimum(bar, np.quantile(bar, SHARE_SHOWN_WHOLE))
         unit = "" if parameter["unit"] == "1" else parameter["unit"]
         word = in_words(name).capitalize() + (f"\nin {pretty(unit)}" if unit else "")
         y = axes.linear(word, np.concatenate([values - bar, values + bar]))

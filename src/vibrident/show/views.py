@@ -25,7 +25,9 @@ BLACK = "#000000"
 GREY = "#767676"
 
 K = 2.0  # coverage factor of every band and bar
-CROWD = 200  # more points than this are drawn without bars, which would hide everything else
+MAX_POINTS_WITH_BARS = (
+    200  # more points than this are drawn without bars, which would hide everything else
+)
 
 
 Marker = Literal["", "o", "s", "^", "D", "v", "x", "."]

@@ -84,7 +84,7 @@ def normalized_error(
 #: Kinds of contributions that stay the same from one calibration to the next while their source
 #: does. All others are new each time: a sensor is mounted anew, and an ellipse is fitted to the
 #: signals of the day.
-LASTING_KINDS = ("gain", "timing", "phase", "clock")
+REPEATED_KINDS = ("gain", "timing", "phase", "clock")
 #: Row of the budget for the calibration of the reference.
 REFERENCE_SOURCE = "calibration of the reference"
 
@@ -113,7 +113,7 @@ def shared_sources(
     contributions: dict[str, float] = {}
     for row in result.settings.get("uncertainty_budget") or ():
         kind = str(row.get("kind", ""))
-        if kind in LASTING_KINDS:
+        if kind in REPEATED_KINDS:
             u = (
                 _sensitivity_share(result, row, *sensitivity)
                 if sensitivity is not None

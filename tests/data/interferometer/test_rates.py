@@ -77,7 +77,7 @@ def test_a_line_of_noise_is_not_taken_for_motion():
 
 
 def test_a_sine_slower_than_the_first_look_is_found(monkeypatch):
-    monkeypatch.setattr(rough, "PIECE", 1 << 12)
+    monkeypatch.setattr(rough, "PIECE_SAMPLES", 1 << 12)
     rate, time = 1e5, np.arange(60_000) / 1e5
     signals, choice = of(200.0 * np.sin(2.0 * np.pi * 10.0 * time), rate)
     assert abs(rough_frequency(signals, choice) - 10.0) < 1.0

@@ -67,7 +67,7 @@ class CompareStep:
                 ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props(
                     "outline"
                 )
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
 
     async def _report(self, form: str) -> None:
         self.errors.clear()

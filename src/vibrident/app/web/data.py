@@ -92,7 +92,7 @@ class DataStep:
                     say("Load the simulated demo"), on_click=self._demo
                 ).props("outline")
                 ui.button(say("Start anew"), on_click=self._ask_anew).props("flat")
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             self.left_out = ui.element("div").props("aria-live=polite")
             self.listing = frame.hint("").props("role=status id=files")
             self.named = ui.element("div").classes("named").props("role=list")

@@ -83,7 +83,7 @@ class FitStep:
                 self.status = ui.label("").props("role=status id=status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props("id=share").props["aria-label"] = say("share of the iterations")
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             self.curve = frame.GrowingChart(ui.element("div").classes("chart"), CURVE_HEIGHT_PX)
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
         self.stop.visible = self.spinner.visible = self.section.visible = self.share.visible = False

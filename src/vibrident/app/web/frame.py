@@ -136,7 +136,7 @@ def actions() -> ui.element:
     return ui.element("div").classes("actions")
 
 
-def error_place() -> ui.element:
+def add_error_area() -> ui.element:
     """Add a place for errors, which a screen reader says as they come."""
     return ui.element("div").props("aria-live=assertive")
 

@@ -47,7 +47,7 @@ class IssueStep:
                 refresh = ui.button(say("Look again"), on_click=self.show)
                 refresh.props("outline id=refresh-drafts")
             self.words = frame.hint("").props("role=status id=issue-words")
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             self.body = ui.element("div")
         self.section.visible = False
 

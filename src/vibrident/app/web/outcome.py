@@ -107,10 +107,10 @@ class OutcomeStep:
             self.certificate = CertificateForm(self.user, named, outcome["states"])
             self._downloads(named, *outcome["pdf"])
             self.certificate.build()
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             _curves(outcome)
             self._exports(named)
-            self.export_errors = frame.error_place()
+            self.export_errors = frame.add_error_area()
             if go:  # before the history, which is read in a process of its own
                 frame.scroll_to(self.section)
             if self.user.users.store:
@@ -272,7 +272,7 @@ class HistoryPanel:
             )
             draft.visible = self.hand_in.is_offered and self.user.may("identify")
         self.words = frame.hint("").props("role=status id=history-words")
-        self.errors = frame.error_place()
+        self.errors = frame.add_error_area()
         self.body = ui.element("div").props("id=history")
         await self._ask(sandboxed.read_history)
 

@@ -29,7 +29,7 @@ from vibrident.data.io.columns import require_room
 from vibrident.data.io.reader import open_columns
 from vibrident.result import Result
 from vibrident.show import certificate, document, figures, tables
-from vibrident.show.certified import raised_to_measured, said_of_raised
+from vibrident.show.certified import describe_raised, raised_to_measured
 from vibrident.show.comparison import comparison_tables
 from vibrident.show.comparison_curves import comparison_figure
 from vibrident.show.coverage import chain_unstated, unstated
@@ -131,7 +131,7 @@ def read_outcome(path: Path, code: str = "en") -> dict[str, Any]:
             "parameters": [*result.parameters],
         },
         "parameters": fragment(
-            speak, tables.parameters(result), *map(Sentence, said_of_raised(result))
+            speak, tables.parameters(result), *map(Sentence, describe_raised(result))
         ),
         "warnings": fragment(speak, *describe_findings(fitted, page_word(speak=speak))),
         "charts": fitting,

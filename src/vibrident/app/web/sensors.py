@@ -40,7 +40,7 @@ class SensorsStep:
                 ui.button(say("Search"), on_click=lambda: self.show()).props(
                     "outline id=find-serial"
                 )
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             self.words = frame.hint("").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
         self.section.visible = False

@@ -20,7 +20,7 @@ from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
 _PACE_S = 0.25  # seconds between two looks at the progress
-_LIVE_HEIGHT = 230  # of the growing chart, pixels
+_LIVE_HEIGHT_PX = 230  # of the growing chart, pixels
 
 
 class ToolsStep:
@@ -50,9 +50,9 @@ class ToolsStep:
                 self.status = ui.label("").props("role=status id=task-status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
             self.share.props("id=task-share").props["aria-label"] = say("share of the task")
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             chart_element = ui.element("div").classes("chart").props("id=task-live")
-            self.live = frame.GrowingChart(chart_element, _LIVE_HEIGHT)
+            self.live = frame.GrowingChart(chart_element, _LIVE_HEIGHT_PX)
             self.body = ui.element("div").props('aria-live=polite id="said"')
         self.timer = ui.timer(_PACE_S, self._follow, active=now is not None)
         self._ask()

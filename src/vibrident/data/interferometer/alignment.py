@@ -18,8 +18,8 @@ from scipy import fft
 from vibrident.base.errors import InputError
 from vibrident.data.interferometer.decimation import (
     ATTENUATION_DB,
-    BETA,
-    PASS,
+    KAISER_BETA,
+    PASS_EDGE,
     at_positions,
     decimated,
     lost_at_an_end,
@@ -27,7 +27,7 @@ from vibrident.data.interferometer.decimation import (
 )
 from vibrident.data.interferometer.demodulation import Demodulated
 from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
-from vibrident.data.interferometer.survey import BLOCK
+from vibrident.data.interferometer.survey import BLOCK_SAMPLES
 
 #: Half the filter's length, by Kaiser's formula for a transition from 0.4 to 0.5 of the rate.
 HALF_FILTER = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * 0.1)))
@@ -48,8 +48,8 @@ def _derivative_filter() -> FloatArray:
     frequency = np.arange(points // 2 + 1) / points  # of the rate
     half = np.pi * frequency
     target = np.divide(half, np.sin(half), out=np.ones(half.shape), where=half > 0.0) ** 2
-    inside = frequency <= 0.5 * (PASS + 0.5)
-    window = np.kaiser(2 * HALF_FILTER + 1, BETA)
+    inside = frequency <= 0.5 * (PASS_EDGE + 0.5)
+    window = np.kaiser(2 * HALF_FILTER + 1, KAISER_BETA)
     raised_target = target.copy()
     for _ in range(8):  # the window smooths the target, so the target is raised where it is curved
         impulse = (
@@ -61,7 +61,7 @@ def _derivative_filter() -> FloatArray:
         response = np.real(
             np.fft.rfft(np.roll(np.pad(impulse, (0, points - impulse.size)), -HALF_FILTER))
         )
-        raised_target += np.where(frequency <= PASS, target - response, 0.0)
+        raised_target += np.where(frequency <= PASS_EDGE, target - response, 0.0)
     return np.asarray(impulse)
 
 
@@ -152,8 +152,8 @@ def aligned_channels(
         delay_s: delay of the optical channel.
     """
     blocks = (
-        response.block(s, min(s + BLOCK, response.samples))
-        for s in range(0, response.samples, BLOCK)
+        response.block(s, min(s + BLOCK_SAMPLES, response.samples))
+        for s in range(0, response.samples, BLOCK_SAMPLES)
     )
     values = decimated(
         (block[0].astype(float, copy=False) for block in blocks), response.samples, every

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.interferometer.decimation import HALF, PASS, at_lower_rate, filtered, taps
+from vibrident.data.interferometer.decimation import HALF, PASS_EDGE, at_lower_rate, filtered, taps
 from vibrident.data.interferometer.setting import FloatArray, SampledSignals
 
-PIECE = 8192  # samples of each of 48 pieces in which the carrier is searched
+PIECE_SAMPLES = 8192  # samples of each of 48 pieces in which the carrier is searched
 MIN_TO_LARGEST = 1e-4  # the carrier's band is above this share of the largest line
 MIN_TO_FLOOR = 45.0  # it is also above this multiple of the floor …
 FLOOR_QUANTILE = 0.05  # … which is this quantile of the spectrum: a wide band fills most of it
@@ -55,7 +55,7 @@ def mix_down(
             remedy="correct carrier_hz, or rate_hz of [interferometer]",
         )
     room = USABLE_ROOM * min(near_hz, half - near_hz)
-    length = min(PIECE, raw.samples)
+    length = min(PIECE_SAMPLES, raw.samples)
     starts = np.linspace(0, raw.samples - length, 48).astype(int)
     pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
     power = (
@@ -68,13 +68,14 @@ def mix_down(
     )
     low, high = _carrier_band_hz(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
     least = max(
-        16.0 * raw.rate_hz / PIECE, min(MIN_BAND_TO_RESPONSE_RATE * response_hz, most * raw.rate_hz)
+        16.0 * raw.rate_hz / PIECE_SAMPLES,
+        min(MIN_BAND_TO_RESPONSE_RATE * response_hz, most * raw.rate_hz),
     )
     full = min(0.5 * FULL_BAND_RATIO * (high - low), _clear_band_hz(np.mean(power, axis=0), half))
     kept_band = min(max(0.5 * MIN_BAND_RATIO * (high - low), full, least), room)
     carrier_hz = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
     kept_band = min(kept_band, USABLE_ROOM * min(carrier_hz, half - carrier_hz))
-    factor = int(np.clip(PASS * raw.rate_hz / kept_band, 2, max(raw.samples // (8 * HALF), 2)))
+    factor = int(np.clip(PASS_EDGE * raw.rate_hz / kept_band, 2, max(raw.samples // (8 * HALF), 2)))
     cycles = carrier_hz / raw.rate_hz
     kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
     # The filter lets part of the offset pass where the carrier's band is wide.

@@ -16,12 +16,14 @@ import numpy as np
 
 from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 
-PASS = 0.4  # edge of the pass band over the new rate
-STOP = 0.6  # edge of the stop band over the new rate
+PASS_EDGE = 0.4  # edge of the pass band over the new rate
+STOP_EDGE = 0.6  # edge of the stop band over the new rate
 ATTENUATION_DB = 130.0  # attenuation of the stop band, dB
-BETA = 0.1102 * (ATTENUATION_DB - 8.7)  # shape of Kaiser's window above 50 dB, by his formula
+KAISER_BETA = 0.1102 * (
+    ATTENUATION_DB - 8.7
+)  # shape of Kaiser's window above 50 dB, by his formula
 #: Half the filter's length in new sampling intervals: Kaiser's formula.
-HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP - PASS))))
+HALF = int(np.ceil(0.5 * (ATTENUATION_DB - 7.95) / (2.285 * 2.0 * np.pi * (STOP_EDGE - PASS_EDGE))))
 BLOCK_SAMPLES = 1 << 17  # samples that are filtered at once
 # positions between two samples at which the interpolation filter is tabulated; linear between them
 TABULATED_POSITIONS = 4096
@@ -35,7 +37,7 @@ def taps(factor: int) -> FloatArray:
     """
     half = HALF * factor
     index = np.arange(-half, half + 1)
-    window = np.kaiser(2 * half + 1, BETA)
+    window = np.kaiser(2 * half + 1, KAISER_BETA)
     values = np.sinc(index / factor) * window
     return values / values.sum()
 
@@ -219,6 +221,8 @@ def _table(spacing: float, length: int) -> FloatArray:
     )
     inside = np.clip(1.0 - (distance / half) ** 2, 0.0, None)
     table = np.where(
-        np.abs(distance) <= half, np.sinc(distance / spacing) * np.i0(BETA * np.sqrt(inside)), 0.0
+        np.abs(distance) <= half,
+        np.sinc(distance / spacing) * np.i0(KAISER_BETA * np.sqrt(inside)),
+        0.0,
     )
     return np.asarray(table / table.sum(axis=1, keepdims=True))

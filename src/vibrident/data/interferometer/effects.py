@@ -24,7 +24,7 @@ from scipy import fft
 from scipy.special import j1
 
 from vibrident.data.effects import EffectKind, SystematicEffect
-from vibrident.data.interferometer.decimation import PASS
+from vibrident.data.interferometer.decimation import PASS_EDGE
 from vibrident.data.interferometer.ellipse import Ellipse
 from vibrident.data.interferometer.phase import ORDERS, TURN, PhasePath, unwrapped, waves
 from vibrident.data.interferometer.setting import (
@@ -40,13 +40,13 @@ MIN_USUAL_SAMPLES = 256  # of a piece; of fast motion, fewer …
 MIN_PIECE_SAMPLES = 32  # … but not below this
 MAX_PIECE_SAMPLES = 1 << 15
 FRINGES_PER_PIECE = 5.0
-DEGREE = 11  # of the polynomial
+POLYNOMIAL_DEGREE = 11  # of the polynomial
 #: Above this speed, rad per sample, harmonic n is not complete: its sidebands, n + 1 times as fast,
 #: are filtered out where a carrier is mixed down.
-MAX_SPEED_RAD = TURN * PASS / (ORDERS[-1] + 1)
+MAX_SPEED_RAD = TURN * PASS_EDGE / (ORDERS[-1] + 1)
 MIN_PIECES = 16
 MAX_CONDITION = 1e10  # of the normal equations of the harmonics, in float64
-BANDS = 16  # of frequency, from the lowest line …
+FREQUENCY_BANDS = 16  # of frequency, from the lowest line …
 MAX_BAND_HZ_OF_RATE = 0.45  # … to this part of the sampling rate
 #: Harmonics of the phase error by (p, q, a, b, e) of an ellipse.
 _ELLIPSE_HARMONICS = np.array([
@@ -121,7 +121,7 @@ def cyclic_error(
         )
     )
     polynomials, _ = np.linalg.qr(
-        np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), DEGREE)
+        np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), POLYNOMIAL_DEGREE)
     )
     normals = []
     scores = []
@@ -242,7 +242,7 @@ def harmonics_of_motion(
     reference = np.asarray(fft.rfft((phase - phase.mean()) * window))
     lines = np.arange(reference.shape[0]) * rate_hz / count
     lowest_hz = max(lines[1], 1e-5 * rate_hz)
-    edges = np.geomspace(lowest_hz, MAX_BAND_HZ_OF_RATE * rate_hz, BANDS + 1)
+    edges = np.geomspace(lowest_hz, MAX_BAND_HZ_OF_RATE * rate_hz, FREQUENCY_BANDS + 1)
     harmonics = waves(phase)
     errors = np.asarray(
         fft.rfft((harmonics - harmonics.mean(axis=1, keepdims=True)) * window, axis=1)

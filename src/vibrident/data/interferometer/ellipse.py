@@ -26,7 +26,7 @@ from scipy import linalg
 from vibrident.data.interferometer import moments
 from vibrident.data.interferometer.setting import FloatArray
 
-PRIOR = 0.25  # standard deviation of the prior of log(B/A) and of ε (rad)
+PRIOR_DEVIATION = 0.25  # standard deviation of the prior of log(B/A) and of ε (rad)
 # smallest noise-free share of a direction's apparent information that is used in a step
 MIN_NOISE_FREE_SHARE = 0.02
 # an ellipse is not determined if this share is smaller in any direction
@@ -218,7 +218,9 @@ def fit_short_arc(u: FloatArray, samples: float) -> Ellipse:
     change = np.array(
         [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, -0.5, 0], [0, 0, 1, 0.5, 0], [0, 0, 0, 0, 1.0]]
     )
-    return replace(circle, covariance=change @ (covariance + PRIOR**2 * both @ both.T) @ change.T)
+    return replace(
+        circle, covariance=change @ (covariance + PRIOR_DEVIATION**2 * both @ both.T) @ change.T
+    )
 
 
 def excess(block: FloatArray, ellipse: Ellipse) -> float:
@@ -275,8 +277,8 @@ def _gauss_newton_step(total: FloatArray, ellipse: Ellipse) -> tuple[FloatArray,
     for direction, value in zip(
         _SHAPE[2:], (float(np.log(b / a)), ellipse.quadrature_error_rad), strict=True
     ):
-        prior_information += np.outer(direction, direction) / PRIOR**2
-        gradient = gradient - direction * value / PRIOR**2
+        prior_information += np.outer(direction, direction) / PRIOR_DEVIATION**2
+        gradient = gradient - direction * value / PRIOR_DEVIATION**2
     apparent = _SLOPES @ products @ _SLOPES.T / variance
     # vectorsᵀ apparent vectors = 1
     noise_free_share, vectors = linalg.eigh(_SLOPES @ clean @ _SLOPES.T / variance, apparent)

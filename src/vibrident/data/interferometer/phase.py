@@ -17,10 +17,10 @@ from vibrident.data.interferometer.ellipse import Ellipse
 from vibrident.data.interferometer.setting import BoolArray, FloatArray, SampledSignals
 from vibrident.data.interferometer.survey import MAX_RADIUS, lost_radius
 
-BLOCK = 1 << 16  # samples in a block: few enough for the processor's cache
+BLOCK_SAMPLES = 1 << 16  # samples in a block: few enough for the processor's cache
 MAX_CHANGE_RAD = 2.8  # of the phase from sample to sample; beyond, a turn may be missed
 MAX_BEND_RAD = 2.5  # change of that change
-GUARD = 3  # samples left out on either side of a lost one
+GUARD_SAMPLES = 3  # samples left out on either side of a lost one
 MAX_COUNTED_CHANGE_RAD = 1.0  # largest change from sample to sample where fringes are counted
 MIN_COUNTED_AMPLITUDE = 0.5  # share of its amplitude that a signal must exceed to be counted
 MAX_COUNTED_SAMPLES = 1 << 21  # samples in which fringes are counted
@@ -96,8 +96,8 @@ def unwrapped(
     last = 0.0
     before = None
     carried: tuple[float, int] | None = None
-    for start in range(0, signals.samples, BLOCK):
-        stop = min(start + BLOCK, signals.samples)
+    for start in range(0, signals.samples, BLOCK_SAMPLES):
+        stop = min(start + BLOCK_SAMPLES, signals.samples)
         v = _on_circle(signals.block(start, stop), ellipse, knots, start)
         angle = np.arctan2(v[1], v[0])
         if error is not None:
@@ -136,7 +136,7 @@ def _usable(v: FloatArray, ellipse: Ellipse) -> BoolArray:
         return np.ones(radius.shape, dtype=bool)
     good = (radius > least) & (radius < most)
     bad = np.flatnonzero(~good)
-    for shift in range(-GUARD, GUARD + 1):
+    for shift in range(-GUARD_SAMPLES, GUARD_SAMPLES + 1):
         good[np.clip(bad + shift, 0, good.shape[0] - 1)] = False
     return good
 

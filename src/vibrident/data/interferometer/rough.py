@@ -6,7 +6,7 @@ import numpy as np
 
 from vibrident.data.interferometer.choice import EllipseChoice
 from vibrident.data.interferometer.decimation import (
-    PASS,
+    PASS_EDGE,
     at_lower_rate,
     decimated,
     filtered,
@@ -22,9 +22,11 @@ from vibrident.data.interferometer.setting import (
 )
 from vibrident.data.interferometer.sine import peak_frequency
 
-PIECE = 1 << 20  # samples in which a sine is looked for first
+PIECE_SAMPLES = 1 << 20  # samples in which a sine is looked for first
 MIN_PERIODS = 3.0  # of the sine in them; otherwise more samples are searched
-MEANS = 1 << 14  # means of these samples that are searched; also the most samples of a spectrum
+SEARCHED_MEANS = (
+    1 << 14
+)  # means of these samples that are searched; also the most samples of a spectrum
 # fewest spectra, half overlapping, less one: of fewer, a line of noise stands out by chance
 MIN_SPECTRA = 8
 AVERAGED_LINES = 5
@@ -36,11 +38,11 @@ MIN_SAMPLES = 1 << 12  # fewest samples that are kept of slow signals
 
 def rough_frequency(signals: SampledSignals, choice: EllipseChoice) -> float:
     """Return the approximate frequency of a sine, Hz."""
-    samples = PIECE
+    samples = PIECE_SAMPLES
     while True:
         piece = _first_samples(signals, samples)
         phase = np.concatenate(list(unwrapped(piece, choice.ellipse, choice.knots, PhasePath())))
-        every = max(piece.samples // MEANS, 1)
+        every = max(piece.samples // SEARCHED_MEANS, 1)
         means = phase[: piece.samples // every * every].reshape(-1, every).mean(axis=1)
         frequency_hz = peak_frequency(
             means, np.ones(means.shape[0], dtype=bool), signals.rate_hz / every
@@ -74,10 +76,10 @@ def at_needed_rate(signals: SampledSignals) -> SampledSignals | None:
     Each sample then has less noise. The ellipse of a motion below a fringe is separated from noise
     sample by sample, so that it is determined as well at any rate.
     """
-    piece = _first_samples(signals, PIECE)
+    piece = _first_samples(signals, PIECE_SAMPLES)
     values = piece.block(0, piece.samples)
     factor = int(
-        PASS
+        PASS_EDGE
         * signals.rate_hz
         / (BAND_TO_HIGHEST * _highest(values, np.zeros(values.shape[1], bool), signals.rate_hz))
     )
@@ -100,7 +102,7 @@ def _first_samples(signals: SampledSignals, samples: int) -> SampledSignals:
 def _highest(values: FloatArray, spoilt: BoolArray, rate_hz: float) -> float:
     """Return the frequency up to which signals, shape (signals, n), stand above the noise, Hz."""
     samples = values.shape[1]
-    length = max(min(samples // MIN_SPECTRA, MEANS), min(samples, 64))
+    length = max(min(samples // MIN_SPECTRA, SEARCHED_MEANS), min(samples, 64))
     starts = np.linspace(0, samples - length, max(2 * samples // length - 1, 1)).astype(int)
     starts = np.array([s for s in starts if not spoilt[s : s + length].any()] or starts)
     window = np.blackman(length) ** 2

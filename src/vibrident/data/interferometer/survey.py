@@ -16,7 +16,7 @@ from vibrident.data.interferometer.setting import BoolArray, FloatArray, Sampled
 
 GUESS_PIECES = 64  # pieces of the record for the first guess and for pictures
 GUESS_PIECE_SAMPLES = 1024
-BLOCK = 1 << 17  # samples in a block
+BLOCK_SAMPLES = 1 << 17  # samples in a block
 MAX_FIT_SAMPLES = 1 << 22  # for the fit of an ellipse; longer records are fitted in pieces
 MIN_BLOCKS = 64  # fewest blocks of a record that determine their scatter
 MIN_BLOCK_SAMPLES = 64
@@ -203,7 +203,7 @@ def _block_sums(
     signals: SampledSignals, coarse: Ellipse, scale: FloatArray
 ) -> tuple[list[FloatArray], list[float]]:
     """Return sums of blocks in coordinates of the coarse ellipse, and the middle index of each."""
-    length = int(np.clip(signals.samples // MIN_BLOCKS, MIN_BLOCK_SAMPLES, BLOCK))
+    length = int(np.clip(signals.samples // MIN_BLOCKS, MIN_BLOCK_SAMPLES, BLOCK_SAMPLES))
     count = max(signals.samples // length, 1)
     every = max(int(np.ceil(count * length / MAX_FIT_SAMPLES)), 1)
     sums = []

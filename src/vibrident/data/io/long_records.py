@@ -32,7 +32,7 @@ from vibrident.data.records import STATIONARY_EXCITATIONS, Calibration, Record
 MAX_TOGETHER = 1 << 20
 #: Bytes a sample, in numbers, that the process which reads a part may take.
 _COPIES = 16
-_SECONDS = 120.0  # to read a part
+_READ_LIMIT_S = 120.0  # to read a part
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class RecordsInFiles(LongRecords):
         if not self.guarded:
             return read_rows(self.path, rows)
         room = LIBRARIES_BYTES + _COPIES * 16 * sum(span.samples for span in spans)
-        limits = Limits(_SECONDS, room, room, room)
+        limits = Limits(_READ_LIMIT_S, room, room, room)
         return sandbox.call(_reader(), read_rows, self.path, rows, limits=limits)
 
     def in_memory(self) -> Calibration:
@@ -190,7 +190,9 @@ def long_records_of(
         return None
     if guarded:
         room = int(LIBRARIES_BYTES + memory_for(0))
-        spans = sandbox.run(spans_in_files, str(file), limits=Limits(_SECONDS, room, room, room))
+        spans = sandbox.run(
+            spans_in_files, str(file), limits=Limits(_READ_LIMIT_S, room, room, room)
+        )
     else:
         spans = spans_in_files(str(file))
     if spans is None or sum(count for _, count in spans) <= MAX_TOGETHER:
@@ -202,7 +204,7 @@ def long_records_of(
 @functools.cache
 def _reader() -> Process:
     """Return the process that reads parts of guarded files; it ends when it is idle."""
-    process = Process(idle_s=_SECONDS)
+    process = Process(idle_s=_READ_LIMIT_S)
     atexit.register(process.close)
     return process
 

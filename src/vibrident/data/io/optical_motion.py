@@ -8,7 +8,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.interferometer.alignment import AlignedDisplacement
 from vibrident.data.interferometer.setting import SampledSignals
 from vibrident.data.interferometer.summary import OpticalFinding
-from vibrident.data.interferometer.survey import BLOCK
+from vibrident.data.interferometer.survey import BLOCK_SAMPLES
 
 #: Largest share of a response's power that may fall into samples that are left out.
 MAX_LOST_POWER = 0.5
@@ -75,8 +75,10 @@ def power_share_outside(response: SampledSignals, aligned: AlignedDisplacement) 
     first = int(first_s * response.rate_hz)
     last = int(last_s * response.rate_hz)
     sums = np.zeros((2, 3))
-    for start in range(0, response.samples, BLOCK):
-        values = response.block(start, min(start + BLOCK, response.samples))[0].astype(float)
+    for start in range(0, response.samples, BLOCK_SAMPLES):
+        values = response.block(start, min(start + BLOCK_SAMPLES, response.samples))[0].astype(
+            float
+        )
         inside = values[max(first - start, 0) : max(last - start, 0)]
         sums += [[chunk.size, np.sum(chunk), chunk @ chunk] for chunk in (values, inside)]
     mean = sums[0, 1] / sums[0, 0]

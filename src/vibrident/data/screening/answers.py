@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.screening.wild import (
-    BLOCK,
+    BLOCK_SAMPLES,
     MAX_BLOCKS,
     MAX_NOISE_SIGMA,
     MAX_SAMPLES_APART,
@@ -102,7 +102,7 @@ class PredictedResponse:
             sliding_window_view(each, ORDER + 1) for each in (self._delayed, self.response.series)
         ]
         rows = np.flatnonzero(self._usual[ORDER:])
-        rows = rows[:: max(1, rows.size // (MAX_BLOCKS * BLOCK))]
+        rows = rows[:: max(1, rows.size // (MAX_BLOCKS * BLOCK_SAMPLES))]
         rows = np.concatenate([each[rows] for each in windows], axis=1)
         products = rows.T @ rows
         products += RIDGE * (np.trace(products) + len(rows)) * np.eye(len(products))

@@ -27,7 +27,7 @@ from vibrident.data.screening.steps import converter_step
 ORDER = 16
 #: A prediction is fitted to at most MAX_BLOCKS blocks of BLOCK samples.
 MAX_BLOCKS = 16
-BLOCK = 256
+BLOCK_SAMPLES = 256
 #: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
 #: Refits without the samples that the previous fit did not explain.
@@ -370,9 +370,13 @@ class PredictionSamples:
             follows: which samples follow ORDER valid ones, shape (samples,).
         """
         count = series.size - ORDER
-        blocks = MAX_BLOCKS if count > BLOCK * MAX_BLOCKS else 1
-        begins = np.linspace(0, count - BLOCK, blocks).astype(int) if blocks > 1 else np.array([0])
-        index = begins[:, None] + np.arange((BLOCK if blocks > 1 else count) + ORDER)
+        blocks = MAX_BLOCKS if count > BLOCK_SAMPLES * MAX_BLOCKS else 1
+        begins = (
+            np.linspace(0, count - BLOCK_SAMPLES, blocks).astype(int)
+            if blocks > 1
+            else np.array([0])
+        )
+        index = begins[:, None] + np.arange((BLOCK_SAMPLES if blocks > 1 else count) + ORDER)
         windows = sliding_window_view(series[index], ORDER + 1, axis=1)
         return cls(windows.reshape(-1, ORDER + 1), follows[index[:, ORDER:]].ravel())
 

@@ -25,7 +25,7 @@ from vibrident.data.sources.source import Chunk, SourceRequest
 
 FORMS = ("csv", "float32")
 SEPARATORS = (b";", b"\t", b",")  # tried in this order; white space otherwise
-PIECE = 1_000_000  # bytes that a source gives at once; also the longest line
+MAX_PIECE_BYTES = 1_000_000  # bytes that a source gives at once; also the longest line
 #: Standard uncertainty of a rounded time stamp, in sampling intervals.
 STAMP_UNCERTAINTY = 0.1
 
@@ -52,7 +52,7 @@ def chunks(
     for piece in pieces:
         complete, remainder = decoder.split(remainder + piece)
         position += len(complete)
-        if len(remainder) > PIECE:
+        if len(remainder) > MAX_PIECE_BYTES:
             raise InputError(
                 "A line does not end.", expected="lines of numbers", found="none", where=where
             )

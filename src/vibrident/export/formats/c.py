@@ -22,7 +22,7 @@ from vibrident.export.form import Format, Options, template
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 
-PASSED = 0.1  # gain that counts as stopped, relative to the largest gain in the band
+MAX_STOPPED_GAIN = 0.1  # gain that counts as stopped, relative to the largest gain in the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def description(code: Firmware) -> list[str]:
     above_hz = np.linspace(high, 0.5 * code.rate_hz, 1000)
     passed = np.abs(correction.response(above_hz)) / np.max(np.abs(inverse))
     loudest = int(np.argmax(passed))
-    passing = np.flatnonzero(passed > PASSED)
+    passing = np.flatnonzero(passed > MAX_STOPPED_GAIN)
     blocked_from_hz = above_hz[passing[-1] if len(passing) else 0]
     lines = [
         *identity(sensor),
@@ -150,7 +150,7 @@ def description(code: Firmware) -> list[str]:
     lines += [
         (
             f"  above the band it passes up to {passed[loudest]:.2g} of its largest gain in it (at "
-            f"{above_hz[loudest]:.4g} Hz), and less than {PASSED:g} from "
+            f"{above_hz[loudest]:.4g} Hz), and less than {MAX_STOPPED_GAIN:g} from "
             f"{blocked_from_hz:.4g} Hz on"
         ),
         (

@@ -30,7 +30,7 @@ from vibrident.export.form import Format, Options, library
 from vibrident.export.sensor import ExportedSensor
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show.certified import certified, said_of_raised, stated_parameters
+from vibrident.show.certified import certified, describe_raised, stated_parameters
 from vibrident.show.coverage import coverage, interval_text, not_certified, unstated
 from vibrident.show.language import Say
 from vibrident.show.points import reference_value
@@ -240,7 +240,7 @@ def _statements(
     for warning in result.warnings:
         yield f"limitation: {explain(warning.code).title}", ours(warning.message)
     yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
-    for raised in said_of_raised(result, Say(LANGUAGE)):
+    for raised in describe_raised(result, Say(LANGUAGE)):
         yield "least uncertainty", ours(raised)
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):

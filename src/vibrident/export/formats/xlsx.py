@@ -14,7 +14,7 @@ from vibrident.base.escaping import one_line
 from vibrident.export.form import Format, Options, library
 from vibrident.export.formats.csv import sheets
 from vibrident.export.sensor import ExportedSensor
-from vibrident.show.certified import raised_to_measured, said_of_raised
+from vibrident.show.certified import describe_raised, raised_to_measured
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
@@ -25,7 +25,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
     bold = openpyxl.styles.Font(bold=True)
     result = raised_to_measured(sensor.result)
     tables = sheets(result)
-    if notes := said_of_raised(result):
+    if notes := describe_raised(result):
         tables["notes"] = (("note",), [(str(note),) for note in notes])
     for name, (header, rows) in tables.items():
         sheet = book.create_sheet(name)

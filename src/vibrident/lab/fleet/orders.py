@@ -15,7 +15,7 @@ from vibrident.fit.registry import TAKING_PART
 
 TIME_LIMIT_S = 300.0  # default time limit of one calibration, in seconds
 _MIN_PROCESS_BYTES = 4_000_000_000
-_SHARE = 0.8
+_MEMORY_SHARE = 0.8
 
 
 def plug_ins() -> tuple[str, ...]:
@@ -70,7 +70,12 @@ def memory_limit(orders: Orders) -> int | None:
     total = _machine_bytes()
     if total is None:
         return None
-    return int(min(_SHARE * total, max(_MIN_PROCESS_BYTES, _SHARE * total / (os.cpu_count() or 1))))
+    return int(
+        min(
+            _MEMORY_SHARE * total,
+            max(_MIN_PROCESS_BYTES, _MEMORY_SHARE * total / (os.cpu_count() or 1)),
+        )
+    )
 
 
 def _machine_bytes() -> int | None:

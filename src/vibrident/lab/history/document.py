@@ -330,14 +330,14 @@ def _residuals(history: Life, covariance: FloatArray) -> tuple[list[float], list
     restart = []
     indices = []
     for number in np.unique(history.group):
-        places_of = np.flatnonzero(history.group == number)
-        if places_of.size > 1:
-            block = np.ix_(places_of, places_of)
+        group_indices = np.flatnonzero(history.group == number)
+        if group_indices.size > 1:
+            block = np.ix_(group_indices, group_indices)
             residuals += control.recursive_residuals(
-                history.value[places_of], covariance[block]
+                history.value[group_indices], covariance[block]
             ).tolist()
-            restart += [True] + [False] * (places_of.size - 2)
-            indices += places_of[1:].tolist()
+            restart += [True] + [False] * (group_indices.size - 2)
+            indices += group_indices[1:].tolist()
     return residuals, restart, indices
 
 

@@ -27,7 +27,7 @@ SIGNATURE = ".p7s"  # ending of a detached signature, after the name of the sign
 _DS = "{http://www.w3.org/2000/09/xmldsig#}"
 _XADES = "{http://uri.etsi.org/01903/v1.3.2#}"
 _MAX_BYTES = 200_000_000
-_MAX_SAID = 200  # characters of what a library says
+_MAX_ERROR_LENGTH = 200  # characters of what a library says
 _AS_SIGNED = "the file as it was signed"
 
 
@@ -143,7 +143,7 @@ def _verified_xml(content: bytes, file: Path) -> _Signature:
         results = verifier.verify(content, x509_cert=chain[0], expect_config=expected)
     except Exception as error:  # of the digest, the key, the schema, and what the parser refuses
         raise _invalid(
-            file, f"a file that was changed after signing ({one_line(error)[:_MAX_SAID]})"
+            file, f"a file that was changed after signing ({one_line(error)[:_MAX_ERROR_LENGTH]})"
         ) from error
     results = results if isinstance(results, list) else [results]
     signatures[0].getparent().remove(signatures[0])
@@ -243,7 +243,7 @@ def _certificates(file: Path) -> list[Any]:
         raise InputError(
             "The certificates to trust cannot be read.",
             expected="X.509 certificates, PEM or DER",
-            found=one_line(error)[:_MAX_SAID],
+            found=one_line(error)[:_MAX_ERROR_LENGTH],
             where=str(file),
             remedy="correct ⟦verify.trusted⟧",
         ) from error
@@ -293,7 +293,7 @@ def _refuse_unreadable(file: Path) -> Iterator[None]:
         raise InputError(
             "The signed file cannot be read.",
             expected="a PDF, a DCC, or a file with its signature FILE.p7s beside it, undamaged",
-            found=f"{type(error).__name__}: {one_line(error)[:_MAX_SAID]}",
+            found=f"{type(error).__name__}: {one_line(error)[:_MAX_ERROR_LENGTH]}",
             where=str(file),
             remedy="ask the laboratory for the file again",
         ) from error

@@ -31,14 +31,14 @@ Chart = dict[str, Any]
 # measured points drawn of a series; more are thinned evenly, and the caption says so
 MAX_POINTS = 800
 MAX_SAMPLES = 12_000  # samples of all records together that are drawn where one of them is chosen
-_INCH = 125.0  # pixels of an inch of a panel
-_BETWEEN = 16.0  # pixels between panels
-_ABOVE = 40.0  # pixels above all panels
-_BELOW = 56.0  # pixels below all panels
+_PX_PER_INCH = 125.0  # pixels of an inch of a panel
+_PANEL_GAP_PX = 16.0  # pixels between panels
+_TOP_MARGIN_PX = 40.0  # pixels above all panels
+_BOTTOM_MARGIN_PX = 56.0  # pixels below all panels
 #: Pixels of plotly's buttons, which appear at the upper right, where the choice of the axis stands
 #: below them.
-_BUTTONS = 20.0
-_OPACITY = 0.40  # of bands
+_BUTTONS_PX = 20.0
+_BAND_OPACITY = 0.40  # of bands
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
 _MARKERS = {
     "o": "circle",
@@ -96,11 +96,15 @@ def label(text: str) -> str:
 
 def _chart(stacks: Sequence[Stack]) -> Chart:
     data: list[Any] = []
-    height = max(sum(panel.height_in for panel in stack.panels) for stack in stacks) * _INCH
-    height += _BETWEEN * (max(len(stack.panels) for stack in stacks) - 1) + _ABOVE + _BELOW
+    height = max(sum(panel.height_in for panel in stack.panels) for stack in stacks) * _PX_PER_INCH
+    height += (
+        _PANEL_GAP_PX * (max(len(stack.panels) for stack in stacks) - 1)
+        + _TOP_MARGIN_PX
+        + _BOTTOM_MARGIN_PX
+    )
     layout: dict[str, Any] = {
         "height": round(height),
-        "margin": {"l": 76, "r": 16, "t": _ABOVE, "b": _BELOW},
+        "margin": {"l": 76, "r": 16, "t": _TOP_MARGIN_PX, "b": _BOTTOM_MARGIN_PX},
         "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#1a1a1a"},
         "paper_bgcolor": "#ffffff",
         "plot_bgcolor": "#ffffff",
@@ -142,12 +146,12 @@ def _chart(stacks: Sequence[Stack]) -> Chart:
         layout[f"xaxis{x[1:]}"] = {**_axis(stack.panels[-1].x), **below}
     _once(data)
     if any(stack.panels[0].title for stack in stacks):  # the key stands above the titles
-        layout["legend"]["y"] = 1.0 + 18.0 / (height - _ABOVE - _BELOW)
+        layout["legend"]["y"] = 1.0 + 18.0 / (height - _TOP_MARGIN_PX - _BOTTOM_MARGIN_PX)
     first = stacks[0].panels[0].y
     if len(stacks) == 1 and (first.log or (first.levels and first.low > 0)):
         layout["updatemenus"] = [_scales(first)]
-        layout["height"] = round(height + _BUTTONS)
-        layout["margin"]["t"] += _BUTTONS
+        layout["height"] = round(height + _BUTTONS_PX)
+        layout["margin"]["t"] += _BUTTONS_PX
     return {"data": data, "layout": layout}
 
 
@@ -195,8 +199,8 @@ def _once(data: list[Any]) -> None:
 
 def _domains(stack: Stack) -> list[list[float]]:
     """Return the position of each panel, from the top."""
-    heights = [_INCH * panel.height_in for panel in stack.panels]
-    rooms = [_BETWEEN + (14.0 if panel.title else 0.0) for panel in stack.panels[1:]]
+    heights = [_PX_PER_INCH * panel.height_in for panel in stack.panels]
+    rooms = [_PANEL_GAP_PX + (14.0 if panel.title else 0.0) for panel in stack.panels[1:]]
     total = sum(heights) + sum(rooms)
     domains = []
     top = 1.0
@@ -339,7 +343,7 @@ def _line(series: Series, panel: Panel, common: Chart) -> list[Any]:
 def _faint(colour: str) -> str:
     """Return a colour of six hexadecimal digits with the opacity of a band."""
     red, green, blue = bytes.fromhex(colour[1:])
-    return f"rgba({red}, {green}, {blue}, {_OPACITY:.2f})"
+    return f"rgba({red}, {green}, {blue}, {_BAND_OPACITY:.2f})"
 
 
 def _points(series: Series, panel: Panel, common: Chart) -> list[Any]:

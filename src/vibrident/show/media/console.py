@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 _COLOURS = {"fine": "green", "doubt": "bold red", "note": "dim", "plain": ""}
-_WORD = 10  # longest word that is not broken
-_LEAST = 6  # smallest width of a column of words
-_GAP = 2  # blanks between two columns
+_MAX_UNBROKEN_WORD = 10  # longest word that is not broken
+_MIN_COLUMN_WIDTH = 6  # smallest width of a column of words
+_COLUMN_GAP = 2  # blanks between two columns
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,8 @@ def _least(table: Table, j: int) -> int:
     words = max((len(word) for cell in cells for word in cell.split()), default=1)
     least = (
         longest
-        if table.columns[j].kind == "number" or longest <= _WORD
-        else max(_LEAST, min(words, _WORD))
+        if table.columns[j].kind == "number" or longest <= _MAX_UNBROKEN_WORD
+        else max(_MIN_COLUMN_WIDTH, min(words, _MAX_UNBROKEN_WORD))
     )
     return max(least, heading)
 
@@ -150,7 +150,7 @@ def _fitting(table: Table, width: int) -> Table:
 def _split_columns(table: Table, width: int) -> Iterator[Table]:
     """Return parts of a table that would be cut off; each repeats the naming columns."""
     count = len(table.columns)
-    widths = [_least(table, j) + _GAP for j in range(count)]
+    widths = [_least(table, j) + _COLUMN_GAP for j in range(count)]
     if sum(widths) <= width:
         yield table
         return
@@ -173,4 +173,4 @@ def _width(table: Table) -> int:
         max(len(column.heading), *(len(row[j]) for row in table.rows), 1)
         for j, column in enumerate(table.columns)
     )
-    return sum(cell + _GAP for cell in cells)
+    return sum(cell + _COLUMN_GAP for cell in cells)

@@ -54,9 +54,11 @@ _SETTINGS: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "vibrident",  # same result, same file
 }
-LITTLE = 2  # compression of a PNG: the usual one takes three times as long for a seventh less
+PNG_COMPRESSION = (
+    2  # compression of a PNG: the usual one takes three times as long for a seventh less
+)
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "ps": {"CreationDate": None}}
-PANELS = 6  # most stacks drawn where one of many can be chosen elsewhere
+MAX_STACKS = 6  # most stacks drawn where one of many can be chosen elsewhere
 # widths in inches of a picture of one or two, and of three stacks beside each other
 WIDTHS = (6.7, 6.7, 8.6)
 # Heights in points (1/72 inch) of a line of small print, a tick's label, an axis' label and a
@@ -95,7 +97,7 @@ def content(figure: Figure | Picture, kind: str) -> bytes:
     """Return a figure as bytes: ``png``, ``svg`` or ``pdf``, without a date."""
     options: dict[str, Any] = {"metadata": _UNDATED.get(kind)}
     if kind == "png":
-        options["pil_kwargs"] = {"compress_level": LITTLE}
+        options["pil_kwargs"] = {"compress_level": PNG_COMPRESSION}
     stream = io.BytesIO()
     with styled():
         drawn = picture(figure) if isinstance(figure, Figure) else figure
@@ -125,7 +127,7 @@ class _Drawing:
 
     def __init__(self, figure: Figure) -> None:
         stacks = (
-            [figure.stacks[i] for i in spread(len(figure.stacks), PANELS)]
+            [figure.stacks[i] for i in spread(len(figure.stacks), MAX_STACKS)]
             if figure.choice
             else figure.stacks
         )

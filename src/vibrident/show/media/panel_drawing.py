@@ -11,8 +11,8 @@ from vibrident.show.media.fonts import printable, split_lines
 from vibrident.show.views import (
     BLACK,
     BLUE,
-    CROWD,
     GREY,
+    MAX_POINTS_WITH_BARS,
     Axis,
     Panel,
     Series,
@@ -115,7 +115,7 @@ def _points(axes: Axes, series: Series) -> None:
         common["zorder"] = 3 if look.marker == "x" else 1.5
     else:
         common |= {"markerfacecolor": "white", "markersize": 4.2 if many <= 80 else 2.4}
-    if many > CROWD:
+    if many > MAX_POINTS_WITH_BARS:
         common["rasterized"] = True
     half = series.half
     has_bar = np.zeros(many, dtype=bool)

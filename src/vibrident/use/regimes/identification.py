@@ -190,7 +190,7 @@ def _result(fitted_regimes: _Regimes, scope: Uncertainty) -> Result:
             "regimes",
             record.name,
             regime["from_s"],
-            before.chance_beside(behind),
+            before.chance_of_equality(behind),
             dict.fromkeys(names, 0.0),  # what is stated is that of one regime
             f"{record.name}: The sensor changed at {plain(regime['from_s'], 5)} s.",
         )

@@ -71,9 +71,9 @@ class PieceEstimate:
 
     def agrees_with(self, piece: PieceEstimate) -> bool:
         """Return whether noise explains how far the parameters of two pieces are apart."""
-        return self.chance_beside(piece) > FALSE_CHANGE
+        return self.chance_of_equality(piece) > FALSE_CHANGE
 
-    def chance_beside(self, piece: PieceEstimate) -> float:
+    def chance_of_equality(self, piece: PieceEstimate) -> float:
         """Return the chance that noise separates the parameters of two pieces as far."""
         size = np.maximum(np.abs(self.values), np.abs(piece.values))
         scale = np.where(size > 0.0, size, 1.0)

@@ -135,7 +135,7 @@ class CertificateForm:
                 file = ui.button(say("Save as a file"), on_click=self._file)
                 file.props("outline id=get-certificate-toml")
             self.status = frame.hint("").props("role=status")
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
 
     def _group(
         self, title: str, fields: Sequence[FormField], given_values: Mapping[str, Any]

@@ -148,7 +148,7 @@ class ColumnsStep:
         came = say("{file} came with the data and describes the columns:", file=name)
         frame.hint(came)
         frame.Text("calibration-came", say("Calibration file"), text)
-        self.errors = frame.error_place()
+        self.errors = frame.add_error_area()
         with frame.actions():
             confirm = ui.button(
                 say("Confirm"), on_click=lambda: self.fit.show(ConfirmedCalibration(name, False))
@@ -211,7 +211,7 @@ class ColumnsStep:
         self.plot = ui.element("div").classes("chart")
         self.chart = None
         self.faults = ui.element("div").props("aria-live=polite id=faults")
-        self.errors = frame.error_place()
+        self.errors = frame.add_error_area()
         with frame.actions():
             ui.button(say("Confirm"), on_click=self._confirm).props("id=confirm")
             ui.button(say("Edit as text"), on_click=self._edit_as_text).props(

@@ -132,7 +132,7 @@ class KnownResponses:
         )
         frame.hint(hint)
         self._upload()
-        self.errors = frame.error_place()
+        self.errors = frame.add_error_area()
         self.elements: dict[str, ui.element] = {}
         for path in KNOWN_RESPONSES:
             channel = path.partition(".")[0]

@@ -87,7 +87,7 @@ class LaboratoryStep:
             self.section.visible = False
             return
         with self.body:
-            self.errors = frame.error_place()
+            self.errors = frame.add_error_area()
             profile = self._profile()
             self._state(profile)
             self._choice()

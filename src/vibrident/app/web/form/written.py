@@ -31,7 +31,7 @@ def edit_as_text(
     frame.hint(say(_HINT))
     written = ui.textarea(say("Calibration file"), value=text).classes("written w-full")
     written.props("dense outlined stack-label autogrow")
-    errors = frame.error_place()
+    errors = frame.add_error_area()
 
     async def take() -> None:
         errors.clear()

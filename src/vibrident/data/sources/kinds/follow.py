@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vibrident.base.errors import InputError
-from vibrident.data.sources.decoding import PIECE, chunks
+from vibrident.data.sources.decoding import MAX_PIECE_BYTES, chunks
 from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
 POLL_INTERVAL_S = 0.05
@@ -33,7 +33,7 @@ def _first_line(file: Path) -> bytes:
     """Return the first line of a file that is resumed, which may name the columns."""
     try:
         with file.open("rb") as stream:
-            return stream.readline(PIECE).rstrip(b"\r\n")
+            return stream.readline(MAX_PIECE_BYTES).rstrip(b"\r\n")
     except OSError:
         return b""  # reading its pieces reports the error
 
@@ -44,7 +44,7 @@ def _pieces(file: Path, request: SourceRequest) -> Iterator[bytes]:
             stream.seek(request.position)
             last = time.monotonic()
             while True:
-                if piece := stream.read(PIECE):
+                if piece := stream.read(MAX_PIECE_BYTES):
                     last = time.monotonic()
                     yield piece
                 elif request.idle_s is not None and time.monotonic() - last >= request.idle_s:

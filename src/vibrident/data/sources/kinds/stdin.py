@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Iterator
 
-from vibrident.data.sources.decoding import PIECE, chunks
+from vibrident.data.sources.decoding import MAX_PIECE_BYTES, chunks
 from vibrident.data.sources.source import Chunk, Source, SourceRequest
 
 
@@ -15,7 +15,7 @@ def _open(request: SourceRequest) -> Iterator[Chunk]:
 
 
 def _pieces() -> Iterator[bytes]:
-    while piece := os.read(sys.stdin.fileno(), PIECE):
+    while piece := os.read(sys.stdin.fileno(), MAX_PIECE_BYTES):
         yield piece
 
 
