@@ -103,9 +103,9 @@ class InputError(VibridentError):
         """Return the error with another place."""
         return type(self)(**{**vars(self), "where": where})
 
-    def within(self, outer: str) -> InputError:
+    def within(self, place: str) -> InputError:
         """Return the error with its place inside another one."""
-        return self.at(f"{outer}, {vars(self)['where']}")
+        return self.at(f"{place}, {vars(self)['where']}")
 
     def in_words(self, word: Word) -> InputError:
         """Return the error with a surface's words for the settings that it names."""
