@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.likelihood import MIN_LEVEL, amounts_of, variances_of_last
 from vibrident.fit.noise.averages import log_bins, log_power, mean_over_geometric
 from vibrident.fit.noise.common import SIGNIFICANT_DEVIATIONS, CommonNoise, common_noise
 from vibrident.fit.noise.incoherent import Incoherent
-from vibrident.fit.noise.likelihood import MIN_LEVEL, amounts_of, variances_of_last
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.surroundings import MIN_FREEDOM
 

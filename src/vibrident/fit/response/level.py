@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.likelihood import amounts_of
+from vibrident.fit.likelihood import amounts_of
 
 ComplexArray = NDArray[np.complex128]
 

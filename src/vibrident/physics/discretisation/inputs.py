@@ -124,7 +124,7 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
     nodes, node_weights = legendre.leggauss(terms + 24)
     x = 0.5 * (nodes + 1.0)
     distance = x[:, None] - offsets[None, :]
-    kernel = np.sinc(distance) * _window(distance, half_width)
+    kernel: FloatArray = np.sinc(distance) * _window(distance, half_width)
     kernel += _polynomial_correction(kernel, x, offsets, half_width)
     basis = legendre.legvander(nodes, terms - 1)  # (nodes, terms)
     filters = (2 * np.arange(terms) + 1)[:, None] * (0.5 * node_weights[:, None] * basis).T @ kernel
