@@ -18,8 +18,8 @@ ROOMS = {
     "data": "registry effects known interferometer records resampling screening io sources",
     "physics": "registry naming models discretisation network simulation",
     "result": "document earlier parts sensor estimates result loading|known",
-    "fit": "registry information optimise response bins group problem noise start descent estimators decay uncertainty "
-    "departures judge identification joint",
+    "fit": "registry information likelihood optimise response bins group problem noise start descent estimators decay "
+    "uncertainty departures judge identification joint",
     "use": "",
     "show": "",
     "export": "",

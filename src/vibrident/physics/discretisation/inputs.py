@@ -120,7 +120,7 @@ def _filters(terms: int, half_width: int, shift: float) -> NDArray[np.float64]:
 
     ``shift``: samples by which the step starts late, in [0, 1).
     """
-    offsets = np.arange(1 - half_width, half_width + 1) - shift
+    offsets: FloatArray = np.arange(1.0 - half_width, half_width + 1.0) - shift
     nodes, node_weights = legendre.leggauss(terms + 24)
     x = 0.5 * (nodes + 1.0)
     distance = x[:, None] - offsets[None, :]
