@@ -46,6 +46,7 @@ def test_no_sample_of_a_short_shock_is_wild(seed: int) -> None:
         ("clean/in-damped+delay/shock/hum 1 %", 79),
         ("clean/above-sharp/shock/hum 1 %", 80),
         ("clean/below-light/shock/12 bit", 80),
+        ("quantities/displacement/accelerometer+delay/shock running", 97),  # the top of a soft pulse
     ],
 )
 def test_a_shock_that_the_response_hardly_foretells_is_not_wild(name: str, run: int) -> None:

@@ -40,6 +40,10 @@ MAX_NOISE_SIGMA = 5.0
 #: channel's range: rounding.
 MIN_STEPS = 4.0
 MIN_RELATIVE_SIZE = 1e-7
+#: Differences of this order tell rough from smooth.
+ROUGHNESS_ORDER = 3
+#: A channel rests where half its samples are nearer to its median than this share of its range.
+MAX_REST = 1e-3
 #: Longest run of wild samples if a reference shows the motion, and without one.
 MAX_RUN_SAMPLES = 40
 MAX_SHORT_RUN_SAMPLES = 2
@@ -244,7 +248,7 @@ class PredictedChannel:
             errors = forward[begin - low : behind - low + ORDER]
             lone, wild = self._explained(errors, usual, behind - begin)
             # A corner of the motion looks much like a wild sample that neither error shows.
-            if lone:
+            if lone and not (self.rests and self._is_smooth(begin, behind)):
                 return (ChannelEvent(begin, behind, strength, lone, wild and end > first),)
         motion = ChannelEvent(first, end, strength, lone=False, wild=False)
         for begin, behind in around_peak:
@@ -253,6 +257,18 @@ class PredictedChannel:
                     not motion.is_abrupt
                 )
         return (motion,)
+
+    @functools.cached_property
+    def rests(self) -> bool:
+        """Return whether the channel rests for most of the record, and a prediction fits that."""
+        return float(np.median(np.abs(self.series))) < MAX_REST
+
+    def _is_smooth(self, begin: int, behind: int) -> bool:
+        """Tell whether samples go on smoothly from those beside them, as tops of pulses do."""
+        rough = np.abs(np.diff(self.series[begin - ORDER : behind + ORDER], n=ROUGHNESS_ORDER))
+        beside = ORDER - ROUGHNESS_ORDER
+        usual = max(float(np.max(rough[:beside])), float(np.max(rough[-beside:])))
+        return float(np.max(rough)) < MIN_WILD_SIGMA * usual
 
     def _far_off(self, begin: int, behind: int) -> bool:
         """Tell whether samples lie far off a motion that no prediction explains.

@@ -46,7 +46,8 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     # In a free decay a frequency cannot be separated from its image above half the sampling rate.
     rates = [group.grid.rate_hz for group in band.groups if not group.grid.driven]
     top_hz = min([HIGHEST_RATIO * observed.band_hz[1], *(0.5 * rate for rate in rates)])
-    places = _places(core, [_axis(spec, observed.band_hz[0], top_hz) for spec in core])
+    axes = {spec.name: _axis(spec, observed.band_hz[0], top_hz) for spec in core}
+    places = _places(core, list(axes.values()))
     added = [
         spec
         for add_on in model.add_ons
@@ -60,6 +61,13 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     first_modes = front[:MIN_PLACES]
     if added and front:
         core_values = [{spec.name: place.values[spec.name] for spec in core} for place in front]
+        # An add-on in the band may hide that the core does nothing there.
+        far = [spec.name for spec in core if spec.grid == "band"]
+        core_values += [
+            place
+            for place in places
+            if any(place[name] in (axes[name][0], axes[name][-1]) for name in far)
+        ]
         combined = [values | guess for values in core_values for guess in guesses]
         front = search.best(combined, REFINED_PLACES)
     if first_modes and model.shares:
