@@ -426,6 +426,15 @@ def test_lost_time_is_found_and_cut_off(motion: str, rng: np.random.Generator) -
     assert kept.mask[: at - 4].all()
 
 
+@pytest.mark.draws(100, 1000)
+def test_tops_of_a_slow_tone_are_equal_by_chance(draws: int, rng: np.random.Generator) -> None:
+    """Of 24 bit: no step was seen in values that lie dozens of steps apart, and two equal ones were a rail."""
+    for _ in range(draws):
+        turn = 2.0 * np.pi * (np.arange(1000.0) / rng.uniform(50.0, 400.0) + rng.random())
+        codes = np.rint(2.0**22 * np.sin(turn))
+        assert not clipped(ChannelSamples(codes, np.ones(turn.size, dtype=bool)))[0].any()
+
+
 @pytest.mark.draws(20, 100)
 def test_a_converter_that_flickers_before_the_motion_has_lost_nothing(draws: int, rng: np.random.Generator) -> None:
     """A sweep of 16 bit "stood still" before it began: its first run of equal codes was not at the very begin."""

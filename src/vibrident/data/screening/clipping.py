@@ -71,6 +71,8 @@ MAX_EXAMINED_VISITS = 15
 MIN_STEP_OF_FULL_SCALE = 2.0**-30
 #: The smallest difference between values that occur is at most this many steps.
 MAX_STEPS_IN_DIFFERENCE = 24
+#: The same of a few samples at the top, which lie far apart where a converter is fine.
+MAX_STEPS_AT_TOP = 1000
 
 
 def clipped(
@@ -237,9 +239,9 @@ def _ties_by_chance(top: FloatArray, count: float) -> float:
     if below >= top.size:
         return 1.0
     distance = float(top[0] - top[below])
-    return min(
-        1.0, VALUES_BELOW * grid_step(-top[: below + 32], MAX_STEPS_IN_DIFFERENCE) / distance
-    ) ** (count - 1.0)
+    return min(1.0, VALUES_BELOW * grid_step(-top[: below + 32], MAX_STEPS_AT_TOP) / distance) ** (
+        count - 1.0
+    )
 
 
 def _is_piled_up(counts: FloatArray, fewest: int) -> BoolArray:
