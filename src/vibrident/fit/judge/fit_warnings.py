@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -129,9 +130,9 @@ def _warn_of_misreading(
         return []
     declared, freedom = _cost(problem, evidence.model, estimate.begin)
     max_cost = min(declared / MIN_IMPROVEMENT, MAX_CHI2_REDUCED) * freedom
-    for text, reading in _readings(problem, evidence.calibration.table):
+    for text, reading, shrinkage in _readings(problem, evidence.calibration.table):
         cost, _ = _cost(reading, evidence.model, max_cost=max_cost)
-        ratio = declared / max(cost, np.finfo(float).tiny)
+        ratio = declared / max(cost, np.finfo(float).tiny) * shrinkage
         worse = (
             remedy_chi2 is not None
             and f_tail(1, freedom, (cost - remedy_chi2) * freedom / max(remedy_chi2, 1.0))
@@ -194,10 +195,23 @@ def _all_nominal(frequency_hz: FloatArray) -> bool:
     return bool(np.all(deviation < 2e-3))
 
 
-def _readings(
-    problem: FrequencyProblem, table: ResponseTable | None
-) -> Iterator[tuple[str, FrequencyProblem]]:
-    """Yield other readings of the same data, each with the question that it raises.
+class _Reading(NamedTuple):
+    """Other reading of the same data.
+
+    Attributes:
+        question: that it raises.
+        problem: the data so read.
+        shrinkage: ratio of deviations that are scatter, so read and as declared: a reading that
+            makes all numbers smaller fits no better by that.
+    """
+
+    question: str
+    problem: FrequencyProblem
+    shrinkage: float = 1.0
+
+
+def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[_Reading]:
+    """Yield other readings of the same data.
 
     They have phase in the other unit or of the other sign, decibels, exchanged channels, or another
     reference quantity.
@@ -211,7 +225,7 @@ def _readings(
             "are their columns the right way round?"
         )
         data = (frequency, response, reference, deviation * np.abs(reference / response))
-        yield text, replace(problem, data=data)
+        yield _Reading(text, replace(problem, data=data))
     if is_motion(problem.quantity):
         for quantity in MOTIONS:
             if quantity != problem.quantity:
@@ -219,34 +233,32 @@ def _readings(
                     f"The data fit far better with a reference in {quantity}: "
                     "is its quantity right?"
                 )
-                yield text, replace(problem, quantity=quantity)
+                yield _Reading(text, replace(problem, quantity=quantity))
 
 
-def _readings_of_table(
-    problem: FrequencyProblem, table: ResponseTable
-) -> Iterator[tuple[str, FrequencyProblem]]:
-    """Yield other readings of a table, each with the question that it raises."""
+def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Iterator[_Reading]:
+    """Yield other readings of a table."""
     frequency, magnitude, phase, magnitude_u, phase_u = problem.data
     if problem.has_phase:
         for text, factor in (
             ('The phases fit far better as degrees: is phase_unit "rad" right?', np.pi / 180.0),
             ('The phases fit far better as radians: is phase_unit "deg" right?', 180.0 / np.pi),
         ):
-            # Values without a stated uncertainty keep their weight.
-            other_u = phase_u if table.phase_uncertainty_rad is None else factor * phase_u
+            # Values without a stated uncertainty keep their weight; they are half of the data.
+            is_stated = table.phase_uncertainty_rad is not None
+            other_u = factor * phase_u if is_stated else phase_u
+            data = (frequency, magnitude, factor * phase, magnitude_u, other_u)
             if np.median(other_u) < 0.5:  # any phase fits within an uncertainty of a turn
-                yield (
-                    text,
-                    replace(
-                        problem, data=(frequency, magnitude, factor * phase, magnitude_u, other_u)
-                    ),
-                )
+                shrinkage = 1.0 if is_stated else min(factor, 1.0)
+                yield _Reading(text, replace(problem, data=data), shrinkage)
         text = "The phases fit far better with the other sign: here a lag is negative"
-        yield text, replace(problem, data=(frequency, magnitude, -phase, magnitude_u, phase_u))
+        data = (frequency, magnitude, -phase, magnitude_u, phase_u)
+        yield _Reading(text, replace(problem, data=data))
     root = np.sqrt(magnitude)
     relative_u = magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
-    yield text, replace(problem, data=(frequency, root, phase, 0.5 * relative_u * root, phase_u))
+    data = (frequency, root, phase, 0.5 * relative_u * root, phase_u)
+    yield _Reading(text, replace(problem, data=data))
     # Any small numbers look like levels of a flat response.
     if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:
         ratio = 10.0 ** (magnitude / 20.0)
@@ -257,4 +269,5 @@ def _readings_of_table(
         relative_u = (
             relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
         )
-        yield text, replace(problem, data=(frequency, ratio, phase, ratio * relative_u, phase_u))
+        data = (frequency, ratio, phase, ratio * relative_u, phase_u)
+        yield _Reading(text, replace(problem, data=data))
