@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vibrident.data.records import Calibration
-from vibrident.data.screening.held import is_held_drive
+from vibrident.data.screening.held import has_stairs, is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
 from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
@@ -34,6 +34,10 @@ from vibrident.result import Result
 
 if TYPE_CHECKING:
     from vibrident.fit.uncertainty.posterior import Sampling
+
+#: A motion in stairs is held where that leaves less than this share of what no hold leaves: the
+#: stairs of a few bits are noise to both.
+MAX_LEFT_BY_HOLD = 0.5
 
 
 def identify_run(
@@ -112,7 +116,8 @@ def _fit_model(
     """Estimate a model by records or a table, beside the departures that the data show."""
     evidence = with_free_decays(Evidence.gather(calibration, model))
     chosen, reason = _estimator(evidence, estimator, uncertainty)
-    if calibration.quantity == "drive" and model.is_linear and calibration.records:
+    may_be_held = calibration.quantity == "drive" or has_stairs(calibration)
+    if may_be_held and model.is_linear and calibration.records:
         fitted = _fit_drive(evidence, chosen, _held_network(estimator), progress)
         reason = fitted.reason or reason
     else:
@@ -160,7 +165,8 @@ def _fit_drive(
         return Fitted.from_evidence(evidence, chosen, progress)
     if not is_held_drive(evidence.calibration):
         plain = Fitted.from_evidence(evidence, chosen, progress)
-        if plain.adequate:
+        stairs = has_stairs(evidence.calibration)
+        if plain.adequate and not stairs:
             return plain
         # The hold turns the phase by half a sample: what explains most of the motion is near.
         near = plain.values if plain.judgement.explained > 0.5 else None
@@ -168,6 +174,9 @@ def _fit_drive(
         held = fit_held_drive(replace(held, evidence=evidence))
         if not held.adequate:
             return plain
+        if plain.adequate:
+            left, left_by_held = (1.0 - fit.judgement.explained for fit in (plain, held))
+            return held if left_by_held < MAX_LEFT_BY_HOLD * left else plain
         # A hold is half a sample of delay: where no stairs are seen, none explains as well.
         near_held = Fitted.from_evidence(replace(evidence, start=held.values), chosen, progress)
         return replace(near_held, evidence=evidence) if near_held.adequate else held

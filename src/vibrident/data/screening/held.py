@@ -1,4 +1,4 @@
-"""Tell whether a drive is held between samples, as a digital-to-analogue converter does."""
+"""Tell whether a reference is held between samples, as by a digital-to-analogue converter."""
 
 from __future__ import annotations
 
@@ -17,10 +17,15 @@ MIN_EXPLAINED = 0.5  # part of the signal's power in the levels of its treads: m
 def is_held_drive(calibration: Calibration) -> bool:
     """Tell whether every driven record's reference is a drive in stairs, with noise or without.
 
-    Only a commanded signal can be held; a motion with repeated values was recorded with few bits.
+    A commanded signal is held; a motion in stairs may be so, or was recorded with few bits.
     """
-    drives = [r.reference for r in calibration.records if r.reference is not None]
-    return calibration.quantity == "drive" and bool(drives) and all(map(is_stairs, drives))
+    return calibration.quantity == "drive" and has_stairs(calibration)
+
+
+def has_stairs(calibration: Calibration) -> bool:
+    """Tell whether every driven record's reference is in stairs, with noise or without."""
+    references = [r.reference for r in calibration.records if r.reference is not None]
+    return bool(references) and all(map(is_stairs, references))
 
 
 def is_stairs(drive: FloatArray) -> bool:
