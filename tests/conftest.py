@@ -103,3 +103,9 @@ def _release_kernels() -> Iterator[None]:
 def rng() -> np.random.Generator:
     """The same random numbers for every test, in whatever order they run."""
     return np.random.default_rng(20251113)
+
+
+@pytest.fixture
+def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of documents have their size and nothing in it: for what looks at words and numbers alone."""
+    monkeypatch.setattr("vibrident.show.media.drawing._Drawing._stack", lambda *_: None)

@@ -61,6 +61,7 @@ def test_a_cortex_m4f_says_what_the_same_code_says_here(case):
 
 
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="there is no cppcheck")
+@pytest.mark.slow
 def test_the_deviations_from_misra_are_those_of_the_study(case):
     """By what cppcheck's addon looks at; nothing is claimed of the other rules."""
     command = ["cppcheck", "--std=c99", "--addon=misra", "--quiet", "--template={id}", "sensor.c"]

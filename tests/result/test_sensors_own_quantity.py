@@ -68,6 +68,7 @@ def require_same(one: np.ndarray, other: np.ndarray, u_one: np.ndarray, u_other:
 
 @pytest.mark.parametrize("reference", REFERENCES[1:])
 @pytest.mark.parametrize("sensor", UNITS)
+@pytest.mark.quick("paper-displacement", "geophone-velocity")
 def test_curve_and_points_are_those_of_an_acceleration_reference(sensor, reference):
     first, other = calibrated(sensor, "acceleration"), calibrated(sensor, reference)
     assert unit_of_sensitivity(first) == unit_of_sensitivity(other) == UNITS[sensor]

@@ -57,6 +57,7 @@ def right(result: Result) -> bool:
 
 
 @pytest.mark.parametrize("make", [multisine, sines, table], ids=lambda make: make.__name__)
+@pytest.mark.quick("sines", "table")
 def test_in_the_band_the_model_is_right_and_outside_it_is_not_asked(make):
     calibration = make()
     assert "lack_of_fit" in identify(calibration).warning_codes

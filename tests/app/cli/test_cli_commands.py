@@ -277,6 +277,7 @@ def test_compare_leaves_out_what_does_not_suit(run, tmp_path):
     assert "Left out" not in unknown.stderr  # refused before anything is identified
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_report_beside_the_result_and_elsewhere(identified, run, tmp_path):
     results = [tmp_path / name / "result.json" for name in ("a", "b")]
     for file in results:

@@ -45,6 +45,7 @@ def test_of_a_folder_what_is_not_known_is_left_out_and_listed(visit, picture, tm
     picture(page, "left-out")
 
 
+@pytest.mark.slow
 def test_of_more_files_than_a_page_takes_the_rest_is_left_out_and_listed(visit, tmp_path):
     for i in range(507):
         (tmp_path / f"{i}.csv").write_text(ROWS)
@@ -55,7 +56,7 @@ def test_of_more_files_than_a_page_takes_the_rest_is_left_out_and_listed(visit, 
     page.locator("#confirm").wait_for(timeout=WAIT_MS)
 
 
-def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, picture, tmp_path):
+def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, tmp_path):
     (tmp_path / "a.csv").write_text(ROWS)
     (tmp_path / "0.csv").write_text(ROWS.replace("reference", "velocity [mm/s]"))
     page = visit()
@@ -92,7 +93,15 @@ def test_edits_after_confirm_reach_identify_and_files_added_wipe_no_form(visit, 
     page.get_by_text("1 file:").wait_for(timeout=WAIT_MS)
     page.locator("#start").wait_for(state="hidden")
 
-    page.locator("#edit-text").press("Enter")  # what the form does not ask
+
+@pytest.mark.slow
+def test_what_the_form_does_not_ask_is_written_as_text(visit, picture, tmp_path):
+    (tmp_path / "a.csv").write_text(ROWS)
+    page = visit()
+    upload(page, tmp_path / "a.csv")
+    page.locator("#confirm").wait_for(timeout=WAIT_MS)
+    field(page, "Serial number").fill("4711")
+    page.locator("#edit-text").press("Enter")
     written = field(page, "Calibration file")
     whole = written.input_value()
     written.fill(whole.replace('excitation = "random"', 'excitation = "wobble"'))

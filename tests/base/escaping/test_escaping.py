@@ -206,6 +206,7 @@ def test_the_page_and_its_charts_have_the_same_structure_whatever_the_text(monke
 TEMPLATES = ("%{text}", "%{customdata}", "%{x}", "%{y:+.3g}", "%{x:.6g}", "%{x:.2f}", "%{y}", "%{y:.4g}")
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_certificate_and_comparison_are_set_whatever_the_text():
     for text in (ALL, *TEXTS[::10]):
         assert content(made_of(text), "pdf").startswith(b"%PDF")

@@ -141,6 +141,7 @@ def test_a_device_is_tracked_as_a_file_is(case, wanted, source):
     ("source", "said"),
     [("sound-card=none", "cannot be opened"), ("ni-daqmx=Dev1", "Device identifier is invalid.")],
 )
+@pytest.mark.quick("sound-card=none-cannot be opened")
 def test_a_device_that_is_not_there_is_one_message(case, source, said):
     ran = track(case, "absent", "--source", source)
     assert ran.returncode == 2
@@ -149,6 +150,7 @@ def test_a_device_that_is_not_there_is_one_message(case, source, said):
 
 
 @pytest.mark.parametrize("source", ["sound-card", "ni-daqmx"])
+@pytest.mark.quick("ni-daqmx")
 def test_a_missing_library_is_one_message(case, source, tmp_path):
     install(ROOT / "examples" / "sources", tmp_path / "site")
     for name in ("sounddevice", "nidaqmx"):

@@ -60,6 +60,7 @@ def codes(calibration):
         (Optics(noise=0.03, drift=0.04, dropouts=2, cyclic_rad=(0.0, 0.0, 0.01)), {"fringe_slip", "ellipse_unstable"}),
     ],
 )
+@pytest.mark.quick("optics0-said0", "optics2-said2", "optics3-said3", "optics7-said7")
 def test_displacement_is_right_within_its_uncertainty_and_what_was_found_is_said(tmp_path, optics, said):
     calibration, truth = read(tmp_path, optics)
     off, u = amplitudes_off(calibration, truth)

@@ -42,6 +42,7 @@ def test_a_wrong_key_of_the_optics_is_refused(tmp_path, optics, word):
 
 
 @pytest.mark.parametrize("kind", ["quadrature", "heterodyne"])
+@pytest.mark.quick("heterodyne")
 def test_simulated_light_can_be_identified_as_it_is(kind, tmp_path):
     """Nobody need know how fast the phase turns: the signals are sampled fast enough for the motion."""
     made, found = tmp_path / "made", tmp_path / "found"

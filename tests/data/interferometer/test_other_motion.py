@@ -69,7 +69,7 @@ def test_what_happens_to_the_light_of_other_motion_is_said_and_does_no_harm(tmp_
 def test_noise_of_a_phase_grows_with_frequency_in_an_acceleration_and_biases_nothing():
     """Taken for white noise, it gave a false lack_of_fit each time, and u a hundred times as large."""
     truth, scaled = sensor_named("paper").parameters, []
-    for seed in range(6):
+    for seed in range(4):
         clean = simulate("paper", "shock", sampling_rate_hz=17_000.0, samples=3200, amplitude=80.0, seed=seed,
                          response_noise=1e-3)  # fmt: skip
         record, random = clean.records[0], np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_noise_of_a_phase_grows_with_frequency_in_an_acceleration_and_biases_not
         found = [(result.parameters[name], true) for name, true in truth.items()]
         scaled.append([(p.value - true) / p.standard_uncertainty for p, true in found])
         assert result.parameters["sensitivity"].standard_uncertainty < 1e-4 * truth["sensitivity"]
-    assert np.max(np.abs(np.mean(scaled, axis=0))) < 3.0 / np.sqrt(6.0)
+    assert np.max(np.abs(np.mean(scaled, axis=0))) < 3.0 / np.sqrt(4.0)
     assert np.sqrt(np.mean(np.square(scaled))) < 1.4
 
 

@@ -40,6 +40,7 @@ def found(rate, swing, noise, seed):
 
 
 @pytest.mark.parametrize(("swing", "noise"), [(0.5, 0.03), (1.0, 0.03), (1.5, 0.01)])
+@pytest.mark.quick("0.5-0.03", "1.5-0.01")
 def test_u_of_a_small_motion_does_not_rise_with_the_optical_rate(swing, noise):
     """Nor is its turning taken for a cyclic error, which made u ten to a thousand times as large."""
     slow, fast = ([found(rate, swing, noise, seed) for seed in (1, 2)] for rate in (SLOWEST, 4.0 * SLOWEST))

@@ -91,7 +91,6 @@ EVERY_ADD_ON = (
 
 @pytest.mark.parametrize(("model", "quantity", "name"), [*EVERY_QUANTITY, *EVERY_DISCRETISATION, *EVERY_ADD_ON])
 @pytest.mark.quick(
-    "velocity-pickup-displacement-bandlimited",
     "velocity-pickup+highpass+delay-acceleration-bandlimited",
     "accelerometer+delay-acceleration-zoh",
 )

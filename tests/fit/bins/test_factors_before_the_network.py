@@ -87,6 +87,7 @@ def test_its_slope_is_that_of_inputs_made_anew() -> None:
 
 @pytest.mark.parametrize("quantity", list(DIVIDED))
 @pytest.mark.parametrize("kind", ["random", "shock", "multisine"])
+@pytest.mark.quick("shock-acceleration", "random-displacement", "multisine-velocity")
 def test_a_digital_average_is_found_by_any_motion(kind: Excitation, quantity: Quantity) -> None:
     result = vibrident.identify(recorded(kind, quantity, 1e-3, 3))
     assert result.estimator == "ipnn"

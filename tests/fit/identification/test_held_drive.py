@@ -93,6 +93,7 @@ def test_only_a_drive_in_stairs_is_held():
 
 
 @pytest.mark.parametrize("run", [80, 82])
+@pytest.mark.quick("80")
 def test_a_delay_is_not_half_a_sample_short_where_no_stairs_are_seen(run):
     """A hold stands in for half a sample of delay: it explained a swept drive whose first fit had run away."""
     trial = BY_NAME["clean/below-light+delay=300/sweep/growing 0.5 %"].trial(run)

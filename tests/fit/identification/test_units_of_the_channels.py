@@ -81,6 +81,7 @@ def test_strings_of_numpy_are_strings() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.quick("1")
 def test_a_shock_whose_reference_is_displacement_ends_in_a_result_that_is_doubted(seed: int) -> None:
     noisy = simulate("piezo", "shock", quantity="displacement", response_noise=1e-3, reference_noise=1e-3, seed=seed)
     result = vibrident.identify(noisy)

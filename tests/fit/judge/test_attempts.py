@@ -57,6 +57,7 @@ def least_uncertainty(calibration):
 
 
 @pytest.mark.parametrize("seed", [5, 6, 7, 8, 10])
+@pytest.mark.quick("5", "6", "8")
 def test_noise_of_the_reference_does_not_lead_shocks_to_a_resonance_at_infinity(seed):
     """The bins that show motion do not tell initial states that ring above half the rate. Elsewhere these are no noise:
     of four shocks with 2 % of noise in the reference the resonance at 600 Hz was stated at 8.7 kHz. Where χ² rises by

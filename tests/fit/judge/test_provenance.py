@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -91,16 +92,37 @@ def written(path: Path, columns: dict[str, np.ndarray]) -> None:
             book.save(path)
 
 
-#: Reads the file and its numbers, and prints which of these packages were loaded.
+#: Reads each file and its numbers in a process of its own, and prints which of these packages that one loaded.
 READ = """
-import sys
+import os, sys
 from pathlib import Path
 from vibrident.data.io.reader import open_columns
-path = Path(sys.argv[1])
-opened = open_columns(path)
-opened.load([0])
-print(*(module for module in sys.argv[2:] if module in sys.modules))
+files = sys.argv[1].split("|")
+for file in files:
+    sys.stdout.flush()
+    if os.fork():
+        os.wait()
+        continue
+    open_columns(Path(file)).load([0])
+    print(Path(file).parent.name, *(module for module in sys.argv[2:] if module in sys.modules), flush=True)
+    os._exit(0)
 """
+KNOWN = {package: package.lower() for packages in LIBRARIES.values() for package in packages}
+
+
+@pytest.fixture(scope="module")
+def loaded_by(tmp_path_factory) -> dict[str, set[str]]:
+    """Packages that reading a file of each reader loads, beside what the module of readers loads itself."""
+    rng, files = np.random.default_rng(20251113), []
+    for reader in LIBRARIES:
+        ending = {"hdf5": ".h5", "excel": ".xlsx"}.get(reader, READERS[reader].endings[0])
+        files.append(tmp_path_factory.mktemp("readers") / reader / f"x{ending}")
+        files[-1].parent.mkdir()
+        columns = {"a": rng.standard_normal(500), "v": rng.standard_normal(500)}
+        WRITERS.get(files[-1].name, written)(files[-1], columns)
+    words = [sys.executable, "-c", READ, "|".join(map(str, files)), *KNOWN.values(), "pandas", "jax"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
+    return {reader: set(packages) for reader, *packages in map(str.split, done.stdout.splitlines())}
 
 
 def test_every_reader_of_this_package_says_its_libraries():
@@ -108,18 +130,12 @@ def test_every_reader_of_this_package_says_its_libraries():
 
 
 @pytest.mark.parametrize("reader", sorted(LIBRARIES))
-def test_a_reader_loads_the_libraries_that_are_said_of_it(reader, tmp_path, rng):
-    ending = {"hdf5": ".h5", "excel": ".xlsx"}.get(reader, READERS[reader].endings[0])
-    file = tmp_path / f"x{ending}"
-    columns = {"a": rng.standard_normal(500), "v": rng.standard_normal(500)}
-    WRITERS.get(file.name, written)(file, columns)
-    known = {package: package.lower() for packages in LIBRARIES.values() for package in packages}
-    words = [sys.executable, "-c", READ, str(file), *known.values(), "pandas", "jax"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
-    loaded = set(done.stdout.split())
-    assert {known[package] for package in LIBRARIES[reader]} <= loaded
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the process is copied for each reader")
+def test_a_reader_loads_the_libraries_that_are_said_of_it(reader, loaded_by):
+    loaded = loaded_by[reader]
+    assert {KNOWN[package] for package in LIBRARIES[reader]} <= loaded
     if reader in ("csv", "hdf5", "wav", "matlab"):  # libraries of the others load some of these themselves
-        assert loaded == {known[package] for package in LIBRARIES[reader]}
+        assert loaded == {KNOWN[package] for package in LIBRARIES[reader]}
 
 
 @pytest.mark.parametrize(("ending", "named"), [(".csv", set()), (".h5", {"h5py"})])

@@ -21,9 +21,11 @@ RANDOM = {"frequencies_hz": [100.0, 9000.0], "samples": 4000}
     [
         # of a multisine, quickly, in the next test
         pytest.param("sine", "accelerometer+delay", {"delay": 2e-5}, "accelerometer", marks=pytest.mark.slow),
-        ("sine", "accelerometer+highpass", {"highpass_frequency": 60.0}, "accelerometer"),
+        pytest.param(
+            "sine", "accelerometer+highpass", {"highpass_frequency": 60.0}, "accelerometer", marks=pytest.mark.slow
+        ),
         ("sine", "accelerometer+mode2", SECOND, "accelerometer"),
-        ("sine", "velocity-pickup", PICKUP, "accelerometer"),
+        pytest.param("sine", "velocity-pickup", PICKUP, "accelerometer", marks=pytest.mark.slow),
         ("random", "accelerometer+delay", {"delay": 2e-5}, "accelerometer"),
     ],
 )

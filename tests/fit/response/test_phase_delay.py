@@ -34,6 +34,7 @@ def record(number, rng):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.quick("2")
 def test_a_delay_of_a_third_of_the_record_is_found_beside_a_resonance(seed):
     rng = np.random.default_rng(seed)
     records = tuple(record(number, rng) for number in range(8))

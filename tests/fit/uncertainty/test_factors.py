@@ -95,6 +95,7 @@ def test_a_straight_drift_is_no_deviation():
 
 
 @pytest.mark.parametrize("growth", [0.0, 0.25, 0.5])
+@pytest.mark.quick("0.0", "0.5")
 def test_where_noise_grows_the_mean_square_of_a_deviation_is_no_more_than_one(growth):
     """A sweep passes its high bands where the record is noisiest: twice the mean's variance in the high third.
 
@@ -177,6 +178,7 @@ def test_channels_that_have_nothing_in_common_have_no_coherent_share(rng):
     assert found.lacking
 
 
+@pytest.mark.slow
 def test_a_fit_that_explains_nothing_of_a_shock_is_not_adequate():
     """The response comes 30 samples late and the model has no delay: its own residual was taken for the noise."""
     trial = BY_NAME["lacking/delay/in-light+delay=30/shock/0.1 %"].trial(2)

@@ -109,7 +109,7 @@ def test_what_is_linear_is_never_taken_for_a_bent_spring(excitation, draws):
     band = {} if excitation == "shock" else {"frequencies_hz": [30.0, 1000.0]}
     for seed in range(draws):
         late = simulate(
-            ("accelerometer+mode2+delay", values), excitation, **band, amplitude=9.8, samples=4000, repeats=2,
+            ("accelerometer+mode2+delay", values), excitation, **band, amplitude=9.8, samples=2000, repeats=2,
             sampling_rate_hz=25_600.0, response_noise=3e-4, seed=seed,
         )  # fmt: skip
         codes = vibrident.identify(late, model="accelerometer").warning_codes
@@ -133,6 +133,7 @@ def test_a_drift_that_moves_nothing_is_no_warning(motion):
 
 @pytest.mark.parametrize("size", [0.03, 0.3, 3.0])
 @pytest.mark.parametrize("model", ["accelerometer", "accelerometer+highpass"])
+@pytest.mark.quick("accelerometer-0.3", "accelerometer+highpass-3.0", "accelerometer+highpass-0.03")
 def test_a_zero_that_settles_is_no_lack_of_fit(model: str, size: float) -> None:
     """An amplifier warms up; a high-pass as slow took the drift for its own free motion (hundreds of u).
 
@@ -170,7 +171,10 @@ def test_exchanged_channels_are_named():
 
 
 def test_euler_weights_do_not_explain_the_tones():
-    result = vibrident.identify(sines(response_noise=0.001), estimator=vibrident.Ipnn(discretisation="euler"))
+    result = vibrident.identify(
+        sines(response_noise=0.001, samples=1000, frequencies_hz=TONES[::2]),
+        estimator=vibrident.Ipnn(discretisation="euler"),
+    )
     assert "lack_of_fit" in result.warning_codes
 
 

@@ -278,6 +278,7 @@ def second_mode(f):
     ],
     ids=["right", "delay of 3 µs", "second mode of 1 %"],
 )
+@pytest.mark.quick("right", "second mode of 1 %")
 def test_what_is_left_out_of_the_model_is_found(response, adequate):
     """A delay of 0.03 samples and a second mode of 1 % are refused; what is right is not."""
     result = vibrident.identify(calibration_of(response))

@@ -22,7 +22,7 @@ SENSORS = {
 
 
 @pytest.mark.parametrize("name", SENSORS)
-@pytest.mark.quick("decimation filter of third order", "damping of a viscoelastic")
+@pytest.mark.quick("decimation filter of third order")
 def test_it_neither_changes_nor_depends_on_the_amplitude(name):
     time, rng = np.arange(SAMPLES) / RATE, np.random.default_rng(7)
     waves = [np.exp(2j * np.pi * f * time) for f in np.round(FREQUENCY * SAMPLES / RATE) * RATE / SAMPLES]

@@ -24,6 +24,8 @@ from vibrident.lab.issue.issuing import issue_draft
 from vibrident.lab.issue.keys import load_key, passphrase
 from vibrident.show.issue import NOTHING_MORE
 
+pytestmark = pytest.mark.usefixtures("unpainted")
+
 
 @pytest.fixture
 def store(tmp_path):
@@ -106,7 +108,7 @@ def test_a_correction_replaces_the_certificate(store, key):
 
 
 def test_issuers_at_once_draw_a_number_each_and_leave_no_gap(store, key):
-    numbers = [reviewed(store, certifiable(f"data {i}", f"S{i}")) for i in range(6)]
+    numbers = [reviewed(store, certifiable(f"data {i}", f"S{i}")) for i in range(3)]
 
     def issue(number: int) -> str:
         with Store(store.url) as own:
@@ -115,7 +117,7 @@ def test_issuers_at_once_draw_a_number_each_and_leave_no_gap(store, key):
     with ThreadPoolExecutor(4) as threads:
         drawn = list(threads.map(issue, [*numbers, numbers[0]]))
     assert drawn[0] == drawn[-1]
-    assert sorted(int(number.split("-")[1]) for number in drawn[:-1]) == [1, 2, 3, 4, 5, 6]
+    assert sorted(int(number.split("-")[1]) for number in drawn[:-1]) == [1, 2, 3]
 
 
 def test_a_number_that_a_calibration_states_already_is_not_drawn(store, key):

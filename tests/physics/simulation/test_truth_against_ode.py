@@ -241,8 +241,8 @@ def test_a_stiff_sensor_sampled_slowly():
     """30 kHz sensor at 2.56 kHz: 74 rad a step, and still the ODE's solution."""
     p = {"sensitivity": 1e-3, "natural_frequency": 30e3, "damping_ratio": 0.02}
     motion = Sweep(100.0, 1000.0, 0.004, 5.0)
-    times = np.arange(12) / 2560.0
-    found = exact("accelerometer", p, motion, samples=12, rate=2560.0)
+    times = np.arange(5) / 2560.0
+    found = exact("accelerometer", p, motion, samples=5, rate=2560.0)
     assert relative(found, ode_response(p, motion, times)) < 1e-8
 
 

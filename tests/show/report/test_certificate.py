@@ -151,6 +151,7 @@ def test_the_coverage_is_that_of_the_effective_degrees_of_freedom():
     assert "95 % for a normal distribution" in certificate.statements(table2())[0]
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_the_pdf_holds_the_contents_and_numbers_its_pages():
     result = with_grid(stated())
     found = pages(report.content(result, "pdf"))
@@ -170,6 +171,7 @@ def test_the_pdf_holds_the_contents_and_numbers_its_pages():
     assert "Limitations of the results" not in text
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_the_pdf_names_every_warning():
     text = " ".join(" ".join(pages(report.content(troubled(), "pdf"))).split())
     assert "Limitations of the results" in text
@@ -187,6 +189,7 @@ def test_the_same_result_gives_the_same_file():
     assert report.content(result, "pdf") == report.content(result, "pdf")
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_letters_that_the_font_lacks_do_no_harm():
     result = replace(table2(), sensor={"type": "振动传感器 $x$ #let"}, certificate={"remarks": "*not bold* \\ @x"})
     text = " ".join(pages(report.content(result, "pdf")))
@@ -206,6 +209,7 @@ def test_without_typst_the_remedy_is_named(monkeypatch):
         report.content(table2(), "pdf")
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_who_signs_does_so_on_page_one():
     """Whatever the page holds: a long certificate, one with doubts, one without points."""
     files = [{"file": f"{i}.csv", "sha256": f"{i:064x}"} for i in range(30)]
@@ -217,6 +221,7 @@ def test_who_signs_does_so_on_page_one():
         assert not [page for page in others if "Place and date" in page]
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_the_measured_points_and_the_signature_share_page_one():
     result = replace(stated(), warnings=(), findings=())
     first = pages(report.content(result, "pdf"))[0]

@@ -34,11 +34,12 @@ from vibrident.show.media import html, pdf
 from vibrident.show.numbers import sensitivity_scale
 from vibrident.show.views import Figure, Folded
 
+pytestmark = pytest.mark.usefixtures("unpainted")
 FOLDER = Path(vibrident.show.__file__).parent / "languages"
 LANGUAGES = ("en", "de", "fr", "zh")
 SPACE = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 COUNT = 50
-QUICK = 15  # sensors and languages are met after twelve
+QUICK = 12  # sensors and languages are met after twelve
 #: Pictures of a report, which take long and say nothing in words.
 DRAWN = ("sensitivity", "deviation", "signals", "residuals", "training")
 

@@ -11,6 +11,7 @@ from tests.support.sample_results import table2
 from vibrident.result import Finding, ResultWarning
 from vibrident.show import findings, report, terminal
 
+pytestmark = pytest.mark.usefixtures("unpainted")
 NASTY = "<b>a|b</b> [bold]#x"
 
 

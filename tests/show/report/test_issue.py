@@ -30,6 +30,7 @@ from vibrident.show.media import pdf
 from vibrident.show.numbers import percent, sensitivity_scale
 from vibrident.use.conformity import accepted, judge_requirements, probability_of_conformance, ratio_uncertainty
 
+pytestmark = pytest.mark.usefixtures("unpainted")
 FOLDER = Path(vibrident.show.__file__).parent / "languages"
 LANGUAGES = ("en", "de", "fr", "zh")
 WHOLE = """

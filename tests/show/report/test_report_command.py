@@ -15,6 +15,8 @@ from vibrident.data.io.writer import write_calibration
 from vibrident.result import Result
 from vibrident.show import certificate, certificate_tables
 
+pytestmark = pytest.mark.usefixtures("unpainted")
+
 
 def run(*arguments):
     return shell.run("report", *arguments)

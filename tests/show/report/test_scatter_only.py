@@ -12,6 +12,7 @@ from vibrident.show import report
 from vibrident.show.media import html
 from vibrident.show.terminal import text
 
+pytestmark = pytest.mark.usefixtures("unpainted")
 #: What u covers, and what each document says of it.
 CASES = [
     (["noise"], "U covers scatter only.", ("kind gain", "kind phase")),

@@ -77,6 +77,7 @@ def test_a_zero_of_a_pulses_spectrum_is_not_its_end() -> None:
         ("seismometer", 0.5, 200.0),
     ],
 )
+@pytest.mark.quick("paper-0.0015-51200.0", "piezo-6e-05-1000000.0", "seismometer-0.5-200.0")
 def test_within_half_a_percent_where_the_raw_output_is_off(sensor: str, pulse: float, rate: float) -> None:
     """The peak of the output over the gain is 15 % to 98 % off; noise of 1e-4, parameters known to 1e-4."""
     truth = SENSORS[sensor]

@@ -237,6 +237,7 @@ def test_best_weights_obey_the_equivalence_theorem() -> None:
 
 
 @pytest.mark.parametrize("criterion", ["D", "A"])
+@pytest.mark.quick("D")
 def test_choices_are_better_than_spread_ones_and_near_the_best(criterion: str) -> None:
     settings = {"frequencies_hz": BAND, "recording": RECORDING, "criterion": criterion}
     few = vibrident.plan("accelerometer", PAPER, best=6, **settings)

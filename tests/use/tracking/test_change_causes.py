@@ -100,6 +100,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize("words", CAUSES)
+@pytest.mark.quick("stiffer on one side", "a cube of the motion")
 def test_what_the_engine_finds_is_the_cause(words, rng):
     u = motion("random", SAMPLES, rng)
     after = CAUSES[words](u, answered(u))

@@ -18,7 +18,7 @@ def relative(values):
     return np.array([values[name] / TRUTH[name] for name in NAMES])
 
 
-@pytest.mark.draws(8, 100)
+@pytest.mark.draws(5, 100)
 @pytest.mark.parametrize("kind", ["random", "multisine", "sweep"])
 @pytest.mark.quick("few-random", "few-sweep")
 def test_it_scatters_as_a_batch_does_and_covers(kind, draws):
