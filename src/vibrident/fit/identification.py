@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibrident.base.tails import f_tail
 from vibrident.data.records import Calibration
 from vibrident.data.screening.held import has_stairs, is_held_drive
 from vibrident.fit.decay import decays_alone, with_free_decays
@@ -28,16 +29,13 @@ from vibrident.fit.judge.remedy import with_remedy
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.problem import Evidence
 from vibrident.fit.registry import ESTIMATORS
+from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty.budget import BudgetRow
 from vibrident.physics.models import SensorModel, model_of
 from vibrident.result import Result
 
 if TYPE_CHECKING:
     from vibrident.fit.uncertainty.posterior import Sampling
-
-#: A motion in stairs is held where that leaves less than this share of what no hold leaves: the
-#: stairs of a few bits are noise to both.
-MAX_LEFT_BY_HOLD = 0.5
 
 
 def identify_run(
@@ -175,8 +173,10 @@ def _fit_drive(
         if not held.adequate:
             return plain
         if plain.adequate:
-            left, left_by_held = (1.0 - fit.judgement.explained for fit in (plain, held))
-            return held if left_by_held < MAX_LEFT_BY_HOLD * left else plain
+            misfit, misfit_held = (1.0 - fit.judgement.explained for fit in (plain, held))
+            numbers = plain.estimate.equations
+            ratio = misfit / max(misfit_held, np.finfo(float).tiny)
+            return held if f_tail(numbers, numbers, ratio) < REJECTION else plain
         # A hold is half a sample of delay: where no stairs are seen, none explains as well.
         near_held = Fitted.from_evidence(replace(evidence, start=held.values), chosen, progress)
         return replace(near_held, evidence=evidence) if near_held.adequate else held

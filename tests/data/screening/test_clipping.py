@@ -19,7 +19,8 @@ from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.clipping import clipped
 from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
-from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, ORDER, PredictedChannel, find_breaks
+from vibrident.data.screening.prediction import ORDER
+from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, PredictedChannel, find_breaks
 from vibrident.physics.simulation import SENSORS, simulate
 
 N = 4000

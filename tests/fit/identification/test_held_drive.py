@@ -99,3 +99,16 @@ def test_a_delay_is_not_half_a_sample_short_where_no_stairs_are_seen(run):
     trial = BY_NAME["clean/below-light+delay=300/sweep/growing 0.5 %"].trial(run)
     delay = vibrident.identify(trial.calibration(), model=trial.model).parameters["delay"]
     assert abs(delay.value - trial.truth["delay"]) < 4.0 * delay.standard_uncertainty
+
+
+@pytest.mark.parametrize("run", [95, 96])
+def test_an_acceleration_in_stairs_is_held_where_that_explains_far_more(run):
+    """As band-limited an overdamped sensor was 44 and 470 u off, and "adequate"."""
+    trial = BY_NAME["held/staircase/in-over"].trial(run)
+    calibration = trial.calibration()
+    assert calibration.quantity == "acceleration"
+    result = vibrident.identify(calibration, model=trial.model)
+    assert result.settings["discretisation"] == "zoh"
+    for name in ("sensitivity", "natural_frequency", "damping_ratio"):
+        stated = result.parameters[name]
+        assert abs(stated.value - trial.truth[name]) < 4 * stated.standard_uncertainty

@@ -16,17 +16,19 @@ from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.data.screening.wild import (
+from vibrident.data.screening.prediction import (
     BLOCK_SAMPLES,
     MAX_BLOCKS,
     MAX_NOISE_SIGMA,
-    MAX_SAMPLES_APART,
     MEDIAN_OF_NORMAL,
+    ORDER,
+    RIDGE,
+)
+from vibrident.data.screening.wild import (
+    MAX_SAMPLES_APART,
     MIN_BREAK,
     MIN_WILD_SIGMA,
     NEIGHBOURS,
-    ORDER,
-    RIDGE,
     ChannelEvent,
     PredictedChannel,
 )

@@ -21,21 +21,20 @@ from numpy.typing import NDArray
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.channel import ChannelSamples
+from vibrident.data.screening.prediction import (
+    MAX_NOISE_SIGMA,
+    MEDIAN_OF_NORMAL,
+    ORDER,
+    LinearPrediction,
+    PredictionSamples,
+    extend_flags,
+)
 from vibrident.data.screening.steps import converter_step
 
-#: Order of the autoregression: how many samples predict the next.
-ORDER = 16
-#: A prediction is fitted to at most MAX_BLOCKS blocks of BLOCK samples.
-MAX_BLOCKS = 16
-BLOCK_SAMPLES = 256
-#: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
-RIDGE = 1e-14
 #: Refits without the samples that the previous fit did not explain.
 REFITS = 3
-#: Wild samples and breaks exceed this many standard deviations …
+#: Wild samples and breaks exceed this many standard deviations.
 MIN_WILD_SIGMA = 9.0
-#: … and noise alone seldom exceeds this many.
-MAX_NOISE_SIGMA = 5.0
 #: Wild samples are larger than MIN_STEPS steps of the converter, and than this share of the
 #: channel's range: rounding.
 MIN_STEPS = 4.0
@@ -54,8 +53,6 @@ MAX_WILD_SHARE = 0.01
 #: Samples on either side that show the usual size of errors, in addition to those that a run of
 #: wild samples disturbs.
 NEIGHBOURS = 40
-#: Median magnitude of normal errors, in standard deviations.
-MEDIAN_OF_NORMAL = 0.6745
 #: Largest distance, in samples, of the same event in both channels.
 MAX_SAMPLES_APART = 2
 #: A break is larger than this share of the motion's standard deviation; smaller changes are motion.
@@ -266,8 +263,8 @@ class PredictedChannel:
     def _is_smooth(self, begin: int, behind: int) -> bool:
         """Tell whether samples go on smoothly from those beside them, as tops of pulses do."""
         rough = np.abs(np.diff(self.series[begin - ORDER : behind + ORDER], n=ROUGHNESS_ORDER))
-        beside = ORDER - ROUGHNESS_ORDER
-        usual = max(float(np.max(rough[:beside])), float(np.max(rough[-beside:])))
+        margin = ORDER - ROUGHNESS_ORDER
+        usual = max(float(np.max(rough[:margin])), float(np.max(rough[-margin:])))
         return float(np.max(rough)) < MIN_WILD_SIGMA * usual
 
     def _far_off(self, begin: int, behind: int) -> bool:
@@ -333,94 +330,6 @@ class PredictedChannel:
         return flags
 
 
-@dataclass(frozen=True, eq=False)
-class LinearPrediction:
-    """Linear prediction fitted to a channel.
-
-    Attributes:
-        taps: error of the sample after a wild one of size one, and of those after that; shape
-            (ORDER + 1,).
-        deviation: standard deviation of the errors where the prediction was fitted.
-    """
-
-    taps: FloatArray
-    deviation: float
-
-    def both(self, series: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the forward errors and the backward errors of a series.
-
-        The forward errors lack the first ORDER samples, the backward errors the last.
-        """
-        forward = np.convolve(series, self.taps, mode="valid")
-        backward = np.convolve(series, self.taps[::-1], mode="valid")
-        return forward, backward
-
-    def matched(self, series: FloatArray, judged: BoolArray) -> FloatArray:
-        """Return forward errors matched to a single wild sample, of variance one.
-
-        Shape (samples,); zero where a sample is not judged.
-        """
-        scale = self.deviation * float(np.linalg.norm(self.taps))
-        double = np.convolve(self.taps, self.taps[::-1]) / scale
-        return np.where(judged, np.convolve(series, double, mode="same"), 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class PredictionSamples:
-    """Samples that a prediction is fitted to, with those before them, in blocks of a record.
-
-    Attributes:
-        windows: each sample behind ORDER others, shape (rows, ORDER + 1).
-        clean: rows to use, shape (rows,).
-    """
-
-    windows: FloatArray
-    clean: BoolArray
-
-    @classmethod
-    def from_series(cls, series: FloatArray, follows: BoolArray) -> PredictionSamples:
-        """Return evenly spread samples of a series, and which of them can be predicted.
-
-        Args:
-            series: shape (samples,).
-            follows: which samples follow ORDER valid ones, shape (samples,).
-        """
-        count = series.size - ORDER
-        blocks = MAX_BLOCKS if count > BLOCK_SAMPLES * MAX_BLOCKS else 1
-        begins = (
-            np.linspace(0, count - BLOCK_SAMPLES, blocks).astype(int)
-            if blocks > 1
-            else np.array([0])
-        )
-        index = begins[:, None] + np.arange((BLOCK_SAMPLES if blocks > 1 else count) + ORDER)
-        windows = sliding_window_view(series[index], ORDER + 1, axis=1)
-        return cls(windows.reshape(-1, ORDER + 1), follows[index[:, ORDER:]].ravel())
-
-    def fit(self) -> LinearPrediction:
-        """Return the prediction of least squares, forwards and backwards."""
-        windows = self.windows if self.clean.all() else self.windows[self.clean]
-        products = windows.T @ windows
-        products = products + products[::-1, ::-1]
-        products += RIDGE * (np.trace(products) + len(windows)) * np.eye(ORDER + 1)
-        taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
-        return LinearPrediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
-
-    def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
-        """Return the samples without those near large errors of a prediction.
-
-        Returns all samples if more than half would go: half may lie at rest, which says nothing
-        about the motion.
-        """
-        size = np.abs(self.windows @ prediction.taps[::-1])
-        usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
-        clean = self.clean & ~_extend_flags(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
-        return (
-            PredictionSamples(self.windows, clean)
-            if np.sum(clean) > 0.5 * np.sum(self.clean)
-            else self
-        )
-
-
 def find_motion(
     channel: PredictedChannel, other_channel: PredictedChannel, bad: BoolArray
 ) -> BoolArray:
@@ -454,14 +363,14 @@ def find_motion(
         if bad_index.size and other_channel.readable:
             odd = np.zeros(bad.shape, dtype=bool)
             reach = MAX_SAMPLES_APART + order
-            near = np.flatnonzero(_extend_flags(bad, reach))
+            near = np.flatnonzero(extend_flags(bad, reach))
             odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
                 near
             )
             midst = np.zeros(bad.shape, dtype=bool)
             for event in other_channel.events:
                 midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
-            explained = _extend_flags(odd, reach)
+            explained = extend_flags(odd, reach)
             for run in short_runs:
                 around = slice(max(run.start - reach, 0), run.stop + reach)
                 stands_out = channel.prominence(run) > other_channel.prominence(around)
@@ -511,9 +420,3 @@ def _is_break(channel: PredictedChannel, index: int) -> bool:
         return False
     sizes = sorted((float(np.std(before)), float(np.std(after))))
     return sizes[0] > MIN_DEVIATION_RATIO * sizes[1]
-
-
-def _extend_flags(flags: BoolArray, reach: int) -> BoolArray:
-    """Return which samples have a flag within reach, shape (samples,)."""
-    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
-    return count[2 * reach + 1 :] > count[: -2 * reach - 1]

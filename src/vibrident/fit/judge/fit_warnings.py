@@ -195,7 +195,7 @@ def _all_nominal(frequency_hz: FloatArray) -> bool:
     return bool(np.all(deviation < 2e-3))
 
 
-class _Reading(NamedTuple):
+class _OtherReading(NamedTuple):
     """Other reading of the same data.
 
     Attributes:
@@ -210,7 +210,7 @@ class _Reading(NamedTuple):
     shrinkage: float = 1.0
 
 
-def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[_Reading]:
+def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[_OtherReading]:
     """Yield other readings of the same data.
 
     They have phase in the other unit or of the other sign, decibels, exchanged channels, or another
@@ -225,7 +225,7 @@ def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterato
             "are their columns the right way round?"
         )
         data = (frequency, response, reference, deviation * np.abs(reference / response))
-        yield _Reading(text, replace(problem, data=data))
+        yield _OtherReading(text, replace(problem, data=data))
     if is_motion(problem.quantity):
         for quantity in MOTIONS:
             if quantity != problem.quantity:
@@ -233,10 +233,10 @@ def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterato
                     f"The data fit far better with a reference in {quantity}: "
                     "is its quantity right?"
                 )
-                yield _Reading(text, replace(problem, quantity=quantity))
+                yield _OtherReading(text, replace(problem, quantity=quantity))
 
 
-def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Iterator[_Reading]:
+def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Iterator[_OtherReading]:
     """Yield other readings of a table."""
     frequency, magnitude, phase, magnitude_u, phase_u = problem.data
     if problem.has_phase:
@@ -250,15 +250,15 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
             data = (frequency, magnitude, factor * phase, magnitude_u, other_u)
             if np.median(other_u) < 0.5:  # any phase fits within an uncertainty of a turn
                 shrinkage = 1.0 if is_stated else min(factor, 1.0)
-                yield _Reading(text, replace(problem, data=data), shrinkage)
+                yield _OtherReading(text, replace(problem, data=data), shrinkage)
         text = "The phases fit far better with the other sign: here a lag is negative"
         data = (frequency, magnitude, -phase, magnitude_u, phase_u)
-        yield _Reading(text, replace(problem, data=data))
+        yield _OtherReading(text, replace(problem, data=data))
     root = np.sqrt(magnitude)
     relative_u = magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
     data = (frequency, root, phase, 0.5 * relative_u * root, phase_u)
-    yield _Reading(text, replace(problem, data=data))
+    yield _OtherReading(text, replace(problem, data=data))
     # Any small numbers look like levels of a flat response.
     if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:
         ratio = 10.0 ** (magnitude / 20.0)
@@ -270,4 +270,4 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
             relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
         )
         data = (frequency, ratio, phase, ratio * relative_u, phase_u)
-        yield _Reading(text, replace(problem, data=data))
+        yield _OtherReading(text, replace(problem, data=data))
