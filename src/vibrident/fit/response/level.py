@@ -119,15 +119,15 @@ def levels(
         level = (amounts[:, None] @ rows_shapes)[:, 0]
         return level, np.sum(amounts * at_tone[np.ix_(rows, used)], axis=1)
 
-    level, level_at_tone = likeliest(np.ones(len(ratio), dtype=bool), ~is_coloured)
+    level, tone_level = likeliest(np.ones(len(ratio), dtype=bool), ~is_coloured)
     wide = np.maximum(highest, 1.0 / lowest) > MIN_COLOUR_RATIO
     if np.any(wide):
         coloured, coloured_at_tone = likeliest(wide, np.ones_like(is_coloured))
         gain = _gain(power[wide], coloured, level[wide], weight[wide])
         better = gain > MIN_COLOUR_GAIN
         level[wide] = np.where(better[:, None], coloured, level[wide])
-        level_at_tone[wide] = np.where(better, coloured_at_tone, level_at_tone[wide])
-    return level, level_at_tone
+        tone_level[wide] = np.where(better, coloured_at_tone, tone_level[wide])
+    return level, tone_level
 
 
 def _gain(power: FloatArray, mean: FloatArray, rival: FloatArray, weight: FloatArray) -> FloatArray:

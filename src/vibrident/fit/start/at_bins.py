@@ -8,7 +8,7 @@ add-ons starts from the best values of the model without them. No nonparametric 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from vibrident.fit.start.coarse import coarse_rows
 from vibrident.fit.start.grid_search import GridSearch, StartCandidate
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
 from vibrident.fit.start.refinement import CoarseDescent
-from vibrident.physics.models import ParameterSpec
+from vibrident.physics.models import ParameterSpec, SensorModel
 
 #: Number of natural frequencies of the grid …
 FREQUENCIES = 32
@@ -62,18 +62,11 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     if added and front:
         core_values = [{spec.name: place.values[spec.name] for spec in core} for place in front]
         # An add-on in the band may hide that the core does nothing there.
-        far = [spec.name for spec in core if spec.grid == "band"]
-        core_values += [
-            place
-            for place in places
-            if any(place[name] in (axes[name][0], axes[name][-1]) for name in far)
-        ]
+        core_values += _places_at_ends(core, axes)
         combined = [values | guess for values in core_values for guess in guesses]
         front = search.best(combined, REFINED_PLACES)
     if first_modes and model.shares:
-        of_mode = [spec for add_on in model.add_ons if add_on.share for spec in add_on.parameters]
-        of_mode = [spec for spec in of_mode if spec.name not in model.shares]
-        modes = _places(of_mode, [_guesses(spec, observed.band_hz) for spec in of_mode])
+        modes = _second_modes(model, observed.band_hz)
         front = [*front, *descent.with_second_mode(first_modes, modes)[:REFINED_PLACES]]
     if front and (added or core_has_starts):
         front = descent.refined(front)
@@ -88,6 +81,29 @@ def _places(
     """Return all combinations of values of the parameters, by name."""
     names = [spec.name for spec in specs]
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes)]
+
+
+def _places_at_ends(
+    specs: Sequence[ParameterSpec], axes: Mapping[str, Sequence[float]]
+) -> list[dict[str, float]]:
+    """Return the places of a core whose natural frequency is at either end of the grid."""
+    ends = [
+        (axes[spec.name][0], axes[spec.name][-1]) if spec.grid == "band" else axes[spec.name]
+        for spec in specs
+    ]
+    return _places(specs, ends) if any(spec.grid == "band" for spec in specs) else []
+
+
+def _second_modes(model: SensorModel, band_hz: tuple[float, float]) -> list[dict[str, float]]:
+    """Return frequencies and damping ratios of a second mode to be tried."""
+    specs = [
+        spec
+        for add_on in model.add_ons
+        if add_on.share
+        for spec in add_on.parameters
+        if spec.name != add_on.share
+    ]
+    return _places(specs, [_guesses(spec, band_hz) for spec in specs])
 
 
 def _axis(spec: ParameterSpec, low_hz: float, top_hz: float) -> list[float]:
