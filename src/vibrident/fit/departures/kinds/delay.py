@@ -14,6 +14,7 @@ from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
+from vibrident.physics.models.add_ons.delay import DELAY as ADD_ON_DELAY
 
 
 class Delay(Departure):
@@ -24,7 +25,7 @@ class Delay(Departure):
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the slope of the motion, per second of delay; a sine has one frequency."""
-        if group.pull is None and "delay" not in scale.add_ons:
+        if group.pull is None and ADD_ON_DELAY.name not in scale.add_ons:
             yield "", (-1j * group.rate_hz * group.radians * group.likely)[:, None]
 
     def at_points(self, points: PointsPart) -> list[Point]:

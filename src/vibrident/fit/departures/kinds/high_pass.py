@@ -13,6 +13,7 @@ from vibrident.fit.departures.group import WhitenedGroup
 from vibrident.fit.departures.points import Point, PointsPart
 from vibrident.fit.departures.score import Score
 from vibrident.fit.response.response import ComplexArray
+from vibrident.physics.models.add_ons.highpass import HIGHPASS
 
 
 class HighPass(Departure):
@@ -23,7 +24,7 @@ class HighPass(Departure):
 
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the motion's integral, per hertz of corner frequency; a sine has one frequency."""
-        if group.pull is None and "highpass" not in scale.add_ons:
+        if group.pull is None and HIGHPASS.name not in scale.add_ons:
             yield "", (2j * np.pi / group.rate_hz / group.radians * group.likely)[:, None]
 
     def at_points(self, points: PointsPart) -> list[Point]:
