@@ -137,7 +137,8 @@ def u_ratio(trial: Trial, result: Result) -> float | None:
             for name, stated in result.parameters.items()
             if name in trial.truth and name in sound
         ]
-        return round(max(stated / without for stated, without in pairs if stated and without), 3)
+        ratios = [stated / without for stated, without in pairs if stated and without]
+        return round(max(ratios), 3) if ratios else None
     return None
 
 
