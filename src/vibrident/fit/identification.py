@@ -158,13 +158,12 @@ def _held_network(estimator: str | Estimator) -> Ipnn | None:
 def _fit_drive(
     evidence: Evidence, chosen: Estimator, held_network: Ipnn | None, progress: Progress
 ) -> Fitted:
-    """Estimate a model by a commanded drive, held from sample to sample where that explains it."""
+    """Estimate a model by a drive, or a motion in stairs, held where that explains the data."""
     if held_network is None:
         return Fitted.from_evidence(evidence, chosen, progress)
     if not is_held_drive(evidence.calibration):
         plain = Fitted.from_evidence(evidence, chosen, progress)
-        stairs = has_stairs(evidence.calibration)
-        if plain.adequate and not stairs:
+        if plain.adequate and evidence.calibration.quantity == "drive":
             return plain
         # The hold turns the phase by half a sample: what explains most of the motion is near.
         near = plain.values if plain.judgement.explained > 0.5 else None

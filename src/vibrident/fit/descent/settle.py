@@ -261,13 +261,8 @@ class Descended:
 
     @functools.cached_property
     def score(self) -> float:
-        """Return V + log det(1 + JᵀWJ), −2 log of the likelihood of the data, by Laplace.
-
-        A mode of hardly any width or size follows a line of the noise, and fits better than the
-        right one that shows by its tail alone. Of all places, widths and sizes that it could have,
-        only one does so.
-        """
-        return laplace_score(self.at.cost, self.at.matrix)
+        """Return V + log det(1 + JᵀWJ), −2 log of the likelihood of the data, by Laplace."""
+        return float(laplace_score(self.at.cost, self.at.matrix))
 
 
 def descend(

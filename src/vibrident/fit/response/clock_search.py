@@ -259,8 +259,8 @@ class ClockSearch:
             [measured.response / size for measured, size in zip(responses, sizes, strict=True)]
         )
         response = response * np.exp(2j * np.pi * delay_s * basis.hz)
-        explained = float(np.sum(power_of(response)))
-        explained -= _residual_power(basis, motion, response)
+        power = float(np.sum(power_of(response)))
+        explained = power - _residual_power(basis, motion, response)
         return max(1.0 - explained / len(responses), np.finfo(float).tiny)
 
     def _basis(self, samples: int) -> _Basis:

@@ -106,7 +106,7 @@ class CoarseDescent:
             return candidate
         end = objective(trace.last, None)
         values = coordinates.values(trace.last)
-        score = laplace_score(end.cost, end.matrix)
+        score = float(laplace_score(end.cost, end.matrix))
         return StartCandidate(score, self._with_excess(values, candidate))
 
     def _coordinates(self, values: Mapping[str, float]) -> Coordinates:

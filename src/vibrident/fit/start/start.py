@@ -16,6 +16,7 @@ import numpy as np
 
 from vibrident.base.errors import NotConverged
 from vibrident.data.records import FloatArray
+from vibrident.fit.information import laplace_score
 from vibrident.fit.problem import FrequencyProblem
 from vibrident.fit.start.candidates import MIN_DEVIATION, candidates, likely, with_guesses
 from vibrident.fit.start.rational import two_modes
@@ -172,18 +173,11 @@ def _shortest_delay_first(
 def _likeliest_first(
     rows: np.ndarray, front: Population, chart: LogCoordinates, final: TargetFRF
 ) -> np.ndarray:
-    """Return the rows by χ² + log det(1 + JᵀJ), the likelihood of the data.
-
-    It is Laplace's approximation. Somewhere in the band a mode of hardly any width or size follows
-    a line of the noise, and fits better than the right one that shows by its tail alone. Of all
-    places, widths and sizes that it could have, only one does so.
-    """
+    """Return the rows by :func:`vibrident.fit.information.laplace_score`, the likeliest first."""
     u = front.u[rows]
     sign = front.sign[rows]
     information = information_at(chart, u, sign, differences(final))
-    occam = np.linalg.slogdet(np.eye(u.shape[1]) + information)[1]
-    score = front.cost[rows] + np.where(np.isfinite(occam), occam, 0.0)
-    return rows[np.argsort(score, kind="stable")]
+    return rows[np.argsort(laplace_score(front.cost[rows], information), kind="stable")]
 
 
 def sought_response(problem: FrequencyProblem) -> TargetFRF:
