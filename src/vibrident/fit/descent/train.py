@@ -369,12 +369,17 @@ def _without_model(band: Band, observed: MotionAndNoise) -> Weighting:
     """Return the noise that is known without a model."""
     segments: dict[int, SegmentNoise] = {}
     for group in band.groups:
-        levels = observed.levels_in(group) / group.count[:, None]
-        weights = observed.shown_in(group) * (group.grid.samples / group.count[:, None])
+        share = 1.0 / group.count[:, None]
+        levels = observed.levels_in(group)
+        weights = observed.shown_in(group) * (group.grid.samples * share)
         floors = band.problem.noise_floor[band.owners(group)] ** 2
+        psd = np.maximum(levels.total * share, floors[:, None])
+        reference = levels.reference * share
+        zeros = np.broadcast_to(0.0, psd.shape)
         for row, number in enumerate(group.segments):
-            psd = np.maximum(levels[row], floors[row])
-            zeros = np.broadcast_to(0.0, psd.shape)
-            spectrum = NoiseSpectrum(psd, 0.0, zeros, zeros, weights[row], group.grid.tones)
-            segments[number] = SegmentNoise(spectrum, zeros, group.grid.samples)
+            input_noise = float(np.mean(reference[row]))
+            spectrum = NoiseSpectrum(
+                psd[row], input_noise, reference[row], zeros[row], weights[row], group.grid.tones
+            )
+            segments[number] = SegmentNoise(spectrum, levels.passed[row], group.grid.samples)
     return Weighting(segments)

@@ -1,9 +1,10 @@
 """Noise of a signal that is locally incoherent with a motion, without any model.
 
 In each block of bins, columns that are smooth in frequency are projected out of the signal: a
-quadratic times the motion, which any sensor's response to it nearly is, and a quadratic alone, as
-leakage from other frequencies is (local polynomial method: Pintelon & Schoukens 2012, ch. 7).
-Without the latter a displacement, whose low frequencies leak over all bins, would count as noise.
+quadratic times the motion, which any sensor's response to it nearly is, and a quartic alone, as the
+sensor's response to leakage from other frequencies is (local polynomial method: Pintelon &
+Schoukens 2012, ch. 7). Without the latter a displacement, whose low frequencies leak over all bins,
+would count as noise, and where the motion is nothing but leakage, a narrow resonance as motion.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import fft
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.polynomial import legendre
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.response.response import ComplexArray
@@ -21,8 +23,10 @@ from vibrident.fit.response.transform import power_of
 
 #: Bins of a block.
 BLOCK_BINS = 24
-#: Number of coefficients of a polynomial in a block: a quadratic.
+#: Number of coefficients of the sensor's response in a block, a quadratic …
 DEGREES = 3
+#: … and of leakage, a quadratic that such a response has passed.
+LEAK_DEGREES = 2 * DEGREES - 1
 #: Chance that any block without motion counts as one with motion.
 MAX_CHANCE_OF_MOTION = 1e-3
 #: Blocks on either side that a level is averaged over.
@@ -64,12 +68,12 @@ class SmoothColumns:
         records, bins = shape
         blocks = max(int((bins - 1) * share) // BLOCK_BINS, 1)
         width = (bins - 1) // blocks
-        if width * share < 2 * DEGREES * (len(motions) + 1) + 2:
+        if width * share < 2 * (LEAK_DEGREES + DEGREES * len(motions)):
             return None
-        place = np.linspace(-1.0, 1.0, width)
-        powers = np.stack([np.ones(width), place, 1.5 * place**2 - 0.5])
+        powers = legendre.legvander(np.linspace(-1.0, 1.0, width), LEAK_DEGREES - 1).T
         polynomials = powers.astype(complex)
-        columns = [np.broadcast_to(polynomials, (records, blocks, DEGREES, width))]
+        powers = powers[:DEGREES]
+        columns = [np.broadcast_to(polynomials, (records, blocks, *polynomials.shape))]
         for motion in motions:
             rows = motion[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)
             size = np.sqrt(np.mean(power_of(rows), axis=-1, keepdims=True))
@@ -123,6 +127,18 @@ class SmoothColumns:
             direction = gradient + (square / previous) * direction
         return estimate + residual
 
+    def power_without_leaks(self, rows: ComplexArray) -> FloatArray:
+        """Return the power of each block of rows (R, K) beyond leakage, shape (R, B)."""
+        signal = self.in_blocks(rows)
+        return np.asarray(np.sum(power_of(signal - _explained(signal, self.leaks)), axis=(-2, -1)))
+
+    def at_bins(self, blocks: FloatArray, bins: int) -> FloatArray:
+        """Return positive values of blocks (R, B) at each of so many bins, shape (R, K)."""
+        width = self.columns.shape[-1]
+        middles = 1.0 + width * (np.arange(blocks.shape[1]) + 0.5)
+        logarithms = np.log(np.maximum(blocks, 1e-300))
+        return np.stack([np.exp(np.interp(np.arange(bins), middles, row)) for row in logarithms])
+
     def incoherent_level(self, rows: ComplexArray) -> tuple[FloatArray, BoolArray]:
         """Return the noise of rows, and where they move with the motions.
 
@@ -151,10 +167,7 @@ class SmoothColumns:
         )
         # Where there is no motion the response lacks the noise of the reference: another level.
         moving = chance * chance.size < MAX_CHANCE_OF_MOTION
-        logarithms = np.log(np.maximum(_among(level, moving), 1e-300))
-        middles = 1.0 + width * (np.arange(blocks) + 0.5)
-        bin_numbers = np.arange(rows.shape[1])
-        levels = np.stack([np.exp(np.interp(bin_numbers, middles, row)) for row in logarithms])
+        levels = self.at_bins(_among(level, moving), rows.shape[1])
         bins = np.zeros(rows.shape, dtype=bool)
         bins[:, 1 : 1 + blocks * width] = np.repeat(moving, width, axis=1)
         return levels, bins

@@ -8,12 +8,14 @@ add-ons starts from the best values of the model without them. No nonparametric 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from vibrident.base.errors import NotConverged
+from vibrident.fit.noise.averages import averaged_bins, typical, windowed
 from vibrident.fit.problem.band import Band
+from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import coarse_rows
 from vibrident.fit.start.grid_search import GridSearch, StartCandidate
 from vibrident.fit.start.motion_and_noise import MotionAndNoise
@@ -26,6 +28,8 @@ FREQUENCIES = 32
 LOWEST_RATIO = 1.0 / 3.0
 #: … to this one of the highest.
 HIGHEST_RATIO = 8.0
+#: Number of peaks of the responses that are natural frequencies of the grid, too.
+PEAKS = 3
 #: Fewest places of the core model from which add-ons are searched, and most with all guesses.
 MIN_PLACES = 3
 MAX_PLACES = 500
@@ -46,7 +50,8 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     # In a free decay a frequency cannot be separated from its image above half the sampling rate.
     rates = [group.grid.rate_hz for group in band.groups if not group.grid.driven]
     top_hz = min([HIGHEST_RATIO * observed.band_hz[1], *(0.5 * rate for rate in rates)])
-    axes = {spec.name: _axis(spec, observed.band_hz[0], top_hz) for spec in core}
+    peaks_hz = _peaks(band, observed.band_hz)
+    axes = {spec.name: _axis(spec, observed.band_hz[0], top_hz, peaks_hz) for spec in core}
     places = _places(core, list(axes.values()))
     added = [
         spec
@@ -62,9 +67,11 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
     if added and front:
         core_values = [{spec.name: place.values[spec.name] for spec in core} for place in front]
         # An add-on in the band may hide that the core does nothing there.
-        core_values += _places_at_ends(core, axes)
-        combined = [values | guess for values in core_values for guess in guesses]
-        front = search.best(combined, REFINED_PLACES)
+        core_values += _places_in(core, axes, lambda axis: {axis[0], axis[-1]})
+        front = search.best(_combined(core_values, guesses), REFINED_PLACES)
+        # Steps of an add-on's grid may outweigh what rings.
+        ringing = _places_in(core, axes, lambda axis: peaks_hz)
+        front += search.best(_combined(ringing, guesses), PEAKS)
     if first_modes and model.shares:
         modes = _second_modes(model, observed.band_hz)
         front = [*front, *descent.with_second_mode(first_modes, modes)[:REFINED_PLACES]]
@@ -83,15 +90,26 @@ def _places(
     return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes)]
 
 
-def _places_at_ends(
-    specs: Sequence[ParameterSpec], axes: Mapping[str, Sequence[float]]
+def _combined(
+    places: Sequence[dict[str, float]], guesses: Sequence[dict[str, float]]
 ) -> list[dict[str, float]]:
-    """Return the places of a core whose natural frequency is at either end of the grid."""
-    ends = [
-        (axes[spec.name][0], axes[spec.name][-1]) if spec.grid == "band" else axes[spec.name]
+    """Return each place with each of the guesses of the add-ons."""
+    return [place | guess for place in places for guess in guesses]
+
+
+def _places_in(
+    specs: Sequence[ParameterSpec],
+    axes: Mapping[str, Sequence[float]],
+    chosen_hz: Callable[[Sequence[float]], Iterable[float]],
+) -> list[dict[str, float]]:
+    """Return the places of a core whose natural frequency is among those chosen of its axis."""
+    if all(spec.grid != "band" for spec in specs):
+        return []
+    narrow = [
+        list(chosen_hz(axes[spec.name])) if spec.grid == "band" else axes[spec.name]
         for spec in specs
     ]
-    return _places(specs, ends) if any(spec.grid == "band" for spec in specs) else []
+    return _places(specs, narrow)
 
 
 def _second_modes(model: SensorModel, band_hz: tuple[float, float]) -> list[dict[str, float]]:
@@ -106,11 +124,32 @@ def _second_modes(model: SensorModel, band_hz: tuple[float, float]) -> list[dict
     return _places(specs, [_guesses(spec, band_hz) for spec in specs])
 
 
-def _axis(spec: ParameterSpec, low_hz: float, top_hz: float) -> list[float]:
+def _axis(
+    spec: ParameterSpec, low_hz: float, top_hz: float, peaks_hz: Sequence[float]
+) -> list[float]:
     """Return the values of a parameter in the grid."""
     if spec.grid == "band":
-        return np.geomspace(LOWEST_RATIO * low_hz, top_hz, FREQUENCIES).tolist()
+        even = np.geomspace(LOWEST_RATIO * low_hz, top_hz, FREQUENCIES)
+        return sorted([*even.tolist(), *peaks_hz])
     return list(spec.grid)
+
+
+def _peaks(band: Band, band_hz: tuple[float, float]) -> list[float]:
+    """Return the frequencies at which responses are loudest beside those around, Hz.
+
+    A lightly damped sensor rings there: a peak may be narrower than the steps of a grid.
+    """
+    peaks: list[tuple[float, float]] = []
+    for group in band.groups:
+        power = power_of(windowed(group.response))
+        frequency_hz = group.grid.frequency_hz[1:-1]
+        excess = np.max(power / typical(power, averaged_bins(power.shape[1])), axis=0)
+        neighbours = np.maximum(np.roll(excess, 1), np.roll(excess, -1))
+        outside = (frequency_hz < band_hz[0]) | (frequency_hz > band_hz[1])
+        excess[(excess < neighbours) | outside] = 0.0
+        highest = np.argsort(-excess)[:PEAKS]
+        peaks += zip(excess[highest].tolist(), frequency_hz[highest].tolist(), strict=True)
+    return [hz for _, hz in sorted(peaks, reverse=True)[:PEAKS]]
 
 
 def _guesses(spec: ParameterSpec, band_hz: tuple[float, float]) -> list[float]:

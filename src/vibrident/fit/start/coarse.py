@@ -28,6 +28,8 @@ ALL_BINS = 1000
 #: … and fewest and most of one record.
 MIN_BINS = 24
 MAX_BINS = 600
+#: Noise of the reference counts where it is at least this fraction of that of the response.
+MIN_REFERENCE_SHARE = 0.01
 #: Number of bins, those with most information, in each interval of the band.
 BINS_PER_INTERVAL = 4
 
@@ -38,16 +40,25 @@ class CoarseRows:
 
     Attributes:
         bins: the segments.
-        weight: shape (R, K), zero where a row has fewer bins.
+        weight: in the noise of the response, shape (R, K), zero where a row has fewer bins.
+        reference: noise of the reference over that of the response, per |H|², shape (R, K).
         frequency_hz: shape (R, K).
     """
 
     bins: Bins
     weight: FloatArray
+    reference: FloatArray
     frequency_hz: FloatArray
 
+    def weight_at(self, through: FloatArray) -> FloatArray:
+        """Return the weights in the noise of both channels, given |H|², shape (…, R, K)."""
+        return np.asarray(self.weight / (1.0 + self.reference * through))
+
     def freed(
-        self, networks: DiscreteTransfer, factors: ComplexArray | None = None
+        self,
+        networks: DiscreteTransfer,
+        factors: ComplexArray | None,
+        weight: FloatArray,
     ) -> ComplexArray:
         """Return weighted forced responses and response, with the nuisance columns projected out.
 
@@ -55,6 +66,7 @@ class CoarseRows:
             networks: of G places with T trials each, in leading axes (G, T); trials of a place have
                 one denominator.
             factors: of the inputs at each place, shape (R, G, K); None: one.
+            weight: at each place, shape (R, G or 1, K).
 
         Returns:
             The forced responses, and the response last, times the root of the weights, shape (R, G,
@@ -83,7 +95,7 @@ class CoarseRows:
         rows = np.concatenate(columns, axis=2)
         flat = rows.reshape(segments, places * rows.shape[2], bins)
         rows = self.bins.where_used(flat).reshape(rows.shape)
-        rows *= np.sqrt(self.weight)[:, None, None]
+        rows *= np.sqrt(weight)[:, :, None]
         normal = products(rows, rows)
         count = sum(column.shape[2] for column in nuisances)
         amounts = normal[:, :, count:, :count] @ inverse_where_shown(normal[:, :, :count, :count])
@@ -97,7 +109,9 @@ class _Row(NamedTuple):
         group: of the segment.
         row: its index there.
         response: its transform, with omitted samples filled in, shape (K,).
-        weight: of the bins, shape (K,).
+        weight: of the bins in the noise of the response, shape (K,).
+        reference: noise of the reference over that of the response, per |H|², shape (K,).
+        information: power of the response over its noise, shape (K,).
         bins: those chosen.
     """
 
@@ -105,30 +119,72 @@ class _Row(NamedTuple):
     row: int
     response: ComplexArray
     weight: FloatArray
+    reference: FloatArray
+    information: FloatArray
     bins: NDArray[np.int_]
+
+
+class _Noise(NamedTuple):
+    """Noise of the bins of a group.
+
+    Attributes:
+        weight: in the noise of the response, shape (R, K).
+        reference: noise of the reference over that of the response, per |H|², shape (R, K).
+        share: the same, passed by the |H|² that the records show, shape (R, K).
+    """
+
+    weight: FloatArray
+    reference: FloatArray
+    share: FloatArray
+
+
+def _noise_in(group: Group, observed: MotionAndNoise) -> _Noise:
+    """Return the noise of a group; a weight that was given is that in all noise."""
+    weight = observed.weights_in(group)
+    if observed.weights:
+        return _Noise(weight, np.zeros_like(weight), np.zeros_like(weight))
+    levels = observed.levels_in(group)
+    reference = levels.reference / np.maximum(levels.response, np.finfo(float).tiny)
+    return _Noise(weight, reference, reference * levels.passed)
 
 
 def coarse_rows(band: Band, observed: MotionAndNoise) -> list[CoarseRows]:
     """Return the bins with most information, of as many records as there is room for."""
-    weights = [observed.weights_in(group) for group in band.groups]
+    noises = [_noise_in(group, observed) for group in band.groups]
+    # Where noise of the reference counts nowhere, every place of a grid has the same weights.
+    if all(np.all(noise.share < MIN_REFERENCE_SHARE) for noise in noises):
+        noises = [noise._replace(reference=np.zeros_like(noise.reference)) for noise in noises]
     rows = [
-        _Row(group, row, response[: group.grid.bins], weight[row], np.arange(0))
-        for group, weight in zip(band.groups, weights, strict=True)
+        _Row(
+            group,
+            row,
+            response[: group.grid.bins],
+            noise.weight[row],
+            noise.reference[row],
+            power_of(response[: group.grid.bins]) * noise.weight[row] / (1.0 + noise.share[row]),
+            np.arange(0),
+        )
+        for group, noise in zip(band.groups, noises, strict=True)
         for row, number in enumerate(group.segments)
         if (response := group.response[row] if group.used is None else observed.filled.get(number))
         is not None
     ]
     if not rows:  # no segment is complete or can be filled in: all of their bins
         return [
-            CoarseRows(group, weight, np.broadcast_to(group.grid.frequency_hz, weight.shape))
-            for group, weight in zip(band.groups, weights, strict=True)
+            CoarseRows(
+                group,
+                noise.weight,
+                noise.reference,
+                np.broadcast_to(group.grid.frequency_hz, noise.weight.shape),
+            )
+            for group, noise in zip(band.groups, noises, strict=True)
         ]
     if len(rows) > (limit := ALL_BINS // MIN_BINS):
         rows = [rows[place] for place in np.linspace(0, len(rows) - 1, limit).astype(int)]
     width = int(np.clip(ALL_BINS // len(rows), MIN_BINS, MAX_BINS))
     by_step: dict[tuple[float, float], list[_Row]] = {}
     for row in rows:
-        bins = _informative_bins(row.weight * power_of(row.response), width)
+        bins = _informative_bins(row.information, width)
         by_step.setdefault(row.group.step, []).append(row._replace(bins=bins))
     return [_joined(step_rows) for step_rows in by_step.values()]
 
@@ -164,6 +220,7 @@ def _joined(rows: Sequence[_Row]) -> CoarseRows:
     shifted = np.ones((count, width), complex)
     fixed_nuisances = np.zeros((count, columns, width), complex)
     weight = np.zeros((count, width))
+    reference = np.zeros((count, width))
     frequency_hz = np.ones((count, width))
     for place, row in enumerate(rows):
         size = len(row.bins)
@@ -175,6 +232,7 @@ def _joined(rows: Sequence[_Row]) -> CoarseRows:
             0
         ]
         weight[place, :size] = row.weight[row.bins]
+        reference[place, :size] = row.reference[row.bins]
         frequency_hz[place, :size] = row.group.grid.frequency_hz[row.bins]
     joined = Bins(first.step, inputs, response, shifted, fixed_nuisances, first.edges)
-    return CoarseRows(joined, weight, frequency_hz)
+    return CoarseRows(joined, weight, reference, frequency_hz)

@@ -28,6 +28,8 @@ from vibrident.physics.models import SensorModel
 MIN_FREQUENCY_RATIO = 1.8
 #: … and so are values of other parameters that differ by less than this one.
 MIN_RATIO = 2.5
+#: Rounds in which gain and weights of a place follow from each other.
+GAIN_ROUNDS = 3
 #: Directions in which shares hold less than this fraction of the best add nothing.
 MIN_SHARE_POWER = 1e-10
 
@@ -200,6 +202,8 @@ class GridSearch:
     ) -> _Scores:
         """Return the scores of places, with the best gain, shares and delay.
 
+        Where noise of the reference counts, its weight follows from the gain, in turn.
+
         Args:
             networks: of these places at each sampling rate, as of :meth:`_networks`.
             trials: the values of each place.
@@ -210,26 +214,74 @@ class GridSearch:
         scores = _Scores(np.full(places, np.inf), np.zeros((places, columns)), np.zeros(places))
         if not usable.size:
             return scores
-        freed = [
-            rows.freed(
-                DiscreteTransfer(*(array[usable] for array in network)),
-                self._factors(rows, [trials[place] for place in usable.tolist()]),
-            )
-            for rows, network in zip(self.rows, networks, strict=True)
+        tried = [trials[place] for place in usable.tolist()]
+        finite_networks = [
+            DiscreteTransfer(*(array[usable] for array in network)) for network in networks
         ]
+        if any(np.any(rows.reference) for rows in self.rows):
+            through = [self._through(rows, tried) for rows in self.rows]
+            gain = self._rough_gain(through)
+            for _ in range(GAIN_ROUNDS):
+                weights = [
+                    rows.weight_at(gain[:, None, None] ** 2 * power).swapaxes(0, 1)
+                    for rows, power in zip(self.rows, through, strict=True)
+                ]
+                fitted = self._fitted(finite_networks, tried, weights)
+                gain = fitted.amounts[:, 0]
+        else:
+            weights = [rows.weight[:, None] for rows in self.rows]
+            fitted = self._fitted(finite_networks, tried, weights)
+        for array, values in zip(scores, fitted, strict=True):
+            array[usable] = values
+        scores.delay_s[:] += float(self.band.problem.frame.delay_s)
+        return scores
+
+    def _through(self, rows: CoarseRows, trials: Sequence[Mapping[str, float]]) -> FloatArray:
+        """Return |H|² of each place at gain one, shape (G, R, K)."""
+        model = self.band.model
+        columns: dict[str, Any] = {
+            name: np.array([trial[name] for trial in trials])[:, None, None]
+            for name in model.parameter_names
+        }
+        quantity = self.band.problem.frame.quantity
+        return power_of(model.frequency_response(columns, rows.frequency_hz, quantity))
+
+    def _rough_gain(self, through: Sequence[FloatArray]) -> FloatArray:
+        """Return the median size of response over forced response at each place, shape (G,)."""
+        ratios = []
+        for rows, power in zip(self.rows, through, strict=True):
+            used = rows.weight > 0.0
+            forced = power[:, used] * power_of(rows.bins.inputs[:, 0])[used]
+            response = np.broadcast_to(power_of(rows.bins.response)[used], forced.shape)
+            ratios.append(
+                np.divide(response, forced, out=np.zeros_like(forced), where=forced > 0.0)
+            )
+        return np.asarray(np.sqrt(np.median(np.concatenate(ratios, axis=1), axis=1)))
+
+    def _fitted(
+        self,
+        networks: Sequence[DiscreteTransfer],
+        trials: Sequence[Mapping[str, float]],
+        weights: Sequence[FloatArray],
+    ) -> _Scores:
+        """Return the scores of places with finite networks, in weights, shape (R, G or 1, K)."""
+        freed = [
+            rows.freed(network, self._factors(rows, trials), weight)
+            for rows, network, weight in zip(self.rows, networks, weights, strict=True)
+        ]
+        places, columns = networks[0].denominator.shape[:2]
+        scores = _Scores(np.full(places, np.inf), np.zeros((places, columns)), np.zeros(places))
         if self.band.model.has_delay:
-            delays_s = self._delays(freed)
-            scores.delay_s[usable] = delays_s
+            scores.delay_s[:] = self._delays(freed)
             for rows, responses in zip(self.rows, freed, strict=True):
-                angle = 2j * np.pi * delays_s[:, None] * rows.frequency_hz[:, None]
+                angle = 2j * np.pi * scores.delay_s[:, None] * rows.frequency_hz[:, None]
                 responses[:, :, -1] *= np.exp(angle)
-        normal = np.zeros((len(usable), columns + 1, columns + 1))
+        normal = np.zeros((places, columns + 1, columns + 1))
         for responses in freed:
             responses[:, :, 1:-1] -= responses[:, :, :1]
             normal += np.sum(products(responses, responses), axis=0)
         scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)[:, :-1])
         regular = np.all(np.isfinite(normal), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
-        usable = usable[regular]
         normal = normal[regular]
         scale = scale[regular]
         right = normal[:, :-1, -1] / scale
@@ -238,9 +290,8 @@ class GridSearch:
             :, :, 0
         ]
         cost = normal[:, -1, -1] - np.sum(amounts * right, axis=1)
-        scores.cost[usable] = np.where(amounts[:, 0] != 0.0, cost, np.inf)
-        scores.amounts[usable] = amounts / scale
-        scores.delay_s[:] += float(self.band.problem.frame.delay_s)
+        scores.cost[regular] = np.where(amounts[:, 0] != 0.0, cost, np.inf)
+        scores.amounts[regular] = amounts / scale
         return scores
 
     def _stay_finite(self, rows: CoarseRows, networks: DiscreteTransfer) -> BoolArray:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.fit.group.group import Group
@@ -23,12 +24,31 @@ MIN_MOTION_RATIO = 10.0
 MIN_WEIGHT = 1e-9
 
 
+class NoiseLevels(NamedTuple):
+    """Power of the noise of each bin, before any model.
+
+    Attributes:
+        response: of the noise of the response, shape (…, K).
+        reference: of the noise of the reference, shape (…, K).
+        passed: |H|² that response and reference show, at most, shape (…, K).
+    """
+
+    response: FloatArray
+    reference: FloatArray
+    passed: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Return the power of the noise of the response given the motion, shape (…, K)."""
+        return self.response + self.reference * self.passed
+
+
 @dataclass(frozen=True, eq=False)
 class MotionAndNoise:
     """Noise of the response given the motion, without a model.
 
     Attributes:
-        levels: power of the noise of each bin, by number of the segment, shape (K,) each.
+        levels: noise by number of the segment, of K bins each.
         heard: samples, and bins at which motion shows in the response, by number of the segment.
         band_hz: lowest and highest frequency at which response and reference are coherent.
         weights: of the bins in another noise, by number of the segment; empty: in this one.
@@ -36,7 +56,7 @@ class MotionAndNoise:
             shape (K,) each.
     """
 
-    levels: Mapping[int, FloatArray]
+    levels: Mapping[int, NoiseLevels]
     heard: Mapping[int, tuple[int, BoolArray]]
     band_hz: tuple[float, float]
     weights: Mapping[int, FloatArray] = field(default_factory=dict)
@@ -47,19 +67,25 @@ class MotionAndNoise:
         """Return the number of bins at which motion shows."""
         return float(sum(np.sum(heard) for _, heard in self.heard.values()))
 
-    def levels_in(self, group: Group) -> FloatArray:
-        """Return the power of the noise in a group of the same lengths, shape (R, K)."""
-        return np.stack([self.levels[number][: group.grid.bins] for number in group.segments])
+    def levels_in(self, group: Group) -> NoiseLevels:
+        """Return the noise in a group of the same lengths, shape (R, K)."""
+        rows = [self.levels[number] for number in group.segments]
+        return NoiseLevels(
+            *(np.stack(bins)[:, : group.grid.bins] for bins in zip(*rows, strict=True))
+        )
 
     def heard_in(self, group: Group) -> BoolArray:
         """Return where motion shows in a group of the same lengths, shape (R, K)."""
         return np.stack([self.heard[number][1][: group.grid.bins] for number in group.segments])
 
     def weights_in(self, group: Group) -> FloatArray:
-        """Return the weights, next to zero where no motion shows, shape (R, K)."""
+        """Return the weights in the noise of the response, shape (R, K).
+
+        They are next to zero where no motion shows.
+        """
         if self.weights:
             return np.stack([self.weights[number][: group.grid.bins] for number in group.segments])
-        floor = np.maximum(self.levels_in(group), np.finfo(float).tiny)
+        floor = np.maximum(self.levels_in(group).response, np.finfo(float).tiny)
         return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
 
     def with_one_level(self) -> MotionAndNoise:
@@ -67,8 +93,10 @@ class MotionAndNoise:
         levels = {}
         for number, level in self.levels.items():
             heard = self.heard[number][1]
-            typical = float(np.median(level[heard] if np.any(heard) else level))
-            levels[number] = np.full(level.shape, typical)
+            total = level.total
+            typical = float(np.median(total[heard] if np.any(heard) else total))
+            zeros = np.zeros(total.shape)
+            levels[number] = NoiseLevels(zeros + typical, zeros, zeros)
         return replace(self, levels=levels)
 
     def shown_in(self, group: Group) -> FloatArray:
@@ -78,23 +106,26 @@ class MotionAndNoise:
 
 def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
     """Return the noise of each group, and the band of the motion."""
-    levels: dict[int, FloatArray] = {}
+    levels: dict[int, NoiseLevels] = {}
     heard_bins: dict[int, tuple[int, BoolArray]] = {}
     shown: list[FloatArray] = []
     all_bins: list[FloatArray] = []
     filled: dict[int, ComplexArray] = {}
     for group in band.groups:
         measured = _measured(group)
-        heard = power_of(measured.response) > MIN_MOTION_RATIO * measured.level
+        heard = power_of(measured.response) > MIN_MOTION_RATIO * measured.level.total
         if group.grid.driven:  # leakage from other bins is no motion
-            heard &= measured.moving
+            # A motion that is over before a bin has turned looks like leakage.
+            moves = np.any(measured.moving, axis=1, keepdims=True)
+            heard &= measured.moving | ~moves
             # Few bins only bound the noise by the power of everything.
             heard |= ~measured.has_enough_bins[:, None]
             heard &= _near_tones(band, group)
         heard &= group.grid.counts > 0.0
         samples = group.grid.samples
         heard_bins |= {n: (samples, row) for n, row in zip(group.segments, heard, strict=True)}
-        levels |= zip(group.segments, measured.level, strict=True)
+        rows_of_levels = (NoiseLevels(*rows) for rows in zip(*measured.level, strict=True))
+        levels |= zip(group.segments, rows_of_levels, strict=True)
         if group.used is not None and group.grid.driven:
             root_share = np.sqrt(np.mean(group.used, axis=1, keepdims=True))
             rows = zip(
@@ -163,13 +194,13 @@ class _GroupMotion(NamedTuple):
     Attributes:
         response: at the bins, with omitted samples filled in, scaled to the power of those used,
             shape (R, K).
-        level: power of the noise of each bin, shape (R, K).
+        level: noise of each bin, shape (R, K).
         moving: bins that move with the reference, shape (R, K).
         has_enough_bins: whether the bins suffice to separate noise from motion, shape (R,).
     """
 
     response: ComplexArray
-    level: FloatArray
+    level: NoiseLevels
     moving: BoolArray
     has_enough_bins: BoolArray
 
@@ -189,12 +220,17 @@ def _measured(group: Group) -> _GroupMotion:
         )
         for row, used in enumerate(group.used)
     ]
-    response, level, moving, enough = (np.concatenate(rows) for rows in zip(*by_row, strict=True))
-    padding = ((0, 0), (0, group.grid.bins - response.shape[1]))
-    response, level, moving = (
-        np.pad(rows, padding, mode="edge") for rows in (response, level, moving)
+    padding = ((0, 0), (0, group.grid.bins - by_row[0].response.shape[1]))
+
+    def joined(rows: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        return np.pad(np.concatenate(list(rows)), padding, mode="edge")
+
+    return _GroupMotion(
+        joined(row.response for row in by_row),
+        NoiseLevels(*(joined(rows) for rows in zip(*(row.level for row in by_row), strict=True))),
+        joined(row.moving for row in by_row),
+        np.concatenate([row.has_enough_bins for row in by_row]),
     )
-    return _GroupMotion(response, level, moving, enough)
 
 
 def _measured_rows(
@@ -208,45 +244,24 @@ def _measured_rows(
         used: samples of the response that are used, shape (R, N); None: all.
     """
     share = 1.0 if used is None else float(np.mean(used))
-    columns = SmoothColumns.from_motions(motions, _shape(response), share)
+    columns = SmoothColumns.from_motions(motions, response.shape, share)
     enough = np.full(len(response), columns is not None)
+    zeros = np.zeros(response.shape)
     if columns is None:
         mean = np.mean(power_of(response[:, 1:]), axis=1, keepdims=True)
-        level = np.broadcast_to(mean, response.shape)
-        return _GroupMotion(response, level, np.zeros(response.shape, dtype=bool), enough)
+        level = NoiseLevels(zeros + mean, zeros, zeros)
+        return _GroupMotion(response, level, zeros > 0.0, enough)
     filled = response if used is None else columns.filled(response, used)
-    level, moving = columns.incoherent_level(filled)
-    response = filled * np.sqrt(share)
+    response_level, moving = columns.incoherent_level(filled)
+    level = NoiseLevels(response_level, zeros, zeros)
     for motion in motions:
         # Noise of the reference is not in the response; at a single tone it shows in nothing else.
-        response_columns = SmoothColumns.from_motions([filled], _shape(filled), share)
+        response_columns = SmoothColumns.from_motions([filled], filled.shape, share)
         assert response_columns is not None
         reference_level, _ = response_columns.incoherent_level(motion)
-        level = level + reference_level * _gain_squared(response, motion)
-    return _GroupMotion(response, level, moving, enough)
-
-
-def _shape(rows: ComplexArray) -> tuple[int, int]:
-    """Return the numbers of records and bins."""
-    records, bins = rows.shape
-    return records, bins
-
-
-def _gain_squared(response: ComplexArray, motion: ComplexArray) -> FloatArray:
-    """Return the power of the response over that of the motion around each bin, shape (R, K)."""
-    sums = []
-    for rows in (response, motion):
-        power = power_of(rows)
-        power[:, 0] = power[:, 1]
-        sums.append(_sum_around(power, min(BLOCK_BINS, power.shape[1])))
-    return np.divide(sums[0], sums[1], out=np.zeros_like(sums[0]), where=sums[1] > 0.0)
-
-
-def _sum_around(rows: FloatArray, width: int) -> FloatArray:
-    """Return the sum of ``width`` bins around each, mirrored at the ends; shape (R, K)."""
-    before = width // 2
-    sums = np.pad(rows, ((0, 0), (before, width - 1 - before)), mode="symmetric")
-    np.cumsum(sums, axis=1, out=sums)
-    within = sums[:, width - 1 :].copy()
-    within[:, 1:] -= sums[:, :-width]
-    return within
+        # Leakage into both channels has passed at other frequencies.
+        powers = [columns.power_without_leaks(rows) for rows in (filled, motion)]
+        gain = np.divide(*powers, out=np.zeros_like(powers[0]), where=powers[1] > 0.0)
+        passed = share * columns.at_bins(gain, response.shape[1])
+        level = NoiseLevels(response_level, reference_level, passed)
+    return _GroupMotion(filled * np.sqrt(share), level, moving, enough)

@@ -16,6 +16,7 @@ from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.coordinates import Coordinates
 from vibrident.fit.problem.frequency_domain import Local
 from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
 from vibrident.fit.start.coarse import CoarseRows
 from vibrident.fit.start.grid_search import StartCandidate
 
@@ -115,17 +116,23 @@ class CoarseDescent:
         return Coordinates.at(self.band.model, {**values, **delays}, self.band_hz)
 
     def _turned(self, candidate: StartCandidate) -> list[CoarseRows]:
-        """Return the rows with the response turned by what a candidate's delay exceeds theirs."""
+        """Return the rows with the response turned by what a candidate's delay exceeds theirs.
+
+        They are weighted in the noise of both channels there.
+        """
         angle = 2j * np.pi * self._excess_s(candidate)
-        return [
-            replace(
-                rows,
-                bins=replace(
-                    rows.bins, response=rows.bins.response * np.exp(angle * rows.frequency_hz)
-                ),
-            )
-            for rows in self.rows
-        ]
+        model = self.band.model
+        quantity = self.band.problem.frame.quantity
+        turned_rows = []
+        for rows in self.rows:
+            weight = rows.weight
+            if np.any(rows.reference):
+                h = model.frequency_response(candidate.values, rows.frequency_hz, quantity)
+                weight = rows.weight_at(power_of(h))
+            response = rows.bins.response * np.exp(angle * rows.frequency_hz)
+            bins = replace(rows.bins, response=response)
+            turned_rows.append(replace(rows, bins=bins, weight=weight))
+        return turned_rows
 
     def _with_excess(
         self, values: Mapping[str, float], candidate: StartCandidate
