@@ -133,9 +133,13 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
     if step.slope is not None:
         jacobian = _driven(group, step.slope.numerator, inverse)
+        by_denominator = predicted
+        if group.edges:  # 1/a twice
+            at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])[:, 0]
+            by_denominator = predicted + 2.0 * at_edges
         for number, denominator in enumerate(step.slope.denominator):
             if np.any(denominator):
-                jacobian[:, number] -= predicted * (horner(denominator, shifted) * inverse)
+                jacobian[:, number] -= by_denominator * (horner(denominator, shifted) * inverse)
         jacobian = group.where_used(jacobian)
         jacobian -= nuisances.imitated(jacobian)
     return Rows(residual, predicted, forced, jacobian, nuisances, amounts[:, 0], order)

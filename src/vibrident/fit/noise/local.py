@@ -29,6 +29,8 @@ DEGREES = 3
 LEAK_DEGREES = 2 * DEGREES - 1
 #: Chance that any block without motion counts as one with motion.
 MAX_CHANCE_OF_MOTION = 1e-3
+#: A sensor rings where its motion decays by at least e^{-2πγ} over a record; a tone does not decay.
+MIN_DECAY_BINS = 0.5
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
 #: Ridge, over the largest product of the columns, that keeps dependent columns regular.
@@ -139,11 +141,14 @@ class SmoothColumns:
         logarithms = np.log(np.maximum(blocks, 1e-300))
         return np.stack([np.exp(np.interp(np.arange(bins), middles, row)) for row in logarithms])
 
-    def incoherent_level(self, rows: ComplexArray) -> tuple[FloatArray, BoolArray]:
-        """Return the noise of rows, and where they move with the motions.
+    def incoherent_level(
+        self, rows: ComplexArray, *, may_ring: bool = False
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return the noise of rows, and where they move with the motions or ring.
 
         Args:
             rows: shape (R, K), with samples that are not used filled in.
+            may_ring: whether a resonance may be narrower than a block.
 
         Returns:
             Power of the incoherent component at each bin, smooth over five blocks, shape (R, K);
@@ -167,10 +172,52 @@ class SmoothColumns:
         )
         # Where there is no motion the response lacks the noise of the reference: another level.
         moving = chance * chance.size < MAX_CHANCE_OF_MOTION
+        if may_ring:
+            ringing_level, ringing = self._ringing(signal)
+            level = np.where(ringing, ringing_level, level)
+            moving |= ringing
         levels = self.at_bins(_among(level, moving), rows.shape[1])
         bins = np.zeros(rows.shape, dtype=bool)
         bins[:, 1 : 1 + blocks * width] = np.repeat(moving, width, axis=1)
         return levels, bins
+
+    def _ringing(self, signal: ComplexArray) -> tuple[FloatArray, BoolArray]:
+        """Return the noise of blocks beside a free motion in them, and where there is one.
+
+        Beside a pole Y is no polynomial, but A Y is one for a line A that is zero at the pole
+        (local rational method: Pintelon & Schoukens 2012, ch. 7). Of all A of one size, that of
+        least residual is an eigenvector, so noise alone is as large for any (Pisarenko 1973).
+
+        Args:
+            signal: shape (R, B, 1, w).
+
+        Returns:
+            Power of the noise, and whether the block rings, shape (R, B) each.
+        """
+        width = signal.shape[-1]
+        place = np.linspace(-1.0, 1.0, width)
+        slope_size = np.sqrt(np.mean(place**2))
+        weighted = signal * np.stack([np.ones(width), place / slope_size])
+        residual = weighted - _explained(weighted, self.columns)
+        squares, vectors = np.linalg.eigh(residual @ np.conj(residual).swapaxes(-1, -2))
+        fitted = np.sum(power_of(self.columns), axis=(-2, -1)) + 1.0
+        freedom = np.maximum(self.share * width - fitted, 1.0)
+        least = np.maximum(squares[..., 0], 0.0)
+        mean = np.mean(squares, axis=-1)
+        share = np.divide(least, mean, out=np.ones_like(mean), where=mean > 0.0)
+        # Chance of a share of noise: complex Wishart, to leading order, n! by Stirling (Edelman
+        # 1988).
+        log_factorial = (freedom + 0.5) * np.log(freedom) - freedom + 0.5 * np.log(2.0 * np.pi)
+        count = freedom + 1.0
+        log_chance = freedom * np.log(np.maximum(share, 1e-300) * count) + np.log(count)
+        ringing = log_chance - log_factorial < np.log(MAX_CHANCE_OF_MOTION / share.size)
+        constant, slope = np.moveaxis(np.conj(vectors[..., 0]), -1, 0)
+        slope = np.where(slope == 0.0, np.finfo(float).tiny, slope / slope_size)
+        pole = -constant / slope
+        decay_bins = pole.imag * 0.5 * (width - 1)
+        ringing &= (np.abs(pole.real) < 1.0) & (decay_bins > MIN_DECAY_BINS)
+        ringing[:, 0] = False  # an offset between the ends of a record is a pole at zero frequency
+        return self.share * least / freedom, ringing
 
 
 def _inner(first: ComplexArray, second: ComplexArray) -> float:

@@ -252,7 +252,7 @@ def _measured_rows(
         level = NoiseLevels(zeros + mean, zeros, zeros)
         return _GroupMotion(response, level, zeros > 0.0, enough)
     filled = response if used is None else columns.filled(response, used)
-    response_level, moving = columns.incoherent_level(filled)
+    response_level, moving = columns.incoherent_level(filled, may_ring=True)
     level = NoiseLevels(response_level, zeros, zeros)
     for motion in motions:
         # Noise of the reference is not in the response; at a single tone it shows in nothing else.
