@@ -134,12 +134,25 @@ class SmoothColumns:
         signal = self.in_blocks(rows)
         return np.asarray(np.sum(power_of(signal - _explained(signal, self.leaks)), axis=(-2, -1)))
 
-    def at_bins(self, blocks: FloatArray, bins: int) -> FloatArray:
-        """Return positive values of blocks (R, B) at each of so many bins, shape (R, K)."""
+    def level_at_bins(self, level: FloatArray, moving: BoolArray, bins: int) -> FloatArray:
+        """Return powers of blocks at each of so many bins, smooth over five blocks, shape (R, K).
+
+        Args:
+            level: positive, shape (R, B).
+            moving: blocks whose levels are averaged with each other, as are the others, (R, B).
+            bins: K.
+        """
         width = self.columns.shape[-1]
-        middles = 1.0 + width * (np.arange(blocks.shape[1]) + 0.5)
-        logarithms = np.log(np.maximum(blocks, 1e-300))
+        middles = 1.0 + width * (np.arange(level.shape[1]) + 0.5)
+        logarithms = np.log(np.maximum(_among(level, moving), 1e-300))
         return np.stack([np.exp(np.interp(np.arange(bins), middles, row)) for row in logarithms])
+
+    def each_bin(self, blocks: BoolArray, bins: int) -> BoolArray:
+        """Return what is true of blocks (R, B) for each of so many bins, shape (R, K)."""
+        width = self.columns.shape[-1]
+        rows = np.zeros((len(blocks), bins), dtype=bool)
+        rows[:, 1 : 1 + blocks.shape[1] * width] = np.repeat(blocks, width, axis=1)
+        return rows
 
     def incoherent_level(
         self, rows: ComplexArray, *, may_ring: bool = False
@@ -151,11 +164,11 @@ class SmoothColumns:
             may_ring: whether a resonance may be narrower than a block.
 
         Returns:
-            Power of the incoherent component at each bin, smooth over five blocks, shape (R, K);
-                where samples are left out, that of the others. And whether each bin is in a block
-                more coherent with the motions than noise alone would be, shape (R, K).
+            Power of the incoherent component of each block, shape (R, B); where samples are left
+                out, that of the others. And whether it is more coherent with the motions than noise
+                alone would be, shape (R, B).
         """
-        _, blocks, _, width = self.columns.shape
+        width = self.columns.shape[-1]
         signal = self.in_blocks(rows)
         without_leaks = signal - _explained(signal, self.leaks)
         residual = signal - _explained(signal, self.columns)
@@ -176,10 +189,7 @@ class SmoothColumns:
             ringing_level, ringing = self._ringing(signal)
             level = np.where(ringing, ringing_level, level)
             moving |= ringing
-        levels = self.at_bins(_among(level, moving), rows.shape[1])
-        bins = np.zeros(rows.shape, dtype=bool)
-        bins[:, 1 : 1 + blocks * width] = np.repeat(moving, width, axis=1)
-        return levels, bins
+        return level, moving
 
     def _ringing(self, signal: ComplexArray) -> tuple[FloatArray, BoolArray]:
         """Return the noise of blocks beside a free motion in them, and where there is one.

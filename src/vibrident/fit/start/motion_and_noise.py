@@ -252,16 +252,19 @@ def _measured_rows(
         level = NoiseLevels(zeros + mean, zeros, zeros)
         return _GroupMotion(response, level, zeros > 0.0, enough)
     filled = response if used is None else columns.filled(response, used)
+    bins = response.shape[1]
     response_level, moving = columns.incoherent_level(filled, may_ring=True)
-    level = NoiseLevels(response_level, zeros, zeros)
+    level = NoiseLevels(columns.level_at_bins(response_level, moving, bins), zeros, zeros)
     for motion in motions:
         # Noise of the reference is not in the response; at a single tone it shows in nothing else.
         response_columns = SmoothColumns.from_motions([filled], filled.shape, share)
         assert response_columns is not None
-        reference_level, _ = response_columns.incoherent_level(motion)
+        reference_level, coherent = response_columns.incoherent_level(motion)
         # Leakage into both channels has passed at other frequencies.
         powers = [columns.power_without_leaks(rows) for rows in (filled, motion)]
         gain = np.divide(*powers, out=np.zeros_like(powers[0]), where=powers[1] > 0.0)
-        passed = share * columns.at_bins(gain, response.shape[1])
-        level = NoiseLevels(response_level, reference_level, passed)
-    return _GroupMotion(filled * np.sqrt(share), level, moving, enough)
+        through = columns.level_at_bins(share * gain * reference_level, coherent, bins)
+        reference = columns.level_at_bins(reference_level, coherent, bins)
+        level = NoiseLevels(level.response, reference, through / reference)
+    moving_bins = columns.each_bin(moving, bins)
+    return _GroupMotion(filled * np.sqrt(share), level, moving_bins, enough)
