@@ -33,7 +33,7 @@ def motion_and_noise_of(record: Record, used: BoolArray) -> MotionAndNoise:
 
 def noise_between(seen: MotionAndNoise, low_hz: float, high_hz: float) -> float:
     """Return the noise of a sample, as the bins of a part of the band have it."""
-    level = seen.levels[0]
+    level = seen.levels[0].total
     samples = seen.heard[0][0]
     frequency_hz = np.arange(len(level)) * RATE_HZ / samples
     return float(np.mean(level[(frequency_hz > low_hz) & (frequency_hz < high_hz)])) / samples

@@ -1,10 +1,9 @@
 """Noise of a signal that is locally incoherent with a motion, without any model.
 
 In each block of bins, columns that are smooth in frequency are projected out of the signal: a
-quadratic times the motion, which any sensor's response to it nearly is, and a quartic alone, as the
-sensor's response to leakage from other frequencies is (local polynomial method: Pintelon &
-Schoukens 2012, ch. 7). Without the latter a displacement, whose low frequencies leak over all bins,
-would count as noise, and where the motion is nothing but leakage, a narrow resonance as motion.
+quadratic times the motion, which any sensor's response to it nearly is, and a quadratic alone, as
+leakage from other frequencies is (local polynomial method: Pintelon & Schoukens 2012, ch. 7).
+Without the latter a displacement, whose low frequencies leak over all bins, would count as noise.
 """
 
 from __future__ import annotations
@@ -23,10 +22,8 @@ from vibrident.fit.response.transform import power_of
 
 #: Bins of a block.
 BLOCK_BINS = 24
-#: Number of coefficients of the sensor's response in a block, a quadratic …
+#: Number of coefficients of a polynomial in a block: a quadratic.
 DEGREES = 3
-#: … and of leakage, a quadratic that such a response has passed.
-LEAK_DEGREES = 2 * DEGREES - 1
 #: Chance that any block without motion counts as one with motion.
 MAX_CHANCE_OF_MOTION = 1e-3
 #: A sensor rings where its motion decays by at least e^{-2πγ} over a record; a tone does not decay.
@@ -70,11 +67,10 @@ class SmoothColumns:
         records, bins = shape
         blocks = max(int((bins - 1) * share) // BLOCK_BINS, 1)
         width = (bins - 1) // blocks
-        if width * share < 2 * (LEAK_DEGREES + DEGREES * len(motions)):
+        if width * share < 2 * DEGREES * (len(motions) + 1) + 2:
             return None
-        powers = legendre.legvander(np.linspace(-1.0, 1.0, width), LEAK_DEGREES - 1).T
+        powers = legendre.legvander(np.linspace(-1.0, 1.0, width), DEGREES - 1).T
         polynomials = powers.astype(complex)
-        powers = powers[:DEGREES]
         columns = [np.broadcast_to(polynomials, (records, blocks, *polynomials.shape))]
         for motion in motions:
             rows = motion[:, 1 : 1 + blocks * width].reshape(records, blocks, 1, width)

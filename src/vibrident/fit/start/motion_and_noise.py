@@ -254,6 +254,7 @@ def _measured_rows(
     filled = response if used is None else columns.filled(response, used)
     bins = response.shape[1]
     response_level, moving = columns.incoherent_level(filled, may_ring=True)
+    moving_bins = columns.each_bin(moving, bins)
     level = NoiseLevels(columns.level_at_bins(response_level, moving, bins), zeros, zeros)
     for motion in motions:
         # Noise of the reference is not in the response; at a single tone it shows in nothing else.
@@ -265,6 +266,7 @@ def _measured_rows(
         gain = np.divide(*powers, out=np.zeros_like(powers[0]), where=powers[1] > 0.0)
         through = columns.level_at_bins(share * gain * reference_level, coherent, bins)
         reference = columns.level_at_bins(reference_level, coherent, bins)
-        level = NoiseLevels(level.response, reference, through / reference)
-    moving_bins = columns.each_bin(moving, bins)
+        # Without motion no |H|² shows.
+        passed = np.where(moving_bins, through / reference, 0.0)
+        level = NoiseLevels(level.response, reference, passed)
     return _GroupMotion(filled * np.sqrt(share), level, moving_bins, enough)
