@@ -74,6 +74,7 @@ class GroupAt:
         jacobian: ∂ predicted with z at the most likely motion, nuisances projected out, (R, P, K).
         through: H, shape (K,).
         turns: ∂H with z, shape (P, K).
+        edge_gradient: part of the gradient due to nuisances at the edges of the records, shape (P,).
         psd: S, shape (R, K).
         weight: of the bins, shape (R, K).
         noise_information: part of the information due to noise of the reference, shape (P, P).
@@ -84,6 +85,7 @@ class GroupAt:
     jacobian: ComplexArray
     through: ComplexArray
     turns: ComplexArray
+    edge_gradient: FloatArray
     psd: FloatArray
     weight: FloatArray
     noise_information: FloatArray
@@ -119,7 +121,18 @@ class GroupAt:
             # |N|² of noise of the reference is its variance times the number of samples.
             noise_weight = weight * group.grid.samples * weights.reference * weights.response / psd
             noise_information = products(turns * np.sum(noise_weight, axis=0), turns)
-        return cls(group, rows, jacobian, through, turns, psd, weight, noise_information)
+        edge_gradient = rows.edge_gradient * slopes
+        return cls(
+            group,
+            rows,
+            jacobian,
+            through,
+            turns,
+            edge_gradient,
+            psd,
+            weight,
+            noise_information,
+        )
 
     @property
     def numbers(self) -> FloatArray:
@@ -218,7 +231,7 @@ def iterate(
             whitened = (place.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
             residual = (place.rows.residual * root).reshape(1, -1)
             cost += float(products(residual, residual)[0, 0])
-            gradient += products(whitened, residual)[:, 0]
+            gradient += products(whitened, residual)[:, 0] + place.edge_gradient
             matrix += products(whitened, whitened)
             noise_information += place.noise_information
     if not (np.isfinite(cost) and np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))):

@@ -80,6 +80,8 @@ class Rows:
         forced: the network's response to the reference alone, shape (R, K).
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate, shape
             (R, P, K); P is zero without slopes.
+        edge_gradient: of V / −2, due to the slopes of the states at the edges, whose shape depends
+            on the poles, shape (P,). Their amounts are noise, so they carry no information.
         nuisances: nuisance columns.
         amounts: of these, shape (R, m).
         order: number of states n.
@@ -89,6 +91,7 @@ class Rows:
     predicted: ComplexArray
     forced: ComplexArray
     jacobian: ComplexArray
+    edge_gradient: FloatArray
     nuisances: Nuisances
     amounts: FloatArray
     order: int
@@ -131,18 +134,23 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     residual -= combined(amounts, nuisances.columns)[:, 0]
     predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
+    edge_gradient = np.zeros(0 if step.slope is None else len(step.slope.denominator))
     if step.slope is not None:
+        at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])[:, 0]
+        at_edges = group.where_used(at_edges[:, None])[:, 0]
         jacobian = _driven(group, step.slope.numerator, inverse)
-        by_denominator = predicted
-        if group.edges:  # 1/a twice
-            at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])[:, 0]
-            by_denominator = predicted + 2.0 * at_edges
         for number, denominator in enumerate(step.slope.denominator):
             if np.any(denominator):
-                jacobian[:, number] -= by_denominator * (horner(denominator, shifted) * inverse)
+                relative = horner(denominator, shifted) * inverse
+                jacobian[:, number] -= predicted * relative
+                if group.edges:  # 1/a twice
+                    turned = residual.conj() * weight * at_edges * relative
+                    edge_gradient[number] = -2.0 * float(np.sum(turned.real))
         jacobian = group.where_used(jacobian)
         jacobian -= nuisances.imitated(jacobian)
-    return Rows(residual, predicted, forced, jacobian, nuisances, amounts[:, 0], order)
+    return Rows(
+        residual, predicted, forced, jacobian, edge_gradient, nuisances, amounts[:, 0], order
+    )
 
 
 def predict(group: Group, step: Step) -> FloatArray:

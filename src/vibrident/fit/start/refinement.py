@@ -175,7 +175,7 @@ def _local(
             jacobian = (evaluated.jacobian * slopes * root).swapaxes(0, 1).reshape(len(z), -1)
             residual = (evaluated.residual[:, None] * root).reshape(1, -1)
             matrix += products(jacobian, jacobian)
-            gradient += products(jacobian, residual)[:, 0]
+            gradient += products(jacobian, residual)[:, 0] + evaluated.edge_gradient * slopes[:, 0]
             cost += float(products(residual, residual)[0, 0])
     return Local(matrix, gradient, cost)
 
