@@ -72,9 +72,9 @@ class GroupAt:
         group: the group.
         rows: the network there.
         jacobian: ∂ predicted with z at the most likely motion, nuisances projected out, (R, P, K).
+        edge_jacobian: the same of nuisances at the edges, which are noise, shape (R, P or 0, K).
         through: H, shape (K,).
         turns: ∂H with z, shape (P, K).
-        edge_gradient: part of the gradient due to nuisances at the edges of the records, shape (P,).
         psd: S, shape (R, K).
         weight: of the bins, shape (R, K).
         noise_information: part of the information due to noise of the reference, shape (P, P).
@@ -83,9 +83,9 @@ class GroupAt:
     group: Group
     rows: Rows
     jacobian: ComplexArray
+    edge_jacobian: ComplexArray
     through: ComplexArray
     turns: ComplexArray
-    edge_gradient: FloatArray
     psd: FloatArray
     weight: FloatArray
     noise_information: FloatArray
@@ -121,14 +121,16 @@ class GroupAt:
             # |N|² of noise of the reference is its variance times the number of samples.
             noise_weight = weight * group.grid.samples * weights.reference * weights.response / psd
             noise_information = products(turns * np.sum(noise_weight, axis=0), turns)
-        edge_gradient = rows.edge_gradient * slopes
+        edge_jacobian = rows.edge_jacobian
+        if edge_jacobian.size:
+            edge_jacobian = edge_jacobian * slopes[:, None]
         return cls(
             group,
             rows,
             jacobian,
+            edge_jacobian,
             through,
             turns,
-            edge_gradient,
             psd,
             weight,
             noise_information,
@@ -173,14 +175,16 @@ class Iterate:
 
     Attributes:
         cost: V.
-        gradient: Jᵀ W R, shape (P,).
-        matrix: Jᵀ W J, shape (P, P).
+        gradient: Jᵀ W R, J with that of the nuisances at the edges, shape (P,).
+        curvature: Jᵀ W J, with them, shape (P, P).
+        matrix: Jᵀ W J without them, shape (P, P).
         noise_information: part of it due to noise of the reference, shape (P, P).
         groups: the groups there; empty where V is not finite.
     """
 
     cost: float
     gradient: FloatArray
+    curvature: FloatArray
     matrix: FloatArray
     noise_information: FloatArray
     groups: tuple[GroupAt, ...]
@@ -216,7 +220,7 @@ def iterate(
     """Return V, its gradient and information at z, with all groups there."""
     count = len(z)
     zeros = np.zeros((count, count))
-    not_finite = Iterate(np.inf, np.zeros(count), zeros, zeros, ())
+    not_finite = Iterate(np.inf, np.zeros(count), zeros, zeros, zeros, ())
     with np.errstate(all="ignore"):
         try:
             places = tuple(places_in(band, coordinates, weights, z))
@@ -224,6 +228,7 @@ def iterate(
             return not_finite
         cost = 0.0
         gradient = np.zeros(count)
+        curvature = np.zeros((count, count))
         matrix = np.zeros((count, count))
         noise_information = np.zeros((count, count))
         for place in places:
@@ -231,9 +236,15 @@ def iterate(
             whitened = (place.jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
             residual = (place.rows.residual * root).reshape(1, -1)
             cost += float(products(residual, residual)[0, 0])
-            gradient += products(whitened, residual)[:, 0] + place.edge_gradient
-            matrix += products(whitened, whitened)
+            squares = products(whitened, whitened)
+            matrix += squares
+            if place.edge_jacobian.size:
+                at_edges = (place.edge_jacobian * root[:, None]).swapaxes(0, 1).reshape(count, -1)
+                whitened += at_edges
+                squares = products(whitened, whitened)
+            curvature += squares
+            gradient += products(whitened, residual)[:, 0]
             noise_information += place.noise_information
     if not (np.isfinite(cost) and np.all(np.isfinite(matrix)) and np.all(np.isfinite(gradient))):
         return not_finite
-    return Iterate(cost, gradient, matrix, noise_information, places)
+    return Iterate(cost, gradient, curvature, matrix, noise_information, places)

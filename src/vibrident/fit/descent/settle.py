@@ -177,7 +177,8 @@ class Objective:
         band = self.band.at_factors_of(self.coordinates.values(z))
         point = iterate(band, self.coordinates, self.weights, z)
         self.last = z, point
-        return Local(information(point), point.gradient, point.cost)
+        curvature = _less_noise(point.curvature, point.noise_information)
+        return Local(curvature, point.gradient, point.cost)
 
     def at(self, z: FloatArray) -> Iterate:
         """Return the iterate at z."""
@@ -217,17 +218,17 @@ class Likelihood:
 
 def information(point: Iterate) -> FloatArray:
     """Return the information less that of the noise of the reference, at least a fifth of all."""
-    if not np.any(point.noise_information):
-        return point.matrix
-    scale = np.sqrt(np.maximum(np.diag(point.matrix), np.finfo(float).tiny))
+    return _less_noise(point.matrix, point.noise_information)
+
+
+def _less_noise(matrix: FloatArray, noise_information: FloatArray) -> FloatArray:
+    """Return a matrix less that of the noise of the reference, at least a fifth of all."""
+    if not np.any(noise_information):
+        return matrix
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     scales = np.outer(scale, scale)
-    count = len(scale)
-    scaled = point.matrix / scales + 1e-12 * np.eye(count)
-    root = np.linalg.cholesky(scaled)
-    inner = np.linalg.solve(
-        root,
-        np.linalg.solve(root, (point.matrix - point.noise_information) / scales).T,
-    )
+    root = np.linalg.cholesky(matrix / scales + 1e-12 * np.eye(len(scale)))
+    inner = np.linalg.solve(root, np.linalg.solve(root, (matrix - noise_information) / scales).T)
     values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
     half = root @ vectors * np.sqrt(np.maximum(values, MIN_INFORMATION))
     return (half @ half.T) * scales

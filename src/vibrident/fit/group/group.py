@@ -41,6 +41,7 @@ class Grid:
         bins: number of bins K, from 0 on.
         last: bins from here on do not count.
         first: bins before this one do not count, but for an offset.
+        aliased: whether the free motion is above half the sampling rate.
         tones: places of tones that no motion causes, in bins.
         edges: whether the slopes of the initial states over the record are nuisances, too: where
             the noise is steep, leakage at the ends of a record would count as information.
@@ -60,6 +61,7 @@ class Grid:
     driven: bool = True
     full_band: bool = False
     first: int = 1
+    aliased: bool = False
 
     @property
     def step(self) -> tuple[float, float]:
@@ -112,6 +114,7 @@ class Bins:
         shifted: w = z − 1, shape (R, K), or (1, K) where all have the same.
         fixed_nuisances: nuisance columns that depend on no parameter, shape (R or 1, m, K).
         edges: as of :class:`Grid`.
+        aliased: as of :class:`Grid`.
         used: samples of the response that are used, shape (R, N); None: all.
     """
 
@@ -121,6 +124,7 @@ class Bins:
     shifted: ComplexArray
     fixed_nuisances: ComplexArray
     edges: bool = False
+    aliased: bool = False
     used: BoolArray | None = None
 
     def where_used(self, rows: ComplexArray) -> ComplexArray:
@@ -156,7 +160,8 @@ class Group(Bins):
             all_used = np.ones(grid.samples, dtype=bool)
             used = np.stack([all_used if s.used is None else s.used for s in segments])
         columns = grid.shifted[None], grid.fixed_nuisances[None]
-        return cls(grid.step, inputs, response, *columns, grid.edges, used, grid, tuple(numbers))
+        flags = grid.edges, grid.aliased
+        return cls(grid.step, inputs, response, *columns, *flags, used, grid, tuple(numbers))
 
     @property
     def count(self) -> FloatArray:
@@ -174,4 +179,5 @@ class Group(Bins):
             self.shifted[:, bins],
             self.fixed_nuisances[:, :, bins],
             self.edges,
+            self.aliased,
         )

@@ -80,8 +80,8 @@ class Rows:
         forced: the network's response to the reference alone, shape (R, K).
         jacobian: ∂ predicted, initial states held, less what nuisance columns could imitate, shape
             (R, P, K); P is zero without slopes.
-        edge_gradient: of V / −2, due to the slopes of the states at the edges, whose shape depends
-            on the poles, shape (P,). Their amounts are noise, so they carry no information.
+        edge_jacobian: the same of the nuisances at the edges, whose shape depends on the poles.
+            Their amounts are noise, so they carry no information. P is zero where none count.
         nuisances: nuisance columns.
         amounts: of these, shape (R, m).
         order: number of states n.
@@ -91,7 +91,7 @@ class Rows:
     predicted: ComplexArray
     forced: ComplexArray
     jacobian: ComplexArray
-    edge_gradient: FloatArray
+    edge_jacobian: ComplexArray
     nuisances: Nuisances
     amounts: FloatArray
     order: int
@@ -134,22 +134,20 @@ def evaluate(group: Bins, step: Step, weight: FloatArray) -> Rows:
     residual -= combined(amounts, nuisances.columns)[:, 0]
     predicted = forced + combined(amounts[:, :, :order], states)[:, 0]
     jacobian = np.empty((len(residual), 0, residual.shape[1]), complex)
-    edge_gradient = np.zeros(0 if step.slope is None else len(step.slope.denominator))
+    edge_jacobian = jacobian
     if step.slope is not None:
-        at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])[:, 0]
-        at_edges = group.where_used(at_edges[:, None])[:, 0]
-        jacobian = _driven(group, step.slope.numerator, inverse)
-        for number, denominator in enumerate(step.slope.denominator):
-            if np.any(denominator):
-                relative = horner(denominator, shifted) * inverse
-                jacobian[:, number] -= predicted * relative
-                if group.edges:  # 1/a twice
-                    turned = residual.conj() * weight * at_edges * relative
-                    edge_gradient[number] = -2.0 * float(np.sum(turned.real))
+        relative = np.stack([horner(row, shifted) * inverse for row in step.slope.denominator], 1)
+        jacobian = _driven(group, step.slope.numerator, inverse) - predicted[:, None] * relative
         jacobian = group.where_used(jacobian)
         jacobian -= nuisances.imitated(jacobian)
+        # An image of a free motion that was not recorded turns quickly with its frequency, and
+        # would follow the noise.
+        if group.edges and not group.aliased:  # 1/a twice
+            at_edges = combined(amounts[:, :, -order:], states * inverse[:, None])
+            edge_jacobian = group.where_used(-2.0 * at_edges * relative)
+            edge_jacobian -= nuisances.imitated(edge_jacobian)
     return Rows(
-        residual, predicted, forced, jacobian, edge_gradient, nuisances, amounts[:, 0], order
+        residual, predicted, forced, jacobian, edge_jacobian, nuisances, amounts[:, 0], order
     )
 
 

@@ -99,6 +99,7 @@ class Band:
             has_gaps,
             driven,
             first=first,
+            aliased=rate_hz in self.unseen,
         )
 
     def within(self, top_hz: float) -> Band:

@@ -234,5 +234,7 @@ def _joined(rows: Sequence[_Row]) -> CoarseRows:
         weight[place, :size] = row.weight[row.bins]
         reference[place, :size] = row.reference[row.bins]
         frequency_hz[place, :size] = row.group.grid.frequency_hz[row.bins]
-    joined = Bins(first.step, inputs, response, shifted, fixed_nuisances, first.edges)
+    joined = Bins(
+        first.step, inputs, response, shifted, fixed_nuisances, first.edges, first.aliased
+    )
     return CoarseRows(joined, weight, reference, frequency_hz)

@@ -172,10 +172,13 @@ def _local(
                 return Local(matrix, gradient, np.inf)
             evaluated = evaluate(rows.bins, step, rows.weight)
             root = np.sqrt(rows.weight)[:, None]
-            jacobian = (evaluated.jacobian * slopes * root).swapaxes(0, 1).reshape(len(z), -1)
+            derivatives = evaluated.jacobian
+            if evaluated.edge_jacobian.size:
+                derivatives = derivatives + evaluated.edge_jacobian
+            jacobian = (derivatives * slopes * root).swapaxes(0, 1).reshape(len(z), -1)
             residual = (evaluated.residual[:, None] * root).reshape(1, -1)
             matrix += products(jacobian, jacobian)
-            gradient += products(jacobian, residual)[:, 0] + evaluated.edge_gradient * slopes[:, 0]
+            gradient += products(jacobian, residual)[:, 0]
             cost += float(products(residual, residual)[0, 0])
     return Local(matrix, gradient, cost)
 
