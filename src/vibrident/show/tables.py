@@ -18,7 +18,7 @@ from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
 from vibrident.show.curves import column, principal
 from vibrident.show.formulas import Mixed, Words, symbol
-from vibrident.show.language import ENGLISH, Say
+from vibrident.show.language import ENGLISH, Translator
 from vibrident.show.numbers import (
     NONE,
     fit_unit,
@@ -132,7 +132,7 @@ def small_signals(result: Result) -> str:
     return " ".join(addon.remark for addon in model.add_ons if addon.remark) if model else ""
 
 
-def per_g(result: Result, say: Say = ENGLISH) -> str:
+def per_g(result: Result, translate: Translator = ENGLISH) -> str:
     """Return the sensitivity per standard gravity; empty where it is not one to acceleration."""
     model = installed(result.model)
     sensitivity = result.parameters.get(model.gain_name) if model else None
@@ -146,7 +146,9 @@ def per_g(result: Result, say: Say = ENGLISH) -> str:
     number = rounded_parameter(Parameter(value, unit, u, (None, None)), k)
     bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
     return Mixed(
-        say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}")
+        translate(
+            "text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}"
+        )
     )
 
 
@@ -330,7 +332,7 @@ def _phase_deviation_text(deviation_deg: float, expanded_deg: float) -> str:
     return signed(deviation_deg, 3)
 
 
-def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
+def worst(points: MeasuredCurve, translate: Translator = ENGLISH) -> str:
     """Return mean and largest deviation of the magnitude in words; empty if none is known."""
     off = np.abs(points.deviation_percent)
     if np.isnan(off).all():
@@ -338,7 +340,7 @@ def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
     index = int(np.nanargmax(off))
     mean = plain(float(np.nanmean(off)), 2)
     largest = plain(float(off[index]), 2)
-    return say(
+    return translate(
         "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[index]:.5g}"
     )
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any
 
-from vibrident.show.language import COMMA, Say, from_english
+from vibrident.show.language import COMMA, Translator, from_english
 
 #: Code → what the language calls itself.
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
@@ -93,7 +93,7 @@ class Language:
     def __init__(self, code: str) -> None:
         self.code = code
         self.comma = code in COMMA
-        self._certificates = Say(code)
+        self._certificates = Translator(code)
 
     def __call__(self, english: str, /, **values: Any) -> str:
         """Return a sentence, with values by name; one that is finished is recognised by its words.
