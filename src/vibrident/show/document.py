@@ -119,13 +119,16 @@ def head(result: Result) -> tuple[Block, ...]:
 
 def verdict(result: Result) -> Sentence:
     """Return whether the model describes the data, and the number of warnings."""
-    lead = "The model does not describe the data;"
-    if result.fit.adequate:
-        lead = "The model is adequate for these data;"
+    sentence = (
+        "The model is adequate for these data"
+        if result.fit.adequate
+        else "The model does not describe the data"
+    )
+    doubts = "no warnings"
     if result.warnings:
-        warnings = count(len(result.warnings), "warning")
-        return Sentence(f"{warnings}, explained below.", "doubt", lead)
-    return Sentence("no warnings.", "fine" if result.fit.adequate else "doubt", lead)
+        doubts = f"{count(len(result.warnings), 'warning')}, explained below"
+    is_fine = result.fit.adequate and not result.warnings
+    return Sentence(f"{doubts}.", "fine" if is_fine else "doubt", f"{sentence};")
 
 
 def cards(result: Result) -> Cards:

@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from vibrident.app.web import frame, sandboxed
-from vibrident.app.web.language import say, spoken
+from vibrident.app.web.language import page_language, translate
 from vibrident.app.web.outcome import offer_download
 from vibrident.app.web.user import User
 from vibrident.base.escaping import html
@@ -24,9 +24,9 @@ class CompareStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
-        self.section = frame.add_step(say("Compare"), "compare")
+        self.section = frame.add_step(translate("Compare"), "compare")
         with self.section:
-            self.choice = ui.select([], label=say("Results"), multiple=True)
+            self.choice = ui.select([], label=translate("Results"), multiple=True)
             self.choice.props("dense outlined stack-label use-chips").classes("w-full")
             self.choice.on_value_change(self._draw)
             self.body = ui.element("div")
@@ -51,7 +51,7 @@ class CompareStep:
         if len(paths) < 2:
             return
         outcome = await frame.run_sandboxed(
-            self.user, self.body, sandboxed.compare_results, paths, names, spoken().code
+            self.user, self.body, sandboxed.compare_results, paths, names, page_language().code
         )
         if outcome is None or turn != self.turn or self.body.is_deleted:
             return
@@ -61,12 +61,12 @@ class CompareStep:
             for title, table in outcome["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with frame.actions():
-                ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props(
-                    "outline"
-                )
-                ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props(
-                    "outline"
-                )
+                ui.button(
+                    translate("Comparison (HTML)"), on_click=lambda: self._report("html")
+                ).props("outline")
+                ui.button(
+                    translate("Comparison (PDF)"), on_click=lambda: self._report("pdf")
+                ).props("outline")
             self.errors = frame.add_error_area()
 
     async def _report(self, form: str) -> None:

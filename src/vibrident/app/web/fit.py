@@ -11,7 +11,7 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.description import calibration_text
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.sandboxed import read_calibration_text
 from vibrident.app.web.state import Choices, ConfirmedCalibration, Job
 from vibrident.app.web.translated import charts
@@ -44,29 +44,31 @@ class FitStep:
     def build(self, on_result: Callable[[], Awaitable[Any]]) -> None:
         """Build the section, hidden until the columns are confirmed."""
         self.on_result = on_result
-        self.section = frame.add_step(say("Identify"), "identify")
+        self.section = frame.add_step(translate("Identify"), "identify")
         with self.section:
-            with ui.expansion(say("The calibration file: as confirmed above")).classes("w-full"):
-                self.text = frame.Text("calibration-text", say("Calibration file"))
+            with ui.expansion(translate("The calibration file: as confirmed above")).classes(
+                "w-full"
+            ):
+                self.text = frame.Text("calibration-text", translate("Calibration file"))
             stepping = estimators_with("discretisation")
             with ui.element("div").classes("fields wide"):
                 titles = {
-                    name: f"{name}: {say(estimator.title)}"
+                    name: f"{name}: {translate(estimator.title)}"
                     for name, estimator in ESTIMATORS.all().items()
                 }
                 self.estimator = ui.select(
-                    {AUTO: say("{name}: chosen by the data", name=AUTO), **titles},
+                    {AUTO: translate("{name}: chosen by the data", name=AUTO), **titles},
                     value=AUTO,
-                    label=say(LABELS["identify.estimator"]),
+                    label=translate(LABELS["identify.estimator"]),
                 )
                 self.discretisation = ui.select(
                     list(DISCRETISATIONS),
                     value="bandlimited",
-                    label=f"{say(LABELS['identify.discretisation'])} ({', '.join(stepping)})",
+                    label=f"{translate(LABELS['identify.discretisation'])} ({', '.join(stepping)})",
                 )
-                covers = {name: say(_COVERS[name]) for name in UNCERTAINTIES}
+                covers = {name: translate(_COVERS[name]) for name in UNCERTAINTIES}
                 self.uncertainty = ui.select(
-                    covers, value="auto", label=say(LABELS["identify.uncertainty"])
+                    covers, value="auto", label=translate(LABELS["identify.uncertainty"])
                 )
                 for element in (self.estimator, self.discretisation, self.uncertainty):
                     element.props("dense outlined stack-label options-dense")
@@ -75,14 +77,16 @@ class FitStep:
                 lambda event: self.discretisation.set_visibility(event.value in stepping)
             )
             with frame.actions():
-                self.start = ui.button(say("Identify"), on_click=self._identify).props("id=start")
-                self.stop = ui.button(say("Cancel"), on_click=self.user.worker.cancel).props(
+                self.start = ui.button(translate("Identify"), on_click=self._identify).props(
+                    "id=start"
+                )
+                self.stop = ui.button(translate("Cancel"), on_click=self.user.worker.cancel).props(
                     "outline color=negative"
                 )
                 self.spinner = ui.spinner(size="28px")
                 self.status = ui.label("").props("role=status id=status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
-            self.share.props("id=share").props["aria-label"] = say("share of the iterations")
+            self.share.props("id=share").props["aria-label"] = translate("share of the iterations")
             self.errors = frame.add_error_area()
             self.curve = frame.GrowingChart(ui.element("div").classes("chart"), CURVE_HEIGHT_PX)
         self.timer = ui.timer(_PACE_S, self._follow, active=False)
@@ -190,7 +194,7 @@ class FitStep:
         if job is None or job is self.over:
             self.timer.deactivate()
             return
-        self.status.text = job.status(spoken())
+        self.status.text = job.status(page_language())
         self.share.visible = job.share is not None and not job.over
         self.share.value = job.share or 0.0
         if self.curve.grows_to(sum(map(len, job.starts))):
@@ -212,10 +216,10 @@ class FitStep:
         frame.show_error(self.errors, job.error, self.user.session)
         if isinstance(job.error, StoppedError) and job.choices and not self.errors.is_deleted:
             with self.errors:
-                broken_off = say("Broken off: {what}", what=job.choices.command)
+                broken_off = translate("Broken off: {what}", what=job.choices.command)
                 frame.hint(broken_off).props("id=broken-off")
                 ask = partial(self._repeat, job.choices)
-                ui.button(say("Repeat"), on_click=ask).props("outline id=repeat")
+                ui.button(translate("Repeat"), on_click=ask).props("outline id=repeat")
 
 
 def _curve(starts: list[list[float]]) -> dict[str, Any]:
@@ -244,6 +248,7 @@ def _curve(starts: list[list[float]]) -> dict[str, Any]:
     )
     y_axis = axes.size(phrase("Cost"), np.concatenate([line.y for line in series]))
     ((_, chart),) = charts(
-        spoken(), Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),))
+        page_language(),
+        Figure("cost", "", (Stack((Panel(x_axis, y_axis, tuple(series[::-1]), 1.1),)),)),
     )
     return chart

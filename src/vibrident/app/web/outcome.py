@@ -11,7 +11,7 @@ from nicegui import ui
 
 from vibrident.app.web import frame, sandboxed
 from vibrident.app.web.form.certify import CertificateForm
-from vibrident.app.web.language import say, spoken
+from vibrident.app.web.language import page_language, translate
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
@@ -50,10 +50,10 @@ class OutcomeStep:
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
-        self.section = frame.add_step(say("Result"), "result")
+        self.section = frame.add_step(translate("Result"), "result")
         with self.section:
             self.choice = (
-                ui.select([], label=say("Shown"))
+                ui.select([], label=translate("Shown"))
                 .props("dense outlined stack-label")
                 .classes("w-full")
             )
@@ -67,7 +67,7 @@ class OutcomeStep:
         names = [named.name for named in self.user.results]
         self.section.visible = bool(names)
         self.choice.visible = len(names) > 1
-        self.notice.text = say(self.user.notice)
+        self.notice.text = translate(self.user.notice)
         self.notice.visible = bool(self.user.notice)
         if not names:
             return
@@ -95,7 +95,7 @@ class OutcomeStep:
         with self.body:
             ui.spinner(size="28px")
         outcome = await frame.run_sandboxed(
-            self.user, self.body, sandboxed.read_outcome, named.path, spoken().code
+            self.user, self.body, sandboxed.read_outcome, named.path, page_language().code
         )
         if outcome is None or turn != self.turn or self.body.is_deleted:
             return
@@ -118,7 +118,7 @@ class OutcomeStep:
                 await HistoryPanel(self.user, named, store, self.certificate, self.hand_in).build()
 
     def _downloads(self, named: NamedResult, title: str, pdf: str) -> None:
-        frame.heading(say(LABELS["report.form"]))
+        frame.heading(translate(LABELS["report.form"]))
         with frame.actions():
             called = self.certificate.name_of_file
             get = ui.button(
@@ -126,9 +126,9 @@ class OutcomeStep:
             )
             get.props("id=get-json")
             labels = {
-                "html": say("Report (HTML)"),
-                "pdf": f"{say(title)} (PDF)",
-                "md": say("Report (Markdown)"),
+                "html": translate("Report (HTML)"),
+                "pdf": f"{translate(title)} (PDF)",
+                "md": translate("Report (Markdown)"),
             }
             for form, label in labels.items():
                 download = partial(
@@ -136,14 +136,18 @@ class OutcomeStep:
                 )
                 ui.button(label, on_click=download).props(f"outline id=get-{form}")
             everything = ui.button(
-                say("Everything (zip)"), on_click=partial(self._everything, named)
+                translate("Everything (zip)"), on_click=partial(self._everything, named)
             )
             everything.props("outline id=get-everything")
         if named.choices is not None:
             name = named.choices.calibration
-            with ui.expansion(say("The same in a shell")).classes("w-full").props("id=in-a-shell"):
-                frame.hint(say("With {file} in the folder of the data:", file=name))
-                frame.Text("command", say("Command"), named.choices.command)
+            with (
+                ui.expansion(translate("The same in a shell"))
+                .classes("w-full")
+                .props("id=in-a-shell")
+            ):
+                frame.hint(translate("With {file} in the folder of the data:", file=name))
+                frame.Text("command", translate("Command"), named.choices.command)
                 ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props(
                     "outline id=get-toml"
                 )
@@ -155,14 +159,16 @@ class OutcomeStep:
 
         forms = EXPORTS.all()
         plain = next(name for name, form in forms.items() if not (form.options or form.extra))
-        titles = {name: f"{name}: {say(form.title)}" for name, form in forms.items()}
-        frame.heading(say("Other formats"))
+        titles = {name: f"{name}: {translate(form.title)}" for name, form in forms.items()}
+        frame.heading(translate("Other formats"))
         with frame.actions():
-            form = ui.select(titles, value=plain, label=say(LABELS["export.form"])).style(
+            form = ui.select(titles, value=plain, label=translate(LABELS["export.form"])).style(
                 "min-width: min(15rem, 100%)"
             )
             fields = {
-                name: ui.number(say(option.label)) if option.number else ui.input(say(option.label))
+                name: ui.number(translate(option.label))
+                if option.number
+                else ui.input(translate(option.label))
                 for name, option in OPTIONS.items()
                 if option.label
             }
@@ -180,7 +186,7 @@ class OutcomeStep:
 
             needed(form.value)
             form.on_value_change(lambda event: needed(event.value))
-            ui.button(say("Export"), on_click=export).props("outline id=get-export")
+            ui.button(translate("Export"), on_click=export).props("outline id=get-export")
 
     async def _report(self, named: NamedResult, form: str, name: str) -> None:
         self.errors.clear()
@@ -257,17 +263,17 @@ class HistoryPanel:
 
     async def build(self) -> None:
         """Build the panel, and show what the store holds."""
-        frame.heading(say("History"))
+        frame.heading(translate("History"))
         with frame.actions():
-            self.button = ui.button(say("Add to history"), on_click=self._add).props(
+            self.button = ui.button(translate("Add to history"), on_click=self._add).props(
                 "outline id=add-to-history"
             )
             self.button.visible = self.user.may("identify")
-            approve = ui.button(say("Add and approve"), on_click=self._approve).props(
+            approve = ui.button(translate("Add and approve"), on_click=self._approve).props(
                 "outline id=approve"
             )
             approve.visible = self.user.may("approve")
-            draft = ui.button(say("Hand in for review"), on_click=self._hand_in).props(
+            draft = ui.button(translate("Hand in for review"), on_click=self._hand_in).props(
                 "outline id=hand-in"
             )
             draft.visible = self.hand_in.is_offered and self.user.may("identify")
@@ -306,7 +312,7 @@ class HistoryPanel:
             self.named.path,
             self.store,
             self.certificate.stated_data(),
-            spoken().code,
+            page_language().code,
             *more,
         )
         outcome = await frame.run_sandboxed(
@@ -349,12 +355,12 @@ async def offer_download(
 
 def _curves(outcome: dict[str, Any]) -> None:
     if outcome["left_out"]:
-        frame.hint(say("Not everything can be drawn here; see the report (HTML)."))
+        frame.hint(translate("Not everything can be drawn here; see the report (HTML)."))
     for title, figure, height in outcome["charts"]:
         frame.heading(title)
         frame.ChartView(figure, height)
     if outcome["found"]:
-        behind = ui.expansion(say("How it was found")).classes("w-full").props("id=how")
+        behind = ui.expansion(translate("How it was found")).classes("w-full").props("id=how")
 
         def draw() -> None:  # plotly draws nothing in a hidden element
             if behind.value and not behind.default_slot.children:
@@ -364,10 +370,10 @@ def _curves(outcome: dict[str, Any]) -> None:
 
         behind.on_value_change(draw)
     if signals := outcome["signals"]:
-        frame.heading(say("Signals"))
+        frame.heading(translate("Signals"))
         if len(signals) > 1:
             names = {number: name for number, (name, *_) in enumerate(signals)}
-            choice = ui.select(names, value=0, label=say("Record")).props(
+            choice = ui.select(names, value=0, label=translate("Record")).props(
                 "dense outlined stack-label"
             )
             choice.style("max-width: 20rem")

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN
-from vibrident.app.web.language import phrase, say, say_count, spoken
+from vibrident.app.web.language import page_language, phrase, translate, translate_count
 from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
 from vibrident.app.web.translated import charts
@@ -34,22 +34,24 @@ class ToolsStep:
         """Build the section, hidden until there are data or results."""
         self.on_result = on_result
         now = self.user.task.progress
-        with frame.add_step(say("More with these data"), "more", mark="+") as self.section:
-            titles = {name: say(task.title) for name, task in TASKS.items()}
+        with frame.add_step(translate("More with these data"), "more", mark="+") as self.section:
+            titles = {name: translate(task.title) for name, task in TASKS.items()}
             first = now.request.task if now else "compare"
-            self.task = ui.select(titles, value=first, label=say("Task"))
+            self.task = ui.select(titles, value=first, label=translate("Task"))
             self.task.props("dense outlined stack-label").classes("w-full")
             self.task.on_value_change(lambda: self._ask())
             self.hint = frame.hint("")
             self.fields = ui.element("div").classes("fields wide")
             with frame.actions():
-                self.start = ui.button(say("Run the task"), on_click=self._run).props("id=run")
-                self.stop = ui.button(say("Cancel"), on_click=self.user.task.worker.cancel)
+                self.start = ui.button(translate("Run the task"), on_click=self._run).props(
+                    "id=run"
+                )
+                self.stop = ui.button(translate("Cancel"), on_click=self.user.task.worker.cancel)
                 self.stop.props("outline color=negative id=cancel-task")
                 self.spinner = ui.spinner(size="28px")
                 self.status = ui.label("").props("role=status id=task-status")
             self.share = ui.linear_progress(0.0, show_value=False, size="8px")
-            self.share.props("id=task-share").props["aria-label"] = say("share of the task")
+            self.share.props("id=task-share").props["aria-label"] = translate("share of the task")
             self.errors = frame.add_error_area()
             chart_element = ui.element("div").classes("chart").props("id=task-live")
             self.live = frame.GrowingChart(chart_element, _LIVE_HEIGHT_PX)
@@ -75,14 +77,14 @@ class ToolsStep:
     def _ask(self) -> None:
         """Ask for the options of the chosen task."""
         task = TASKS[self.task.value]
-        self.hint.text = say(task.hint)
+        self.hint.text = translate(task.hint)
         self.option_elements: dict[str, Any] = {}
         self.result = None
         self.fields.clear()
         with self.fields:
             if "result" in task.takes:
                 names = [named.name for named in self.user.results]
-                self.result = ui.select(names, value=self._usual(), label=say("Result"))
+                self.result = ui.select(names, value=self._usual(), label=translate("Result"))
                 self.result.props("dense outlined stack-label")
             for name, field in task.fields.items():
                 self.option_elements[name] = _option_element(field)
@@ -115,7 +117,7 @@ class ToolsStep:
                 continue
             options[option] = _number(field, value) if field.is_number else value
         _require_band(task, options)
-        return TaskRequest(name, options, result, files, spoken().code)
+        return TaskRequest(name, options, result, files, page_language().code)
 
     async def _run(self) -> None:
         self._begin(self._request)
@@ -148,7 +150,7 @@ class ToolsStep:
         if now is None or now is self.over:
             self.timer.deactivate()
             return
-        self.status.text = now.status(spoken())
+        self.status.text = now.status(page_language())
         self.share.visible = now.share is not None and not now.over
         self.share.value = now.share or 0.0
         if not now.over and self.live.grows_to(sum(map(len, now.lines.values()))):
@@ -166,22 +168,22 @@ class ToolsStep:
 
     def _tell(self, now: TaskProgress) -> None:
         """Show what a task made, or why it failed."""
-        title = say(TASKS[now.request.task].title)
+        title = translate(TASKS[now.request.task].title)
         if now.error is not None:
             frame.show_error(self.errors, now.error, self.user.session)
             if isinstance(now.error, StoppedError) and not self.errors.is_deleted:
                 with self.errors:
-                    broken_off = say("Broken off: {what}", what=title)
+                    broken_off = translate("Broken off: {what}", what=title)
                     frame.hint(broken_off).props("id=task-broken-off")
                     again = ui.button(
-                        say("Repeat"), on_click=lambda: self._begin(lambda: now.request)
+                        translate("Repeat"), on_click=lambda: self._begin(lambda: now.request)
                     )
                     again.props("outline id=repeat-task")
         if now.output is None:
             return
         with self.body:
             for note in (*now.notes, *now.output["notes"]):
-                ui.label(say(note)).classes("doubt")
+                ui.label(translate(note)).classes("doubt")
             # escaped in the process
             ui.html(now.output["tables"], sanitize=False).classes("scroll")
             for heading, chart, height in now.output["charts"]:
@@ -190,7 +192,7 @@ class ToolsStep:
             if now.archive is not None:
                 count = len(now.output["files"])
                 archive = now.archive
-                label = say_count(count, "The file (zip)", "All {count} files (zip)")
+                label = translate_count(count, "The file (zip)", "All {count} files (zip)")
                 name = f"{now.request.task}.zip"
                 get = ui.button(label, on_click=lambda: ui.download.file(archive, name))
                 get.props("outline id=get-all")
@@ -219,19 +221,19 @@ def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, An
         x_axis = axes.linear(phrase("Time in s"), x)
         y_axis = axes.linear("", y)
     panel = Panel(x_axis, y_axis, series, 1.1)
-    ((_, chart),) = charts(spoken(), Figure("live", "", (Stack((panel,)),)))
+    ((_, chart),) = charts(page_language(), Figure("live", "", (Stack((panel,)),)))
     return chart
 
 
 def _option_element(field: Field) -> Any:
     """Return the element of an option."""
     several = {"models": models(), "estimators": _estimators(), "shared": shared_parameters()}
-    label = say(field.label)
+    label = translate(field.label)
     if field.kind in several:
         element = ui.select(several[field.kind], value=[], multiple=True, label=label)
         return element.props(f"{PLAIN} options-dense use-chips")
     if field.kind == "model":
-        element = ui.select({"": say("that of each"), **models()}, value="", label=label)
+        element = ui.select({"": translate("that of each"), **models()}, value="", label=label)
         return element.props(f"{PLAIN} options-dense")
     if field.kind == "flag":
         return ui.checkbox(label).props("dense")
@@ -249,7 +251,10 @@ def models() -> dict[str, str]:
 
 
 def _estimators() -> dict[str, str]:
-    return {name: f"{name}: {say(estimator.title)}" for name, estimator in ESTIMATORS.all().items()}
+    return {
+        name: f"{name}: {translate(estimator.title)}"
+        for name, estimator in ESTIMATORS.all().items()
+    }
 
 
 def shared_parameters() -> dict[str, str]:
@@ -259,7 +264,7 @@ def shared_parameters() -> dict[str, str]:
     labels: dict[str, str] = {}
     for kind in (*CORES.values(), *ADD_ONS.values()):
         for parameter in kind.parameters:
-            labels[parameter.name] = say(in_words(parameter.name))
+            labels[parameter.name] = translate(in_words(parameter.name))
     return labels
 
 

@@ -13,7 +13,7 @@ from nicegui import ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
 from vibrident.app.web.laboratories import LABORATORY_FILES
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
@@ -71,7 +71,7 @@ class CertificateForm:
         if not self.user.may("identify"):
             return
         self.expansion = (
-            ui.expansion(say(LABELS["export.certificate"]))
+            ui.expansion(translate(LABELS["export.certificate"]))
             .classes("w-full")
             .props("id=certificate")
         )
@@ -101,11 +101,11 @@ class CertificateForm:
 
     def _say(self) -> None:
         missing = lacking(*self._statements())
-        names = ", ".join(say(str(ENGLISH("label", key))) for key in missing)
+        names = ", ".join(translate(str(ENGLISH("label", key))) for key in missing)
         self.lacking.text = (
-            say("The PDF is a draft until these are stated: {names}.", names=names)
+            translate("The PDF is a draft until these are stated: {names}.", names=names)
             if missing
-            else say("Nothing is missing in the PDF.")
+            else translate("Nothing is missing in the PDF.")
         )
 
     async def _open(self) -> None:
@@ -117,22 +117,22 @@ class CertificateForm:
         }
         with self.expansion:
             ui.label(
-                say(
+                translate(
                     "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
                     "laboratory's certificates comes from its profile."
                 )
             ).classes("hint")
-            fields = form(spoken().code)
-            with frame.add_group(say("Object"), 4):
+            fields = form(page_language().code)
+            with frame.add_group(translate("Object"), 4):
                 for key in _SENSOR:
-                    label = say(key.label) + (" *" if key.name == "serial_number" else "")
+                    label = translate(key.label) + (" *" if key.name == "serial_number" else "")
                     self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
             for title in dict.fromkeys(field.group for field in fields):
                 self._group(title, [field for field in fields if field.group == title], entries)
             self._more()
             with frame.actions():
-                ui.button(say("Save"), on_click=self._save).props("id=save-certificate")
-                file = ui.button(say("Save as a file"), on_click=self._file)
+                ui.button(translate("Save"), on_click=self._save).props("id=save-certificate")
+                file = ui.button(translate("Save as a file"), on_click=self._file)
                 file.props("outline id=get-certificate-toml")
             self.status = frame.hint("").props("role=status")
             self.errors = frame.add_error_area()
@@ -151,8 +151,8 @@ class CertificateForm:
         for name in lists:
             section = _KEYS[name].section
             values = given_values.get(name) or []
-            names = {name: say(in_words(name)) for name in self.states["parameters"]}
-            words = {"sensitivity_deviation": say("deviation of the sensitivity"), **names}
+            names = {name: translate(in_words(name)) for name in self.states["parameters"]}
+            words = {"sensitivity_deviation": translate("deviation of the sensitivity"), **names}
             self.entries[name] = RowEntries(
                 ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
@@ -173,9 +173,9 @@ class CertificateForm:
             if statements and str(statements.before) in other_results
             else None
         )
-        with frame.add_group(say("Adjustment"), 4):
-            choices = {None: say("none"), **other_results}
-            label = say("Before adjustment")
+        with frame.add_group(translate("Adjustment"), 4):
+            choices = {None: translate("none"), **other_results}
+            label = translate("Before adjustment")
             self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
     def _laboratory(self) -> dict[str, Any]:
@@ -218,7 +218,7 @@ class CertificateForm:
             return False
         self.user.changed()
         self._say()
-        self.status.text = say("Saved: reports and exports of this result state it.")
+        self.status.text = translate("Saved: reports and exports of this result state it.")
         return True
 
     async def _file(self) -> None:

@@ -17,7 +17,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.description import ENTRY_NAMES, KNOWN_RESPONSES
 from vibrident.app.web.form.entries import RowEntries
-from vibrident.app.web.language import phrase, say
+from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.session import MEGABYTE, RESPONSE_ENDINGS
 from vibrident.app.web.user import User
 from vibrident.data.io.keys import Key
@@ -126,7 +126,7 @@ class KnownResponses:
         self.edited = edited
         self.list_files = list_files
         self.rows: dict[str, RowEntries] = {}
-        hint = say(
+        hint = translate(
             "A sensor beside another one, or behind an amplifier: state what is known of each "
             "channel. Several are a chain, from the recorder to the motion."
         )
@@ -137,7 +137,7 @@ class KnownResponses:
         for path in KNOWN_RESPONSES:
             channel = path.partition(".")[0]
             with ui.element("div").classes("w-full").props(f"id=known-{channel}") as element:
-                frame.heading(say(_TITLES[channel]), 4)
+                frame.heading(translate(_TITLES[channel]), 4)
                 self._build_rows(path)
             self.elements[path] = element
 
@@ -161,7 +161,7 @@ class KnownResponses:
         session = self.user.session
         names = [*session.known_files, *session.files]
         results = {_result_file(each.path): each.name for each in self.user.results}
-        return {None: say("none"), **{name: name for name in names}, **results}
+        return {None: translate("none"), **{name: name for name in names}, **results}
 
     def _changed(self, path: str, rows: RowEntries) -> None:
         """Take the rows over; a result that is chosen becomes a file beside the records."""
@@ -183,7 +183,7 @@ class KnownResponses:
 
     def _upload(self) -> None:
         limit = int(self.user.session.limit_mb * MEGABYTE)
-        label = say("Files of known responses: a table, StationXML, RESP, SACPZ, result.json")
+        label = translate("Files of known responses: a table, StationXML, RESP, SACPZ, result.json")
         with ui.element("div").classes("w-full").props("id=known-files"):
             upload = ui.upload(
                 label=label,
@@ -194,7 +194,7 @@ class KnownResponses:
             )
         upload.classes("uploader").props("flat bordered")
         upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
-        names = json.dumps([say("Choose files of known responses"), label.partition(":")[0]])
+        names = json.dumps([translate("Choose files of known responses"), label.partition(":")[0]])
         ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
 
     async def _arrived(self, event: events.UploadEventArguments) -> None:

@@ -16,7 +16,7 @@ from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
 from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.user import User
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
@@ -66,7 +66,7 @@ class LaboratoryStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are data or results."""
-        self.section = frame.add_step(say("Laboratory and uncertainty"), "laboratory")
+        self.section = frame.add_step(translate("Laboratory and uncertainty"), "laboratory")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -114,13 +114,16 @@ class LaboratoryStep:
                 self.fit.refresh()
 
     def _choice(self) -> None:
-        names = {"": say("none"), **{name: name for name in self.user.users.laboratories.names}}
+        names = {
+            "": translate("none"),
+            **{name: name for name in self.user.users.laboratories.names},
+        }
         selected = self.user.profile if self.user.profile in names else ""
         with ui.element("div").classes("fields wide"):
-            choice = ui.select(names, value=selected, label=say("Laboratory profile"))
+            choice = ui.select(names, value=selected, label=translate("Laboratory profile"))
             choice.props(f"{PLAIN} id=profile").on_value_change(self._select)
         ui.label(
-            say(
+            translate(
                 "A profile keeps what is the same on each calibration: sources of uncertainty, "
                 "name and address, instruments. It lies on the server, for all who use this page."
             )
@@ -152,23 +155,25 @@ class LaboratoryStep:
             days = (date - today).days
             if days < 0:
                 label = ui.label(
-                    say("{name}: its calibration ended on {date}.", name=name, date=date)
+                    translate("{name}: its calibration ended on {date}.", name=name, date=date)
                 )
                 label.classes("warning").props("role=status")
             elif days <= _SOON_DAYS:
-                due = say("{name}: to be calibrated by {date}.", name=name, date=date)
+                due = translate("{name}: to be calibrated by {date}.", name=name, date=date)
                 frame.hint(due)
 
     def _sources(self, profile: Mapping[str, Any]) -> None:
         """Ask for the lists of a calibration file, of the data that there are or of the profile."""
         columns_form = self.user.applicable_form
         if self.user.session.names and columns_form is None:
-            ui.label(say("The sources are those of the calibration file that came with the data."))
+            ui.label(
+                translate("The sources are those of the calibration file that came with the data.")
+            )
         self.lists: dict[str, RowEntries] = {}
         for name in _LISTS:
             values = profile[name] if columns_form is None else columns_form.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
-                frame.heading(say(SECTIONS[name].label))
+                frame.heading(translate(SECTIONS[name].label))
                 ways: dict[str, Any] = {}
                 if name == "uncertainty":
                     ways = {
@@ -191,17 +196,19 @@ class LaboratoryStep:
     def _laboratory(self, values: Mapping[str, Any]) -> None:
         """Ask for what the certificates of a laboratory have in common."""
         self.entries: dict[str, Any] = {}
-        expansion = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
+        expansion = ui.expansion(translate("Name, address, instruments, logo")).classes("w-full")
         expansion.props("id=laboratory-data")
-        fields = {field.key: field for field in form(spoken().code) if field.key in LABORATORY_KEYS}
+        fields = {
+            field.key: field for field in form(page_language().code) if field.key in LABORATORY_KEYS
+        }
         with expansion:
-            with frame.add_group(say("Name and address")):
+            with frame.add_group(translate("Name and address")):
                 for name in (name for name in fields if _KEYS[name].kind != "entries"):
                     key = replace(_KEYS[name], title=fields[name].label)
                     self.entries[name] = entry(key, values.get(name), label=key.label)
             section = _KEYS["instruments"].section
             assert section is not None
-            frame.heading(say("Instruments"))
+            frame.heading(translate("Instruments"))
             instruments = values.get("instruments") or []
             rows = RowEntries("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
@@ -222,7 +229,7 @@ class LaboratoryStep:
 
         with ui.element("div"):
             upload = ui.upload(
-                label=say(words.label),
+                label=translate(words.label),
                 auto_upload=True,
                 max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
@@ -230,18 +237,22 @@ class LaboratoryStep:
             upload.classes("uploader").props(f'flat bordered accept="{words.endings}"')
             upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
             with frame.actions() as stored_row:
-                frame.hint(say(words.stored)).props("role=status")
-                ui.button(say(words.remove), on_click=remove).props("flat")
+                frame.hint(translate(words.stored)).props("role=status")
+                ui.button(translate(words.remove), on_click=remove).props("flat")
             stored_row.visible = self.user.session.laboratory_file(kind) is not None
-        names = json.dumps([say(words.choose), say(words.label).partition(":")[0]])
+        names = json.dumps([translate(words.choose), translate(words.label).partition(":")[0]])
         ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
 
     def _keeping(self) -> None:
         with frame.actions():
-            self.name = ui.input(say("Name of the profile"), value=self.user.profile).props(PLAIN)
-            ui.button(say("Save the profile"), on_click=self._save).props("outline id=save-profile")
+            self.name = ui.input(translate("Name of the profile"), value=self.user.profile).props(
+                PLAIN
+            )
+            ui.button(translate("Save the profile"), on_click=self._save).props(
+                "outline id=save-profile"
+            )
             if self.user.profile:
-                remove = ui.button(say("Remove the profile"), on_click=self._remove)
+                remove = ui.button(translate("Remove the profile"), on_click=self._remove)
                 remove.props("flat id=remove-profile")
         self.status = frame.hint("").props("role=status id=profile-said")
 
@@ -269,7 +280,7 @@ class LaboratoryStep:
         name = user.profile
         self.show()
         message = "Saved as “{name}”: new calibrations and certificates begin with it."
-        self.status.text = say(message, name=name)
+        self.status.text = translate(message, name=name)
 
     async def _remove(self) -> None:
         try:
