@@ -402,8 +402,8 @@ def verdicts(run: Reproduction) -> list[Table]:
     """Return the paper's claims and this package's own."""
     tables = []
     for name, title, claims_of_kind in (
-        ("claims", "The paper's claims", claims.of_the_paper(run)),
-        ("own", "Our own", claims.of_this_package(run)),
+        ("claims", "The paper's claims", claims.check_paper_claims(run)),
+        ("own", "Our own", claims.check_own_targets(run)),
     ):
         rows = tuple((c.claim, c.figures, c.verdict, c.reason) for c in claims_of_kind)
         heads = ("claim", "here", "reproduced" if name == "claims" else "met", "why")
