@@ -18,7 +18,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
-from vibrident.export.discrete import HoldCell, SecondOrderSections, cell_of, sections_of
+from vibrident.export.discrete import HoldCell, SecondOrderSections, hold_cell, map_sections
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import ExportedSensor, require_linear
 
@@ -219,7 +219,7 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
         InputError: the model is not linear, or its delay is too long.
     """
     require_linear(sensor)
-    cell = cell_of(sensor, 1.0 / rate_hz)
+    cell = hold_cell(sensor, 1.0 / rate_hz)
     system = poles_zeros(sensor)
     highest = float(np.max(np.abs(np.imag(system.poles)))) / (2.0 * np.pi)
     if highest >= 0.5 * rate_hz:
@@ -231,7 +231,7 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
             remedy="give a higher ⟦export.rate_hz⟧",
         )
     filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
-    sections = sections_of(
+    sections = map_sections(
         system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1]))
     )
     shift = (sensor.delay_s + 0.5 * sensor.window_s) * rate_hz
@@ -268,7 +268,7 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
     require_linear(sensor)
     inverse, corner, zeros_at_rest = _invert(sensor, rate_hz)
     missing = len(inverse.poles) - len(inverse.zeros)
-    sections = sections_of(inverse, 1.0 / rate_hz, np.full(missing, -1.0), sensor.band_hz[1])
+    sections = map_sections(inverse, 1.0 / rate_hz, np.full(missing, -1.0), sensor.band_hz[1])
     near = np.array([0.9, 1.0]) * sensor.band_hz[1]
 
     def target_response(f: FloatArray) -> np.ndarray:

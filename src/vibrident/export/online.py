@@ -34,7 +34,7 @@ TRANSITION = 0.1
 BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010, sec. 7.5)
 
 
-def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings) -> Tracker:
+def build_tracker(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings) -> Tracker:
     """Return the Python tracker that the C code equals.
 
     Raises:
@@ -111,7 +111,7 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             remedy="give a higher ⟦export.rate_hz⟧, or a lower ⟦export.band_hz⟧",
         )
     settings = TrackerSettings()
-    tracked = tracker_of(sensor, rate, settings)
+    tracked = build_tracker(sensor, rate, settings)
     values = _template_values(sensor, tracked, rate, options.name)
     paths = [folder / f"{options.name}.{suffix}" for suffix in ("h", "c")]
     for path in paths:

@@ -135,7 +135,7 @@ def not_rational() -> tuple[str, ...]:
     return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 
 
-def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> ExportedSensor:
+def read_sensor(result: Result, band_hz: tuple[float, float] | None = None) -> ExportedSensor:
     """Read a result for export.
 
     Raises:

@@ -19,7 +19,7 @@ import numpy as np
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.data.screening import screen
-from vibrident.paper.dataset import SENSOR, Dataset, prepared, reference_of
+from vibrident.paper.dataset import SENSOR, Dataset, prepare, reference_signal
 from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 
 #: Scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it.
@@ -88,38 +88,36 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
         ),
         seed=seed,
     )
-    recorded = replace(
-        calibration, records=tuple(_cropped(record) for record in calibration.records)
-    )
-    differentiated = tuple(_differentiated(record) for record in calibration.records)
+    recorded = replace(calibration, records=tuple(_crop(record) for record in calibration.records))
+    differentiated = tuple(_differentiate(record) for record in calibration.records)
     published = replace(
         calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2"
     )
     return Experiment(
         "simulated interferometer calibration of an MSV 3000 type sensor",
         True,
-        prepared(recorded, seed=seed),
-        prepared(published, seed=seed),
+        prepare(recorded, seed=seed),
+        prepare(published, seed=seed),
         dict(MSV_3000.parameters),
     )
 
 
-def _cropped(record: Record) -> Record:
+def _crop(record: Record) -> Record:
     span = slice(_HALF_LENGTH, record.samples - _HALF_LENGTH)
     return replace(
         record,
-        reference=reference_of(record)[span],
+        reference=reference_signal(record)[span],
         response=record.response[span],
         valid=record.mask[span],
     )
 
 
-def _differentiated(record: Record) -> Record:
+def _differentiate(record: Record) -> Record:
     """Convert velocity to acceleration by a band-limited differentiator up to ``_EDGE_HZ``."""
     acceleration = np.convolve(
-        reference_of(record), _differentiator(record.sampling_rate_hz), mode="valid"
+        reference_signal(record), _differentiator(record.sampling_rate_hz), mode="valid"
     )
-    return replace(_cropped(record), reference=acceleration)
+    return replace(_crop(record), reference=acceleration)
 
 
 def _differentiator(rate_hz: float) -> FloatArray:
@@ -173,17 +171,17 @@ def seismometer(data: Path, *, seed: int) -> Experiment | None:
         calibration = read(file)
     records, _ = screen(calibration.records)
     records = [replace(record, name=Path(record.name).stem.replace("_", ".")) for record in records]
-    dataset = prepared(_centred(replace(calibration, records=tuple(records))), seed=seed)
+    dataset = prepare(_centre(replace(calibration, records=tuple(records))), seed=seed)
     return Experiment(
         "measured: SM-3 seismometer, laser on its mass", False, dataset, dataset, None
     )
 
 
-def _centred(calibration: Calibration) -> Calibration:
+def _centre(calibration: Calibration) -> Calibration:
     """Return both channels without their means: networks without bias cannot hold an offset."""
     records = []
     for record in calibration.records:
-        reference = reference_of(record) - reference_of(record)[record.mask].mean()
+        reference = reference_signal(record) - reference_signal(record)[record.mask].mean()
         response = record.response - record.response[record.mask].mean()
         provenance = record.provenance.then("means taken off")
         records.append(

@@ -10,7 +10,7 @@ from vibrident.base.amounts import pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Parameter, Result
 from vibrident.show.certified import stated_parameters
-from vibrident.show.comparison import Value, at_point, of_parameter
+from vibrident.show.comparison import Value, at_point, parameter_value
 from vibrident.show.coverage import unstated
 from vibrident.show.deviation_points import VERDICT_KEYS, limits_text
 from vibrident.show.language import ENGLISH, Translator
@@ -134,7 +134,7 @@ def adjustment(
         received = before.parameters.get(key)
         if received is not None and not parameter.derived and received.unit == parameter.unit:
             name = translate.phrase(parameter_name(key).words)
-            values = of_parameter(before, key), of_parameter(result, key)
+            values = parameter_value(before, key), parameter_value(result, key)
             rows.append((name, *_change_cells(result, *values, parameter.unit)))
     heads = {
         key: translate("head", key) for key in ("quantity", "before", "after", "unit", "change")

@@ -73,7 +73,7 @@ class ComparedQuantity:
     relative: bool = True
 
 
-def of_parameter(result: Result, name: str) -> Value:
+def parameter_value(result: Result, name: str) -> Value:
     """Return the value of a parameter, with what of its u another result may share."""
     parameter = result.parameters[name]
     shared = shared_sources(result, parameter=name)
@@ -100,7 +100,7 @@ def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
         having = [result.parameters.get(key) for result in results]
         unit = next(parameter.unit for parameter in having if parameter is not None)
         values = [
-            of_parameter(result, key) if p is not None and p.unit == unit else None
+            parameter_value(result, key) if p is not None and p.unit == unit else None
             for result, p in zip(results, having, strict=True)
         ]
         sizes = [abs(value.value) for value in values if value is not None and value.value]

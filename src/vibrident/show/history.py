@@ -106,7 +106,7 @@ def date_of(result: Result) -> datetime.date | None:
 def drift(history: SensorHistory, name: str) -> Figure:
     """Change of each quantity from the first date, in percent where it can be, with U (k = 2)."""
     days = np.array([float(date.toordinal()) for date in history.dates])
-    x = axes.of_dates("Date", history.dates)
+    x = axes.dates("Date", history.dates)
     panels = []
     for quantity in history.quantities:
         change, half, unit = changes(quantity)

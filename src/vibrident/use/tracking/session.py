@@ -96,7 +96,7 @@ class TrackingSession:
 
     def take(self, chunk: Chunk) -> list[TrackedEstimate]:
         """Take samples and return the rows that they complete."""
-        reference, response = self._placed(chunk)
+        reference, response = self._align(chunk)
         rows = []
         while len(response):
             count = min(self.samples_to_row, len(response))
@@ -162,7 +162,7 @@ class TrackingSession:
                 if alarm.parameter in self.cause.values:
                     self.cause.values[alarm.parameter] = alarm.after
 
-    def _placed(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
+    def _align(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
         """Return the new samples of a chunk; begin a run where it does not follow the last."""
         net = self.tracker.network
         reference = chunk.reference
