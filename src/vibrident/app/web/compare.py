@@ -20,7 +20,7 @@ class CompareStep:
 
     def __init__(self, user: User) -> None:
         self.user = user
-        self.turn = 0
+        self.version = 0
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
@@ -45,15 +45,15 @@ class CompareStep:
 
     async def _draw(self) -> None:
         paths, names = self._selected()
-        self.turn += 1
-        turn = self.turn
+        self.version += 1
+        version = self.version
         self.body.clear()
         if len(paths) < 2:
             return
         outcome = await frame.run_sandboxed(
             self.user, self.body, sandboxed.compare_results, paths, names, page_language().code
         )
-        if outcome is None or turn != self.turn or self.body.is_deleted:
+        if outcome is None or version != self.version or self.body.is_deleted:
             return
         with self.body:
             for _, figure, height in outcome["charts"]:
@@ -61,12 +61,8 @@ class CompareStep:
             for title, table in outcome["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with frame.actions():
-                ui.button(
-                    translate("Comparison (HTML)"), on_click=lambda: self._report("html")
-                ).props("outline")
-                ui.button(
-                    translate("Comparison (PDF)"), on_click=lambda: self._report("pdf")
-                ).props("outline")
+                frame.add_button(translate("Comparison (HTML)"), lambda: self._report("html"))
+                frame.add_button(translate("Comparison (PDF)"), lambda: self._report("pdf"))
             self.errors = frame.add_error_area()
 
     async def _report(self, form: str) -> None:

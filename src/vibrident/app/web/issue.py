@@ -9,14 +9,13 @@ from nicegui import ui
 
 from vibrident.app.web import certificates, frame
 from vibrident.app.web.language import phrase, translate
-from vibrident.app.web.outcome import offer_download
+from vibrident.app.web.outcome import MAX_STORE_BYTES, offer_download
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
 from vibrident.show.views import capitalised
 
-_MAX_STORE_BYTES = 1 << 42  # of the store's file, as for the history
 #: Document of a certificate → label of its button.
 _DOCUMENTS = {
     "pdf": phrase("Certificate (PDF)"),
@@ -57,7 +56,7 @@ class IssueStep:
             return
         store = self.user.users.store
         drafts = await frame.run_sandboxed(
-            self.user, self.errors, certificates.list_drafts, store, file_bytes=_MAX_STORE_BYTES
+            self.user, self.errors, certificates.list_drafts, store, file_bytes=MAX_STORE_BYTES
         )
         if drafts is None or self.body.is_deleted:
             return
@@ -79,7 +78,7 @@ class IssueStep:
                 self.user.users.store,
                 data,
                 self.user.owner,
-                file_bytes=_MAX_STORE_BYTES,
+                file_bytes=MAX_STORE_BYTES,
             )
         except Exception as error:
             frame.show_error(errors, error, self.user.session)
@@ -160,7 +159,7 @@ class IssueStep:
         try:
             self.user.require("approve", purpose)
             await self.user.run_sandboxed(
-                function, self.user.users.store, draft_id, *args, file_bytes=_MAX_STORE_BYTES
+                function, self.user.users.store, draft_id, *args, file_bytes=MAX_STORE_BYTES
             )
         except Exception as error:
             self.status.text = ""
@@ -173,7 +172,7 @@ class IssueStep:
     async def _download(self, draft_id: int, form: str) -> None:
         self.errors.clear()
         document = (certificates.read_document, self.user.users.store, draft_id, form)
-        await offer_download(self.user, self.errors, str, *document, file_bytes=_MAX_STORE_BYTES)
+        await offer_download(self.user, self.errors, str, *document, file_bytes=MAX_STORE_BYTES)
 
 
 def _describe_history(draft: dict[str, Any], replaced_by: str | None) -> str:
