@@ -1,4 +1,4 @@
-"""Data of the paper's section 4: how records become a training and a test set.
+"""Make the data of the paper's section 4, and split records into a training and a test set.
 
 Sines of 1 g at one-third-octave frequencies, with Gaussian white noise motion 20 dB below; response
 by RK4 from rest; outliers removed; one scale for each channel; 8:2 split by record.
@@ -256,10 +256,7 @@ def _without_outliers(record: Record) -> tuple[Record, int]:
         name: np.where(outlying[name], 0.5 * (np.roll(signal, 1) + np.roll(signal, -1)), signal)
         for name, signal in channels.items()
     }
-    marked = record.without(bad, "outliers")
-    return replace(marked, reference=smooth["reference"], response=smooth["response"]), int(
-        np.sum(bad)
-    )
+    return replace(record.without(bad, "outliers"), **smooth), int(np.sum(bad))
 
 
 def reference_signal(record: Record) -> FloatArray:
@@ -326,12 +323,13 @@ def cut(dataset: Dataset, network_inputs: NetworkInputs = AS_SAMPLED) -> tuple[W
         for i in dataset.training
     ]
     windows = Windows(*(np.concatenate(arrays) for arrays in zip(*by_record, strict=True)))
-    is_held_back = (
-        np.arange(len(windows.targets)) % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
+    numbers = np.arange(len(windows.targets))
+    is_held_back = numbers % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
+    training, held_back = (
+        Windows(*(array[selection] for array in windows))
+        for selection in (~is_held_back, is_held_back)
     )
-    return Windows(*(a[~is_held_back] for a in windows)), Windows(
-        *(a[is_held_back] for a in windows)
-    )
+    return training, held_back
 
 
 def _cut_record(dataset: Dataset, record: Record, network_inputs: NetworkInputs) -> Windows:

@@ -47,16 +47,15 @@ class Picture:
 
 def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
     """Draw every picture of the run into ``folder`` as PNG; return them in order."""
-    pictures = [
-        p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")
-    ]
-    drawn = [(picture, picture.draw(run)) for picture in pictures]
-    figures = [
-        Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0)
-        for p, stacks in drawn
-    ]
-    for figure in figures:
-        plots.save(replace(figure, caption=""), folder / f"{figure.name}.png")
+    figures = []
+    for picture in PICTURES:
+        if run.seismometer is None and picture.name.endswith("measured"):
+            continue
+        stacks = picture.draw(run)
+        across = 2 if len(stacks) > 2 else 0
+        figure = Figure(picture.name, "", stacks, across=across)
+        plots.save(figure, folder / f"{picture.name}.png")
+        figures.append(replace(figure, caption=picture.caption))
     return figures
 
 

@@ -206,9 +206,10 @@ def prediction_table(
     name: str, title: str, section: PaperSection, printed: dict[str, Metrics]
 ) -> Table:
     """Return Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
-    rows = []
-    for label, row in printed.items():
-        rows.append((f"{label}, paper", *(f"{value:g}" for value in astuple(row)), "", "", ""))
+    rows = [
+        (f"{label}, paper", *(f"{value:g}" for value in astuple(metrics)), "", "", "")
+        for label, metrics in printed.items()
+    ]
     least = section.row(methods.EXACT).seconds
     for row in section.rows:
         epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
@@ -376,12 +377,12 @@ def residual_table(residuals: Sequence[Residual]) -> Table:
 def claim_tables(run: Reproduction) -> list[Table]:
     """Return the paper's claims and this package's own."""
     tables = []
-    for name, title, claims_of_kind in (
-        ("claims", "The paper's claims", claims.check_paper_claims(run)),
-        ("own", "Our own", claims.check_own_targets(run)),
+    for name, title, verdict, checked in (
+        ("claims", "The paper's claims", "reproduced", claims.check_paper_claims(run)),
+        ("own", "Our own", "met", claims.check_own_targets(run)),
     ):
-        rows = tuple((c.claim, c.figures, c.verdict, c.reason) for c in claims_of_kind)
-        heads = ("claim", "here", "reproduced" if name == "claims" else "met", "why")
-        doubtful = tuple(i for i, c in enumerate(claims_of_kind) if not c.is_met)
-        tables.append(replace(_table(name, title, heads, rows), doubtful=doubtful))
+        rows = tuple((c.claim, c.figures, c.verdict, c.reason) for c in checked)
+        doubtful = tuple(i for i, c in enumerate(checked) if not c.is_met)
+        table = _table(name, title, ("claim", "here", verdict, "why"), rows)
+        tables.append(replace(table, doubtful=doubtful))
     return tables
