@@ -1,11 +1,10 @@
-"""Data for the paper's section 5, whose own are private: the same protocol on two other sets.
+"""Make two sets of data for the paper's section 5, whose own data are private.
 
-``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion measured by a
-laser vibrometer of 50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10
-V.
+``interferometer`` is simulated: a sensor of the MSV 3000 type on a shaker, whose motion a laser
+vibrometer of 50 (mm/s)/V measures with noise and delay; 24-bit converters of ±10 V on both
+channels.
 
-``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, if
-available.
+``seismometer`` is measured: the sine steps of an SM-3 seismometer with a laser on its mass.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ _KAISER_BETA = 9.0
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Set of data for section 5, prepared in two ways.
+    """A set of data for section 5, prepared in two ways.
 
     Attributes:
         title: name of the data, stating whether measured or simulated.
@@ -88,10 +87,12 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
         ),
         seed=seed,
     )
-    recorded = replace(calibration, records=tuple(_crop(record) for record in calibration.records))
-    differentiated = tuple(_differentiate(record) for record in calibration.records)
+    recorded = replace(calibration, records=tuple(map(_crop, calibration.records)))
     published = replace(
-        calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2"
+        calibration,
+        records=tuple(map(_differentiate, calibration.records)),
+        quantity="acceleration",
+        reference_unit="m/s^2",
     )
     return Experiment(
         "simulated interferometer calibration of an MSV 3000 type sensor",
@@ -103,6 +104,7 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
 
 
 def _crop(record: Record) -> Record:
+    """Remove the samples at both ends that the differentiator needs."""
     span = slice(_HALF_LENGTH, record.samples - _HALF_LENGTH)
     return replace(
         record,
@@ -178,7 +180,7 @@ def seismometer(data: Path, *, seed: int) -> Experiment | None:
 
 
 def _centre(calibration: Calibration) -> Calibration:
-    """Return both channels without their means: networks without bias cannot hold an offset."""
+    """Subtract the mean of each channel: networks without bias cannot represent an offset."""
     records = []
     for record in calibration.records:
         reference = reference_signal(record) - reference_signal(record)[record.mask].mean()
