@@ -39,9 +39,7 @@ class SensorsStep:
             self.serial_input.style("max-width: 20rem")
             self.serial_input.on("keydown.enter", lambda: self.show())
             with frame.actions():
-                ui.button(translate("Search"), on_click=lambda: self.show()).props(
-                    "outline id=find-serial"
-                )
+                frame.add_button(translate("Search"), lambda: self.show(), "outline id=find-serial")
             self.errors = frame.add_error_area()
             self.words = frame.hint("").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
@@ -115,8 +113,9 @@ class SensorsStep:
         with frame.actions().props("role=listitem"):
             ui.html(f"<b>{serial}</b> · {html(named.name)} · {missing}", sanitize=False)
             name = translate("Open {what}", what=f"{draft.serial_number} {named.name}")
-            button = ui.button(translate("Open"), on_click=partial(self._open, owner, named))
-            button.props("outline dense").props["aria-label"] = name
+            frame.add_button(
+                translate("Open"), partial(self._open, owner, named), "outline dense", name=name
+            )
 
     async def _open(self, owner: User, named: NamedResult) -> None:
         """Go to a result of this tab, or take over the tab that has it."""

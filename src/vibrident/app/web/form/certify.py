@@ -40,9 +40,9 @@ _SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model
 
 
 class CertificateForm:
-    """The form of one result, with which what is stated is kept.
+    """The form of one result's certificate.
 
-    ``known`` is what the result itself states: ``certificate``, ``sensor``, and the names of its
+    ``states``: what the result itself states: ``certificate``, ``sensor``, and the names of its
     ``parameters``.
     """
 
@@ -50,24 +50,24 @@ class CertificateForm:
         self.user = user
         self.named = named
         self.states = states
-        self._begin()
+        self._apply_profile()
         self.entries: dict[str, Any] = {}
-        self.of_sensor: dict[str, Any] = {}
+        self.sensor_entries: dict[str, Any] = {}
 
-    def _begin(self) -> None:
-        """Begin with what the chosen profile states, for a result that was made here."""
+    def _apply_profile(self) -> None:
+        """State what the chosen profile states, for a result that was made here."""
         if self.named.stated is None and self.named.choices is not None and self.user.profile:
             result_keys = self.states["certificate"]
             from_profile = {
-                key: v for key, v in self._laboratory().items() if key not in result_keys
+                key: v for key, v in self._read_profile().items() if key not in result_keys
             }
             self.named.stated = CertificateData(from_profile)
             self.user.changed()
 
     def build(self) -> None:
-        """Build a line that says what is missing, and the form, which is made when it is opened."""
+        """Build the list of missing entries, and the form, whose entries are built when opened."""
         self.lacking = frame.hint("").props("role=status id=lacking")
-        self._say()
+        self._show_missing()
         if not self.user.may("identify"):
             return
         self.expansion = (
@@ -99,7 +99,7 @@ class CertificateForm:
             **statements.sensor,
         }
 
-    def _say(self) -> None:
+    def _show_missing(self) -> None:
         missing = lacking(*self._statements())
         names = ", ".join(translate(str(ENGLISH("label", key))) for key in missing)
         self.lacking.text = (
@@ -112,35 +112,38 @@ class CertificateForm:
         if not self.expansion.value or self.entries:
             return
         entries, sensor = self._statements()
-        entries = self._laboratory() | {
+        entries = self._read_profile() | {
             key: value for key, value in entries.items() if value is not None
         }
         with self.expansion:
-            ui.label(
+            frame.hint(
                 translate(
                     "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
                     "laboratory's certificates comes from its profile."
                 )
-            ).classes("hint")
+            )
             fields = form(page_language().code)
             with frame.add_group(translate("Object"), 4):
                 for key in _SENSOR:
                     label = translate(key.label) + (" *" if key.name == "serial_number" else "")
-                    self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
+                    self.sensor_entries[key.name] = entry(key, sensor.get(key.name), label=label)
             for title in dict.fromkeys(field.group for field in fields):
-                self._group(title, [field for field in fields if field.group == title], entries)
-            self._more()
+                self._build_group(
+                    title, [field for field in fields if field.group == title], entries
+                )
+            self._build_adjustment()
             with frame.actions():
-                ui.button(translate("Save"), on_click=self._save).props("id=save-certificate")
-                file = ui.button(translate("Save as a file"), on_click=self._file)
-                file.props("outline id=get-certificate-toml")
+                frame.add_button(translate("Save"), self._save, "id=save-certificate")
+                frame.add_button(
+                    translate("Save as a file"), self._save_file, "outline id=get-certificate-toml"
+                )
             self.status = frame.hint("").props("role=status")
             self.errors = frame.add_error_area()
 
-    def _group(
+    def _build_group(
         self, title: str, fields: Sequence[FormField], given_values: Mapping[str, Any]
     ) -> None:
-        """Ask for the keys below a heading of the certificate."""
+        """Build the entries below a heading of the certificate."""
         lists = {field.key: field for field in fields if _KEYS[field.key].kind == "entries"}
         with frame.add_group(title, 4):
             for field in fields:
@@ -160,31 +163,28 @@ class CertificateForm:
                 options={"quantity": words},
             )
 
-    def _more(self) -> None:
-        """Ask for the result before an adjustment."""
+    def _build_adjustment(self) -> None:
+        """Build the choice of the result before an adjustment."""
         other_results = {
             str(named.path): named.name
             for named in self.user.results
             if named.path != self.named.path
         }
         statements = self.named.stated
-        value = (
-            str(statements.before)
-            if statements and str(statements.before) in other_results
-            else None
-        )
+        before = str(statements.before) if statements else ""
+        value = before if before in other_results else None
         with frame.add_group(translate("Adjustment"), 4):
             choices = {None: translate("none"), **other_results}
             label = translate("Before adjustment")
             self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
-    def _laboratory(self) -> dict[str, Any]:
+    def _read_profile(self) -> dict[str, Any]:
         """Return what the chosen profile states."""
         with suppress(InputError):  # said where the profile is chosen
             return dict(self.user.users.laboratories.read(self.user.profile)["certificate"])
         return {}
 
-    def _read(self) -> CertificateData:
+    def _read_form(self) -> CertificateData:
         """Return the checked form; None for entries of the result that the form leaves empty."""
         entered_values = entered(self.entries, _KEYS)
         if len(json.dumps(entered_values)) > _MAX_ENTRY_CHARACTERS:
@@ -197,7 +197,9 @@ class CertificateForm:
             )
         section = certificate_section(entered_values, "what the certificate states")
         sensor_keys = self.states["sensor"]
-        texts = {name: element.value.strip() or None for name, element in self.of_sensor.items()}
+        texts = {
+            name: element.value.strip() or None for name, element in self.sensor_entries.items()
+        }
         sensor: Any = {
             name: text for name, text in texts.items() if text != (sensor_keys.get(name) or None)
         }
@@ -212,15 +214,15 @@ class CertificateForm:
         self.status.text = ""
         try:
             self.user.require("identify", "state what a certificate says")
-            self.named.stated = self._read()
+            self.named.stated = self._read_form()
         except Exception as error:
             frame.show_error(self.errors, error, self.user.session)
             return False
         self.user.changed()
-        self._say()
+        self._show_missing()
         self.status.text = translate("Saved: reports and exports of this result state it.")
         return True
 
-    async def _file(self) -> None:
+    async def _save_file(self) -> None:
         if await self._save():
             ui.download.content(certificate_text(self.stated_data()), "certificate.toml")

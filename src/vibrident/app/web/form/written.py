@@ -58,5 +58,5 @@ def edit_as_text(
             trial.unlink(missing_ok=True)
 
     with frame.actions():
-        ui.button(translate("Use this file"), on_click=take).props("id=use-text")
-        ui.button(translate("Back"), on_click=on_back).props("outline")
+        frame.add_button(translate("Use this file"), take, "id=use-text")
+        frame.add_button(translate("Back"), on_back)
