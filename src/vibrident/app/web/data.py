@@ -92,11 +92,10 @@ class DataStep:
             max_files=MAX_FILES,
             on_multi_upload=self._take_files,
         )
-        self.upload.classes("uploader").props("flat bordered").props[":filter"] = _FILTER
+        frame.style_upload(self.upload).props[":filter"] = _FILTER
         self.upload.on("start", lambda: self.errors.clear(), args=[])
         self.upload.on("rejected", self._report_rejected, js_handler=_ON_REJECTED)
         self.upload.on("failed", self._report_interruption, args=[])
-        self.upload.on("uploaded", js_handler=f"() => vibrident.sent({self.upload.id})")
 
     def save_state(self) -> None:
         """Save the user's state, and tell the browser whether there is any."""
@@ -178,12 +177,7 @@ class DataStep:
         session = self.user.session
         if not file.name.lower().endswith(".json"):
             self.user.require("identify", "upload data")
-        path = session.reserve_path(file.name, file.size())
-        try:
-            await file.save(path)
-        except BaseException:
-            session.remove(path.name)
-            raise
+        path = await session.save_upload(file)
         if path.suffix.lower() != ".json":
             return False
         try:

@@ -155,6 +155,18 @@ def add_remove_button(on_click: Callable[..., Any], subject: str, size: str = "s
     add_button("", on_click, f"icon=close flat round size={size}", name=name)
 
 
+def style_upload(upload: ui.upload) -> ui.upload:
+    """Style an upload, and empty it after each transfer."""
+    upload.classes("uploader").props("flat bordered")
+    return upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
+
+
+def name_upload(upload: ui.upload, button: str, field: str) -> None:
+    """Name the button and the field of an upload for a screen reader."""
+    names = json.dumps([button, field])
+    ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
+
+
 def add_error_area() -> ui.element:
     """Add a place for errors, which a screen reader says as they come."""
     return ui.element("div").props("aria-live=assertive")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -232,14 +231,12 @@ class LaboratoryStep:
                 max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
             )
-            upload.classes("uploader").props(f'flat bordered accept="{words.endings}"')
-            upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
+            frame.style_upload(upload).props(f'accept="{words.endings}"')
             with frame.actions() as stored_row:
                 frame.hint(translate(words.stored)).props("role=status")
                 frame.add_button(translate(words.remove), remove, "flat")
             stored_row.visible = self.user.session.laboratory_file(kind) is not None
-        names = json.dumps([translate(words.choose), translate(words.label).partition(":")[0]])
-        ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
+        frame.name_upload(upload, translate(words.choose), translate(words.label).partition(":")[0])
 
     def _build_buttons(self) -> None:
         with frame.actions():
