@@ -111,15 +111,28 @@ def identify_runs(
     variances = np.mean([np.diag(fitted.estimate.covariance) for fitted in fits], axis=0)
     outlier = find_outlier(z, mountings, variances)
     if outlier is not None and outlier.probability < REJECTION:
-        combined = _add_finding(combined, _outlier_finding(outlier, first, z, list(runs)))
+        finding = _outlier_finding(outlier, first, z, list(runs))
+        combined = replace(
+            combined,
+            warnings=(*combined.warnings, ResultWarning(finding.code, finding.message)),
+            findings=(*combined.findings, finding),
+        )
     measured = _mean_curve(results, combined, mountings)
-    sources = [f"{len(fits)} runs"]
-    if len(set(mountings)) > 1:
-        sources.append(f"{len(set(mountings))} mountings")
+    sources = [f"{len(runs)} runs"]
+    mounting_count = len(set(mountings))
+    if mounting_count > 1:
+        sources.append(f"{mounting_count} mountings")
     settings = {
         **combined.settings,
         "uncertainty_covers": "; ".join([*sources, *covered(rows)]),
-        "repeats": _repeats_settings(list(runs), results),
+        "repeats": {
+            "runs": len(runs),
+            "mountings": mounting_count,
+            "values": [
+                {"mounting": mounting, "run": run, **_estimated_values(result)}
+                for (mounting, run), result in zip(runs, results, strict=True)
+            ],
+        },
     }
     settings = _with_scatter(settings, measured, sources[-1])
     combined = replace(combined, measured=measured, settings=settings)
@@ -177,29 +190,8 @@ def _combine(
     )
 
 
-def _add_finding(result: Result, finding: Finding) -> Result:
-    warning = ResultWarning(finding.code, finding.message)
-    return replace(
-        result,
-        warnings=tuple(dict.fromkeys([*result.warnings, warning])),
-        findings=(*result.findings, finding),
-    )
-
-
-def _repeats_settings(runs: Sequence[tuple[str, str]], results: Sequence[Result]) -> dict[str, Any]:
-    """Return the numbers of runs and mountings, and the values of each run."""
-    return {
-        "runs": len(runs),
-        "mountings": len({mounting for mounting, _ in runs}),
-        "values": [
-            {
-                "mounting": mounting,
-                "run": run,
-                **{n: p.value for n, p in result.parameters.items() if not p.derived},
-            }
-            for (mounting, run), result in zip(runs, results, strict=True)
-        ],
-    }
+def _estimated_values(result: Result) -> dict[str, float]:
+    return {name: p.value for name, p in result.parameters.items() if not p.derived}
 
 
 def _outlier_finding(

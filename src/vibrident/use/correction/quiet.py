@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from vibrident.base.errors import InputError
@@ -253,14 +254,10 @@ def _count_rest(values: FloatArray) -> int:
     if count < 8:
         return 0
     for _ in range(2):  # a longer part improves the noise, and thereby the end of the rest
-        level = float(np.mean(values[:count]))
-        swing = float(np.std(values[:count]))
-        away = np.abs(values - level)
-        largest = float(np.max(away))
-        if swing > MAX_REST_DEVIATION * largest:
+        moving = _find_motion(values, values[:count])
+        if moving is None:
             return 0
-        beyond = np.flatnonzero(away > _rest_limit(values, swing, largest))
-        onset = int(beyond[0]) if beyond.size else values.size
+        onset = int(moving[0]) if moving.size else values.size
         if onset < count // 2:
             return 0
         count = max(8, int(USED_REST_SHARE * onset))
@@ -288,29 +285,32 @@ def rest_to_borrow(record: Record) -> int:
     count = _rest_test_samples(values)
     if count < 8:
         return 0
-    last = values[-count:]
-    level = float(np.mean(last))
-    swing = float(np.std(last))
-    away = np.abs(values - level)
-    largest = float(np.max(away))
-    if swing > MAX_REST_DEVIATION * largest or away[0] > max(
-        ONSET_DEVIATIONS * swing, 0.5 * MAX_REST_DEVIATION * largest
+    quiet_values = values[-count:]
+    moving = _find_motion(values, quiet_values)
+    if moving is None:
+        return 0
+    distance = np.abs(values - np.mean(quiet_values))
+    if distance[0] > max(
+        ONSET_DEVIATIONS * np.std(quiet_values), 0.5 * MAX_REST_DEVIATION * np.max(distance)
     ):
         return 0
-    moving = np.flatnonzero(away > _rest_limit(values, swing, largest))
     still = values.size - 1 - int(moving[-1]) if moving.size else 0
     return min(int(USED_REST_SHARE * still), values.size // 3)
 
 
-def _rest_limit(values: FloatArray, deviation: float, largest: float) -> float:
-    """Return how far a channel at rest may be from its level.
+def _find_motion(values: FloatArray, quiet_values: FloatArray) -> NDArray[np.intp] | None:
+    """Return the indices of samples in motion; None if the part of a record is not quiet.
 
-    Args:
-        values: of the channel.
-        deviation: standard deviation at rest.
-        largest: distance of a value from the level, for what rounding leaves.
+    A sample at rest is near the level of ``quiet_values``: within their noise, the steps of the
+    converter, and what rounding leaves.
     """
-    return max(ONSET_DEVIATIONS * deviation, MIN_ONSET_STEPS * resolution(values), 1e-9 * largest)
+    deviation = float(np.std(quiet_values))
+    distance = np.abs(values - float(np.mean(quiet_values)))
+    largest = float(np.max(distance))
+    if deviation > MAX_REST_DEVIATION * largest:
+        return None
+    limit = max(ONSET_DEVIATIONS * deviation, MIN_ONSET_STEPS * resolution(values), 1e-9 * largest)
+    return np.flatnonzero(distance > limit)
 
 
 def _ends_at_rest(values: FloatArray, rest_samples: int) -> bool:
