@@ -13,7 +13,7 @@ from bench.publish import put_between
 from vibrident import Calibration, ResponseTable, correct, identify
 from vibrident.data.records import FloatArray
 from vibrident.export.filters import model_filter
-from vibrident.export.sensor import sensor_of
+from vibrident.export.sensor import read_sensor
 from vibrident.physics.models import parse
 from vibrident.result import Result
 from vibrident.show.media import markdown
@@ -136,7 +136,7 @@ def _curves(theirs: dict[str, Any], result: Result) -> list[tuple[str, ...]]:
         errors = [float(np.max(np.abs(theirs_here * shift / wanted - 1.0))) for shift in shifts]
         return f"{min(errors):.1e}"
 
-    filtered, _ = model_filter(sensor_of(identify_exactly()), RATE_HZ)
+    filtered, _ = model_filter(read_sensor(identify_exactly()), RATE_HZ)
     ours = filtered.response(GRID_HZ) / filtered.late(GRID_HZ)
     sensor = result.to_sensor()
     ours_here = sensor.uncertainty(AT_HZ)[0] * np.abs(sensor.frequency_response(AT_HZ))

@@ -12,7 +12,7 @@ from joblib import Parallel, delayed
 from bench.figures import Figure, Options, Section, steps
 from bench.truth import COLUMNS, PARAMETERS, RESPONSE_NOISE, SEED, SENSOR, paper_truth
 from vibrident import identify
-from vibrident.paper.studies import cramer_rao
+from vibrident.paper.bound import cramer_rao
 from vibrident.physics.simulation import with_noise
 
 ESTIMATORS = ("ipnn", "ml")

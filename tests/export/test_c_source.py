@@ -16,7 +16,7 @@ from tests.support.exported import CASES, PAPER, case, paper, result
 from vibrident.base.errors import InputError
 from vibrident.export import export
 from vibrident.export.formats.c import firmware
-from vibrident.export.sensor import sensor_of
+from vibrident.export.sensor import read_sensor
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 RATES = {"coil": 1000.0, "coil inverted": 1000.0, "coil two modes": 1000.0, "piezo": 102400.0}
@@ -83,7 +83,7 @@ def compiled(tmp_path_factory):
     def get(name):
         if name not in known:
             rate = RATES.get(name, 51200.0)
-            sensor = sensor_of(case(name))
+            sensor = read_sensor(case(name))
             known[name] = Compiled(case(name), rate, tmp_path_factory.mktemp("c")), firmware(sensor, rate), sensor
         return known[name]
 
@@ -247,7 +247,7 @@ def test_every_parameter_and_its_uncertainty_stand_in_the_comment(tmp_path):
 
 
 def test_the_cells_error_falls_with_the_square_of_the_interval():
-    sensor = sensor_of(paper())
+    sensor = read_sensor(paper())
     f = sensor.band
     errors = []
     for rate in (25600.0, 51200.0, 102400.0):

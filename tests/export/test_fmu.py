@@ -11,7 +11,7 @@ from tests.support.exported import case, paper
 
 from vibrident.base.errors import InputError
 from vibrident.export import export
-from vibrident.export.sensor import sensor_of
+from vibrident.export.sensor import read_sensor
 
 RATES = {"paper": 51200.0, "mems": 51200.0, "coil": 1000.0}
 
@@ -38,7 +38,7 @@ def run(path, samples, rate, outputs):
 @pytest.mark.parametrize("name", RATES)
 def test_fmu_run_by_fmpy_is_the_model_over_the_band(name, tmp_path):
     made, rate = case(name), RATES[name]
-    sensor = sensor_of(made)
+    sensor = read_sensor(made)
     (path,) = export(made, "fmu", tmp_path, rate_hz=rate)
     n = 6000
     impulse = np.zeros(n)

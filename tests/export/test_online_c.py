@@ -15,8 +15,8 @@ from tests.support.tracked import answered, motion
 
 from vibrident import Calibration, InputError, Result, identify
 from vibrident.export import export
-from vibrident.export.online import REACH, tracker_of
-from vibrident.export.sensor import sensor_of
+from vibrident.export.online import REACH, build_tracker
+from vibrident.export.sensor import read_sensor
 from vibrident.use.tracking.state import TrackerSettings
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
@@ -38,7 +38,7 @@ def case(request, tmp_path_factory):
 
 
 def python(result: Result):
-    return tracker_of(sensor_of(result, None), RATE_HZ, TrackerSettings())
+    return build_tracker(read_sensor(result, None), RATE_HZ, TrackerSettings())
 
 
 def lost_by_inversion(tracker) -> float:

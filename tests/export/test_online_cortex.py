@@ -16,8 +16,8 @@ from tests.support.sources import ROOT
 from tests.support.tracked import answered, motion
 
 from vibrident.export import export
-from vibrident.export.online import tracker_of
-from vibrident.export.sensor import sensor_of
+from vibrident.export.online import build_tracker
+from vibrident.export.sensor import read_sensor
 from vibrident.use.tracking.state import TrackerSettings
 
 SAMPLES = 40000
@@ -53,7 +53,7 @@ def test_a_cortex_m4f_says_what_the_same_code_says_here(case):
     assert place == parameter == 0
     assert [time_s, before, after] == pytest.approx(numbers[[0, 2, 3]].tolist(), rel=1e-6)
     assert abs(found[0, 0] - 0.101) < 4.0 * found[0, 1]
-    one = tracker_of(sensor_of(known, None), RATE_HZ, TrackerSettings())
+    one = build_tracker(read_sensor(known, None), RATE_HZ, TrackerSettings())
     one.state.restore(said.state)
     assert list(one.read().values.values()) == pytest.approx(found[:, 0].tolist(), rel=1e-8)
     assert 0 < said.instructions[0] < said.instructions[1]

@@ -12,7 +12,7 @@ from vibrident.base.errors import InputError
 from vibrident.export import export
 from vibrident.export.approximation import approximate
 from vibrident.export.poles_zeros import poles_zeros, roots, uncertainties
-from vibrident.export.sensor import sensor_of
+from vibrident.export.sensor import read_sensor
 from vibrident.physics.models import parse
 
 # ObsPy 1.5 looks its plug-ins up in a way that Python 3.11 warns of.
@@ -28,7 +28,7 @@ def model_response(made, f, quantity="acceleration"):
 @pytest.mark.parametrize("name", CASES)
 def test_poles_and_zeros_are_the_model(name):
     made = case(name)
-    sensor = sensor_of(made)
+    sensor = read_sensor(made)
     f = sensor.band
     own = poles_zeros(sensor)
     rational = sensor.without(sensor.apart)
@@ -49,7 +49,7 @@ def test_roots_far_apart_are_exact():
 
 def test_uncertainty_of_poles_is_that_of_a_monte_carlo():
     made = case("late", relative=1e-3)
-    sensor = sensor_of(made)
+    sensor = read_sensor(made)
     names = made.correlation.names
     deviation = np.array([made.parameters[n].standard_uncertainty for n in names])
     covariance = np.array(made.correlation.matrix) * np.outer(deviation, deviation)
@@ -67,7 +67,7 @@ def test_objects_of_control_and_scipy_evaluate_to_the_model(name):
     from scipy import signal
 
     made = case(name)
-    f = sensor_of(made).band
+    f = read_sensor(made).band
     wanted = model_response(made, f)
     sensor = made.to_sensor()
     np.testing.assert_allclose(sensor.to_control()(2j * np.pi * f), wanted, rtol=TOLERANCE)
@@ -80,7 +80,7 @@ def test_stationxml_evaluated_by_obspy_is_the_model(name, quantity, tmp_path):
     import obspy
 
     made = case(name, quantity=quantity)
-    f = sensor_of(made).band
+    f = read_sensor(made).band
     (path,) = export(made, "stationxml", tmp_path)
     channel = obspy.read_inventory(str(path))[0][0][0]
     for output, motion in (("ACC", "acceleration"), ("VEL", "velocity"), ("DISP", "displacement")):
@@ -113,9 +113,9 @@ def test_sacpz_evaluated_by_obspy_is_the_model(name, tmp_path):
     with path.open() as stream:
         attach_paz(trace, stream)
     paz = trace.stats.paz
-    rate = 2 * sensor_of(made).band_hz[1]
+    rate = 2 * read_sensor(made).band_hz[1]
     h, f = paz_to_freq_resp(paz.poles, paz.zeros, paz.gain, 1 / rate, 512, freq=True)
-    inside = f >= sensor_of(made).band_hz[0]
+    inside = f >= read_sensor(made).band_hz[0]
     wanted = model_response(made, f[inside], "displacement")
     # ObsPy writes seven digits: 5e-7 over the damping ratio at a resonance.
     np.testing.assert_allclose(h[inside], wanted, rtol=1e-4)
@@ -134,10 +134,10 @@ def test_a_negative_delay_that_is_zero_within_its_uncertainty_is_left_out(tmp_pa
     """Half of all sensors without a delay are given a negative one."""
     values = {**PAPER, "delay": -1e-9}
     with pytest.raises(InputError, match="ahead of the reference"):
-        sensor_of(result("accelerometer+delay", values, relative=0.4)).identified.to_scipy()
+        read_sensor(result("accelerometer+delay", values, relative=0.4)).identified.to_scipy()
     made = result("accelerometer+delay", values, relative=0.6)
-    system, words = approximate(sensor_of(made))
-    f = sensor_of(made).band
+    system, words = approximate(read_sensor(made))
+    f = read_sensor(made).band
     np.testing.assert_allclose(system.response(f), model_response(case("paper"), f), rtol=1e-12)
     stated = float(words[1].rpartition(" ")[2])
     assert stated == pytest.approx(2e-9 * np.pi * f[-1], rel=0.05)
@@ -150,7 +150,7 @@ def test_a_delay_left_out_is_named_with_its_cost(tmp_path):
     (path,) = export(made, "sacpz", tmp_path, without=["delay"])
     line = next(line for line in path.read_text().splitlines() if "deviates from the model" in line)
     stated = float(line.split("up to")[1].split()[0])
-    f = sensor_of(made).band
+    f = read_sensor(made).band
     assert stated == pytest.approx(np.max(np.abs(np.exp(2j * np.pi * f * 4.3e-4) - 1)), rel=0.01)
     assert "left out on request: delay" in path.read_text()
 

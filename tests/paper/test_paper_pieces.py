@@ -14,11 +14,12 @@ from vibrident.base.backend import jax
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.paper import published
 from vibrident.paper.black_box import Recurrent
-from vibrident.paper.dataset import RUN_IN, RUN_OUT, SCORED, SENSOR, Dataset, cut, outliers, prepared, section_4
+from vibrident.paper.bound import cramer_rao
+from vibrident.paper.dataset import RUN_IN, RUN_OUT, SCORED, SENSOR, Dataset, cut, outliers, prepare, simulate_section_4
 from vibrident.paper.experiment import MSV_3000, VIBROMETER, interferometer, seismometer
 from vibrident.paper.least_squares import from_sine_fits
 from vibrident.paper.metrics import Metrics, curve_deviation
-from vibrident.paper.studies import cramer_rao, optimum
+from vibrident.paper.studies import optimum
 from vibrident.paper.training import Schedule, train
 from vibrident.paper.unrolled import START, unrolled
 from vibrident.physics.discretisation import method
@@ -32,7 +33,7 @@ TRUTH = dict(SENSOR.parameters)
 
 @pytest.fixture(scope="module")
 def data() -> Dataset:
-    return section_4(seed=3, samples=4000)
+    return simulate_section_4(seed=3, samples=4000)
 
 
 def test_the_dataset_is_the_papers(data: Dataset):
@@ -58,12 +59,12 @@ def test_one_scale_a_channel_fills_the_range_and_keeps_zero_and_the_sensitivity(
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_gives_others(data: Dataset):
-    assert section_4(seed=3, samples=4000).sha256 == data.sha256
-    assert section_4(seed=4, samples=4000).sha256 != data.sha256
+    assert simulate_section_4(seed=3, samples=4000).sha256 == data.sha256
+    assert simulate_section_4(seed=4, samples=4000).sha256 != data.sha256
 
 
 def test_records_of_the_full_range_cover_their_periods_and_runge_kutta_meets_the_exact_sensor():
-    whole = section_4(seed=3, samples=800, full_range=True)
+    whole = simulate_section_4(seed=3, samples=800, full_range=True)
     assert len(whole.calibration.records) == 41
     assert whole.calibration.records[0].sampling_rate_hz == pytest.approx(512.0)
     for record in whole.calibration.records[:21]:
@@ -82,7 +83,7 @@ def test_clean_records_have_no_outliers_and_spikes_are_found_and_mended(data: Da
         spoilt[sample] += 15.0
     records[18] = replace(records[18], reference=spoilt)
     assert np.flatnonzero(outliers(spoilt)).tolist() == [100, 2000, 3500]
-    mended = prepared(replace(data.calibration, records=tuple(records)), seed=3)
+    mended = prepare(replace(data.calibration, records=tuple(records)), seed=3)
     assert mended.outliers == 3
     fixed = mended.calibration.records[18]
     assert not fixed.mask[[100, 2000, 3500]].any()
@@ -92,7 +93,7 @@ def test_clean_records_have_no_outliers_and_spikes_are_found_and_mended(data: Da
 
 def test_records_that_cannot_be_split_are_refused(data: Dataset):
     with pytest.raises(InputError, match="split"):
-        prepared(replace(data.calibration, records=data.calibration.records[:1]), seed=0)
+        prepare(replace(data.calibration, records=data.calibration.records[:1]), seed=0)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e3))

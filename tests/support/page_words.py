@@ -1,4 +1,4 @@
-"""The words of the page: what its sources give to ``say``, what they say past it, what they say of others."""
+"""The words of the page: what its sources give to ``translate``, what they say past it, what they say of others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from tests.support.sources import modules, tree
 
-SAYING = ("say", "say_count", "phrase", "speak", "count", "known")
+TRANSLATING = ("translate", "translate_count", "phrase", "speak", "count", "known")
 #: Calls whose texts are no words of the page: errors, notes for the server, names, styles, scripts.
 SILENT = (
     *(
@@ -56,9 +56,9 @@ def _calls(*functions: str) -> Iterator[tuple[ast.Call, dict[str, set[str]]]]:
 
 
 def shown_sentences() -> set[str]:
-    """Return each sentence that a module of the page gives to ``say``, directly or by a name."""
+    """Return each sentence that a module of the page gives to ``translate``, directly or by a name."""
     sentences = set()
-    for call, texts in _calls(*SAYING):
+    for call, texts in _calls(*TRANSLATING):
         for argument in call.args:
             sentences |= set(_constants(argument))
             for part in ast.walk(argument):
@@ -114,6 +114,9 @@ def _silent(node: ast.AST) -> Iterator[ast.AST]:
         yield node.value  # a docstring
     if isinstance(node, ast.Call) and _name(node) in SILENT:
         yield from ast.walk(node)
+    if isinstance(node, ast.Call) and _name(node) == "add_button":
+        for style in node.args[2:]:  # after label and handler
+            yield from ast.walk(style)
 
 
 def _page() -> list[str]:

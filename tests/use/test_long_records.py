@@ -72,7 +72,7 @@ def test_the_pooled_estimate_is_that_of_generalised_least_squares():
     whitening = np.concatenate([np.linalg.inv(np.linalg.cholesky(c)) for c in covariances])
     data = np.concatenate([np.linalg.inv(np.linalg.cholesky(c)) @ z for c, z in zip(covariances, places, strict=True)])
     z, squares, *_ = np.linalg.lstsq(whitening, data, rcond=None)
-    found = PooledEstimate.of(places, covariances)
+    found = PooledEstimate.from_stretches(places, covariances)
     np.testing.assert_allclose(found.z, z, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, np.linalg.inv(whitening.T @ whitening), rtol=1e-8)
     assert found.chi2 == pytest.approx(float(squares[0]), rel=1e-8)

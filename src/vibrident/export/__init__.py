@@ -70,7 +70,7 @@ def export(
     """
     from vibrident.export.form import Options
     from vibrident.export.registry import EXPORTS
-    from vibrident.export.sensor import check_band, sensor_of
+    from vibrident.export.sensor import check_band, read_sensor
     from vibrident.show.issue import issued
 
     certified, _ = issued(result, certificate)
@@ -78,7 +78,7 @@ def export(
     band = None if band_hz is None else check_band(*band_hz)
     xsd = None if schema is None else Path(schema)
     options = Options(rate_hz, band, tuple(without), name, xsd, country, channel, online)
-    sensor = sensor_of(certified, band).without(options.without)
+    sensor = read_sensor(certified, band).without(options.without)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     return format_.write(sensor, target, options)

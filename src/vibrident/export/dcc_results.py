@@ -21,7 +21,7 @@ from vibrident.result import Curve, Parameter, Result
 from vibrident.show.certificate import evaluation
 from vibrident.show.coverage import coverage
 from vibrident.show.curves import column
-from vibrident.show.language import Say
+from vibrident.show.language import Translator
 from vibrident.show.numbers import unit_of_sensitivity
 from vibrident.show.views import K
 
@@ -160,7 +160,9 @@ def measurement(tree: Tree, result: Result) -> Any:
         "description",
         "identification of a parametric model of the sensor from its calibration data",
     )
-    methods.append(make("usedMethod", text("name", evaluation(result, Say(LANGUAGE))), about))
+    methods.append(
+        make("usedMethod", text("name", evaluation(result, Translator(LANGUAGE))), about)
+    )
     equipment = [_equipment(tree, entry) for entry in certificate.get("instruments", ())]
     conditions = [
         _condition(tree, certificate, *entry)

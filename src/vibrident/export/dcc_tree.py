@@ -6,7 +6,7 @@ from typing import Any
 
 from vibrident.base.escaping import xml_text
 from vibrident.export.form import library
-from vibrident.show.language import Say
+from vibrident.show.language import Translator
 
 LANGUAGE = "en"  # language of the texts written here, ISO 639-1
 DCC = "https://ptb.de/dcc"  # namespace of the certificate
@@ -36,7 +36,7 @@ class Tree:
 
     def titled(self, key: str) -> Any:
         """Return a certificate's heading as a ``name``."""
-        return self.text("name", Say(LANGUAGE)("section", key))
+        return self.text("name", Translator(LANGUAGE)("section", key))
 
     def optional(self, tag: str, text: object) -> Any:
         """Return an element with a text; None if there is none."""

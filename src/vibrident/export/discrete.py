@@ -43,7 +43,7 @@ class HoldCell:
         return state @ self.output + self.feedthrough
 
 
-def cell_of(sensor: ExportedSensor, interval_s: float) -> HoldCell:
+def hold_cell(sensor: ExportedSensor, interval_s: float) -> HoldCell:
     """Return the rational part of the sensor by first-order hold, in scaled companion states."""
     from scipy.linalg import expm
 
@@ -95,7 +95,7 @@ class SecondOrderSections:
         return max(float(np.max(np.abs(1.0 + np.roots([1.0, a1, a2])))) for *_, a1, a2 in self.rows)
 
 
-def sections_of(
+def map_sections(
     system: PolesZeros, interval_s: float, filling: np.ndarray, at_hz: float
 ) -> SecondOrderSections:
     """Return sections with a system's poles and zeros mapped by e^{sT}.

@@ -1,4 +1,4 @@
-"""Causal filters for firmware: the sensor's model, and the correction back to acceleration.
+"""Design causal filters for firmware: the sensor's model, and its correction to acceleration.
 
 Each is a delay line with taps, then second-order sections. The model's sections have the sensor's
 own poles and zeros, the correction's those of its inverse with a low-pass, and, for each zero of
@@ -18,7 +18,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError
 from vibrident.data.records import FloatArray
-from vibrident.export.discrete import HoldCell, SecondOrderSections, cell_of, sections_of
+from vibrident.export.discrete import HoldCell, SecondOrderSections, hold_cell, map_sections
 from vibrident.export.poles_zeros import PolesZeros, poles_zeros
 from vibrident.export.sensor import ExportedSensor, require_linear
 
@@ -41,9 +41,9 @@ class Taps:
         return np.exp(np.multiply.outer(turn, self.lead + np.arange(len(self.taps)))) @ self.taps
 
 
-def fitted(
+def fit_taps(
     target_response: Response,
-    base: Response,
+    base_response: Response,
     band_hz: tuple[float, float],
     rate_hz: float,
     *,
@@ -53,67 +53,69 @@ def fitted(
     size: float,
     fewest: int = 1,
 ) -> Taps:
-    """Return the fewest taps with base · taps = wanted · z^{−latency} over the band.
+    """Fit the fewest taps with base · taps = target · z^{−latency} over the band.
 
-    They are within ``tolerance``, or the best that exist.
+    Where no number of taps meets the tolerance, those of the least error are returned.
 
     Args:
-        target_response: target response without latency.
-        base: response of the recursive part.
+        target_response: without latency.
+        base_response: of the recursive part.
         band_hz: lowest and highest frequency.
         rate_hz: sampling rate.
-        shift: approximate delay of wanted/base in samples; sets the latency for a number of taps.
+        shift: approximate delay of target/base in samples; it sets the latency for a number of
+            taps.
         tolerance: largest relative error.
         outside: weight of the response above the band, relative to its largest value in it.
         size: weight of the taps' size, to which rounding is proportional.
         fewest: least number of taps.
     """
-    (low, high) = band_hz
-    top = 0.5 * rate_hz
-    ts = 1.0 / rate_hz
+    low, high = band_hz
+    half_rate_hz = 0.5 * rate_hz
+    interval_s = 1.0 / rate_hz
 
-    def fit(order: np.ndarray, latency: int) -> tuple[np.ndarray, float]:
-        """Return taps at these delays, and their largest relative error over the band."""
-        taps = len(order)
-        points = 3 * len(order) + 40
-        # Dense towards both ends, as a polynomial needs it.
-        inside = low + (high - low) * 0.5 * (
-            1.0 - np.cos(np.pi * (np.arange(points) + 0.5) / points)
-        )
+    def fit(delays: np.ndarray, latency: int) -> tuple[np.ndarray, float]:
+        """Return taps at these delays in samples, and their largest relative error in the band."""
+        count = len(delays)
+        points = 3 * count + 40
+        # dense towards both ends, as a polynomial needs it
+        angles = np.pi * (np.arange(points) + 0.5) / points
+        inside = low + (high - low) * 0.5 * (1.0 - np.cos(angles))
         inside = np.concatenate([inside, np.geomspace(low, high, 40), [low, high]])
-        above = np.linspace(min(high * 1.5, 0.5 * (high + top)), top, points)
+        above = np.linspace(min(high * 1.5, 0.5 * (high + half_rate_hz)), half_rate_hz, points)
 
         def columns(f: FloatArray) -> np.ndarray:
-            return base(f)[:, None] * np.exp(np.multiply.outer(-2j * np.pi * f * ts, order))
+            turns = np.multiply.outer(-2j * np.pi * f * interval_s, delays)
+            return base_response(f)[:, None] * np.exp(turns)
 
-        target = target_response(inside) * np.exp(-2j * np.pi * inside * latency * ts)
+        target = target_response(inside) * np.exp(-2j * np.pi * inside * latency * interval_s)
         largest = float(np.max(np.abs(target)))
         relative = columns(inside) / target[:, None]
-        plain = size * float(np.max(np.abs(relative))) * np.eye(taps)
-        rows = np.concatenate([relative, outside / largest * columns(above), plain])
-        right = np.concatenate([np.ones(len(inside)), np.zeros(len(above) + taps)])
-        matrix = np.concatenate([rows.real, rows.imag])
-        h = np.linalg.lstsq(matrix, np.concatenate([right, np.zeros(len(right))]), rcond=1e-15)[0]
-        return h, float(np.max(np.abs(relative @ h - 1.0)))
+        penalty = size * float(np.max(np.abs(relative))) * np.eye(count)
+        rows = np.concatenate([relative, outside / largest * columns(above), penalty])
+        right_side = np.zeros(2 * len(rows))  # real parts, then imaginary ones
+        right_side[: len(inside)] = 1.0
+        taps = np.linalg.lstsq(np.concatenate([rows.real, rows.imag]), right_side, rcond=1e-15)[0]
+        return taps, float(np.max(np.abs(relative @ taps - 1.0)))
 
     best: Taps | None = None
-    for count in (count for count in TAPS if count >= fewest):
+    for count in TAPS:
+        if count < fewest:
+            continue
         latency = max(0, int(np.ceil(0.5 * (count - 1) - shift - 1e-9)))
         lead = max(0, int(np.round(shift + latency - 0.5 * (count - 1))))
-        h, error = fit(lead + np.arange(count), latency)
+        taps, error = fit(lead + np.arange(count), latency)
         if best is None or error < 0.5 * best.error:
-            best = Taps(h, lead, latency, error)
+            best = Taps(taps, lead, latency, error)
         if best.error <= tolerance:
             break
     assert best is not None
     return best
 
 
-USABLE = 0.45  # highest usable frequency over the sampling rate
-MODEL_TOLERANCE = (
-    1e-10  # relative error of the model over the band at which no further taps are added
-)
-CORRECTION_TOLERANCE = 1e-4  # the same of the correction
+MAX_BAND_OVER_RATE = 0.45  # highest frequency of the band over the sampling rate
+#: Relative errors over the band at which no further taps are added.
+MODEL_TOLERANCE = 1e-10
+CORRECTION_TOLERANCE = 1e-4
 #: Sampling zeros of first-order hold by the number of zeros at infinity (Åström, Hagander & Sternby
 #: 1984): roots of the Euler–Frobenius polynomials.
 _SAMPLING_ZEROS = {
@@ -124,10 +126,9 @@ _SAMPLING_ZEROS = {
     4: tuple(np.roots((1.0, 26.0, 66.0, 26.0, 1.0)).tolist()),
 }
 #: Corner of the correction's high-pass, in place of an integrator, over the band's lower edge.
-BELOW = 0.01
-GAIN_WEIGHT_OUTSIDE = (
-    1e-3  # weight of the correction's gain above the band, relative to its error in the band
-)
+HIGH_PASS_OVER_BAND = 0.01
+#: Weight of the correction's gain above the band, relative to its error in the band.
+GAIN_WEIGHT_OUTSIDE = 1e-3
 LOW_PASS_ORDER = 8
 MAX_DELAY_SAMPLES = 16384  # longest delay line, samples
 
@@ -171,14 +172,11 @@ class Filter:
 
         The mean is from 0 to half the rate.
         """
-        f = (
-            np.concatenate([np.geomspace(1e-7, 0.01, 2000), np.linspace(0.01, 0.5, 4000)[1:]])
-            * self.rate_hz
-        )
+        relative_f = [np.geomspace(1e-7, 0.01, 2000), np.linspace(0.01, 0.5, 4000)[1:]]
+        f = np.concatenate(relative_f) * self.rate_hz
         power = np.abs(self.response(f)) ** 2
-        return float(
-            np.sqrt(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(f)) / (0.5 * self.rate_hz))
-        )
+        mean = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(f)) / (0.5 * self.rate_hz)
+        return float(np.sqrt(mean))
 
 
 def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
@@ -200,10 +198,13 @@ def checked_rate(sensor: ExportedSensor, rate_hz: float | None) -> float:
             where="⟦export.rate_hz⟧",
             remedy="give ⟦export.rate_hz = HZ⟧",
         )
-    if sensor.band_hz[1] > USABLE * rate_hz:
+    if sensor.band_hz[1] > MAX_BAND_OVER_RATE * rate_hz:
         raise InputError(
             "The band does not fit this sampling rate.",
-            expected=f"a band up to {USABLE * rate_hz:g} Hz at most ({USABLE} of the rate)",
+            expected=(
+                f"a band up to {MAX_BAND_OVER_RATE * rate_hz:g} Hz at most ({MAX_BAND_OVER_RATE} "
+                "of the rate)"
+            ),
             found=f"{sensor.band_hz[1]:g} Hz at {rate_hz:g} samples per second",
             where="⟦export.rate_hz⟧",
             remedy="give a higher ⟦export.rate_hz⟧, or a narrower ⟦export.band_hz⟧",
@@ -218,7 +219,7 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
         InputError: the model is not linear, or its delay is too long.
     """
     require_linear(sensor)
-    cell = cell_of(sensor, 1.0 / rate_hz)
+    cell = hold_cell(sensor, 1.0 / rate_hz)
     system = poles_zeros(sensor)
     highest = float(np.max(np.abs(np.imag(system.poles)))) / (2.0 * np.pi)
     if highest >= 0.5 * rate_hz:
@@ -230,7 +231,7 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
             remedy="give a higher ⟦export.rate_hz⟧",
         )
     filling = np.array(_SAMPLING_ZEROS[len(system.poles) - len(system.zeros)])
-    sections = sections_of(
+    sections = map_sections(
         system, 1.0 / rate_hz, filling, float(np.sqrt(sensor.band_hz[0] * sensor.band_hz[1]))
     )
     shift = (sensor.delay_s + 0.5 * sensor.window_s) * rate_hz
@@ -243,7 +244,7 @@ def model_filter(sensor: ExportedSensor, rate_hz: float) -> tuple[Filter, HoldCe
             remedy="leave the delay out with ⟦export.without⟧, and delay the samples elsewhere",
         )
     low = min(sensor.band_hz[0], 1e-3 * sensor.band_hz[1])  # a model is also used below the band
-    taps = fitted(
+    taps = fit_taps(
         sensor.response,
         sections.response,
         (low, sensor.band_hz[1]),
@@ -265,20 +266,20 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
         InputError: the model is not linear.
     """
     require_linear(sensor)
-    inverse, corner, still = _inverse(sensor, rate_hz)
+    inverse, corner, zeros_at_rest = _invert(sensor, rate_hz)
     missing = len(inverse.poles) - len(inverse.zeros)
-    sections = sections_of(inverse, 1.0 / rate_hz, np.full(missing, -1.0), sensor.band_hz[1])
+    sections = map_sections(inverse, 1.0 / rate_hz, np.full(missing, -1.0), sensor.band_hz[1])
     near = np.array([0.9, 1.0]) * sensor.band_hz[1]
 
     def target_response(f: FloatArray) -> np.ndarray:
         # The taps do not restore what the high-pass removes: they would have to be as long as its
         # impulse response.
         s = 2j * np.pi * f
-        return (s / (s + corner)) ** (2 * still) / sensor.response(f)
+        return (s / (s + corner)) ** (2 * zeros_at_rest) / sensor.response(f)
 
     ratio = target_response(near) / sections.response(near)
     slope = -np.angle(ratio[1] / ratio[0]) / (2 * np.pi * (near[1] - near[0]))
-    taps = fitted(
+    taps = fit_taps(
         target_response,
         sections.response,
         sensor.band_hz,
@@ -292,7 +293,7 @@ def correction_filter(sensor: ExportedSensor, rate_hz: float) -> Filter:
     return Filter(taps, sections, rate_hz)
 
 
-def _inverse(sensor: ExportedSensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
+def _invert(sensor: ExportedSensor, rate_hz: float) -> tuple[PolesZeros, float, int]:
     """Return the inverse: the sensor's poles and zeros exchanged and made stable, with a low-pass.
 
     Also the high-pass's corner, rad/s, and the number of integrators it replaces.
@@ -301,15 +302,17 @@ def _inverse(sensor: ExportedSensor, rate_hz: float) -> tuple[PolesZeros, float,
 
     system = poles_zeros(sensor)
     low, high = sensor.band_hz
-    still = int(np.sum(system.zeros == 0))
-    corner = 2.0 * np.pi * BELOW * low
-    zeros = np.concatenate([system.poles, np.zeros(still, complex)])
-    moving = system.zeros[system.zeros != 0]
+    zeros_at_rest = int(np.sum(system.zeros == 0))
+    corner = 2.0 * np.pi * HIGH_PASS_OVER_BAND * low
+    zeros = np.concatenate([system.poles, np.zeros(zeros_at_rest, complex)])
+    other_zeros = system.zeros[system.zeros != 0]
     # A zero on or right of the axis has no stable inverse; its mirror image has the same magnitude.
-    poles = -np.maximum(np.abs(np.real(moving)), 0.02 * np.abs(moving)) + 1j * np.imag(moving)
-    top = 2.0 * np.pi * min(1.5 * high, 0.4 * rate_hz)
-    low_pass: Any = signal.butter(LOW_PASS_ORDER, top, analog=True, output="zpk")
-    passed = np.asarray(low_pass[1])
-    ends = np.concatenate([poles, np.full(2 * still, -corner + 0j), passed])
-    gain = float(np.real(np.prod(-passed))) / system.gain
-    return PolesZeros(zeros, ends, gain), corner, still
+    decay = np.maximum(np.abs(np.real(other_zeros)), 0.02 * np.abs(other_zeros))
+    stable_poles = -decay + 1j * np.imag(other_zeros)
+    cutoff = 2.0 * np.pi * min(1.5 * high, 0.4 * rate_hz)
+    low_pass: Any = signal.butter(LOW_PASS_ORDER, cutoff, analog=True, output="zpk")
+    low_pass_poles = np.asarray(low_pass[1])
+    high_pass_poles = np.full(2 * zeros_at_rest, -corner + 0j)
+    poles = np.concatenate([stable_poles, high_pass_poles, low_pass_poles])
+    gain = float(np.real(np.prod(-low_pass_poles))) / system.gain
+    return PolesZeros(zeros, poles, gain), corner, zeros_at_rest

@@ -1,9 +1,9 @@
-"""Export format (name, writer, limits) and the options of an export."""
+"""Define a format of exports (name, writer, limits) and the options of an export."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -11,6 +11,7 @@ from typing import Any
 
 from vibrident.base import extras
 from vibrident.base.errors import InputError
+from vibrident.base.escaping import c_comment
 from vibrident.export.sensor import ExportedSensor
 
 _NAME = re.compile(
@@ -82,6 +83,16 @@ def library(name: str, extra: str) -> Any:
 def template(name: str) -> str:
     """Return the text around the numbers of a written file, from the folder of templates."""
     return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
+
+
+def fill_template(name: str, values: Mapping[str, str]) -> str:
+    """Replace ``@KEY@`` in a template by values, in one pass: inserted text is no template."""
+    return re.sub("@(\\w+)@", lambda match: values[match[1]], template(name))
+
+
+def write_c_comment(lines: Iterable[str]) -> str:
+    """Return lines as the middle of a C comment."""
+    return "\n".join(f" * {c_comment(line)}".rstrip() for line in lines)
 
 
 @dataclass(frozen=True)

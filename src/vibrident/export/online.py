@@ -1,4 +1,4 @@
-"""Tracker as C99: learner, detector and corrector in one header and one source.
+"""Write the tracker as C99: learner, detector and corrector in one header and one source.
 
 The corrector is the model's inverse, a(t) = (V + 2 δ/ωn V̇ + V̈/ωn²)/S0: three fixed filters, a
 low-pass and its derivatives, each times a coefficient that follows the parameters.
@@ -14,7 +14,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.escaping import c_comment
 from vibrident.data.records import FloatArray
 from vibrident.export.filters import checked_rate
-from vibrident.export.form import Options, template
+from vibrident.export.form import Options, fill_template, write_c_comment
 from vibrident.export.sensor import ExportedSensor, identity
 from vibrident.use.tracking import learner, network, tracker
 from vibrident.use.tracking.information import (
@@ -34,7 +34,7 @@ TRANSITION = 0.1
 BLACKMAN = (0.42, 0.5, 0.08)  # cosines of its window (Oppenheim & Schafer 2010, sec. 7.5)
 
 
-def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings) -> Tracker:
+def build_tracker(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings) -> Tracker:
     """Return the Python tracker that the C code equals.
 
     Raises:
@@ -61,31 +61,39 @@ def tracker_of(sensor: ExportedSensor, rate_hz: float, settings: TrackerSettings
 
 
 def corrector(high_hz: float, rate_hz: float, ahead_s: float) -> FloatArray:
-    """Return a low-pass and its first two derivatives, shape (3, 2 REACH + 1).
+    """Design a low-pass and its first two derivatives, shape (3, 2 REACH + 1).
 
-    The oldest sample comes first; the filters are late by REACH samples.
-    A windowed kernel is differentiated as a whole, so that the three belong together. ``ahead_s``:
-    by which the filters are earlier, less than a sampling interval.
+    The oldest sample comes first; the filters are late by REACH samples. Kernel and window are
+    differentiated together, so that the three filters are consistent.
+
+    Args:
+        high_hz: highest frequency of the band.
+        rate_hz: sampling rate.
+        ahead_s: time by which the filters are earlier, less than a sampling interval.
     """
-    passed = high_hz + FLAT * rate_hz
-    f = np.linspace(0.0, passed + TRANSITION * rate_hz, 4001)
-    share = np.clip((f - passed) / (f[-1] - passed), 0.0, 1.0)
-    spectrum = 1.0 + np.cos(np.pi * share)  # one half of it, and both signs of frequency
+    passed_hz = high_hz + FLAT * rate_hz
+    f = np.linspace(0.0, passed_hz + TRANSITION * rate_hz, 4001)
+    share = np.clip((f - passed_hz) / (f[-1] - passed_hz), 0.0, 1.0)
+    spectrum = 1.0 + np.cos(np.pi * share)  # twice the real half: both signs of frequency
     t = ahead_s - np.arange(-REACH, REACH + 1) / rate_hz
-    turn = 2j * np.pi * f
-    turn_of_window = 1j * np.pi * rate_hz / (REACH + 1)
-    waves = np.exp(turn * t[:, None]) * spectrum
-    k = [np.trapezoid((waves * turn**order).real, f, axis=1) / rate_hz for order in range(3)]
-    responses = [
-        [
-            c * ((turn_of_window * n) ** order * np.exp(turn_of_window * n * t)).real
+    angular = 2j * np.pi * f
+    window_angular = 1j * np.pi * rate_hz / (REACH + 1)
+    waves = np.exp(angular * t[:, None]) * spectrum
+    # derivatives of kernel and window, orders 0 to 2
+    kernel = [np.trapezoid((waves * angular**n).real, f, axis=1) / rate_hz for n in range(3)]
+    window = [
+        sum(
+            c * ((window_angular * n) ** order * np.exp(window_angular * n * t)).real
             for n, c in enumerate(BLACKMAN)
-        ]
+        )
         for order in range(3)
     ]
-    w = [np.sum(response, axis=0) for response in responses]
     return np.array(
-        [k[0] * w[0], k[1] * w[0] + k[0] * w[1], k[2] * w[0] + 2.0 * k[1] * w[1] + k[0] * w[2]]
+        [
+            kernel[0] * window[0],
+            kernel[1] * window[0] + kernel[0] * window[1],
+            kernel[2] * window[0] + 2.0 * kernel[1] * window[1] + kernel[0] * window[2],
+        ]
     )
 
 
@@ -103,27 +111,24 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
             remedy="give a higher ⟦export.rate_hz⟧, or a lower ⟦export.band_hz⟧",
         )
     settings = TrackerSettings()
-    tracked = tracker_of(sensor, rate, settings)
-    values = _numbers(sensor, tracked, rate, options.name)
-    paths = []
-    for ending in ("h", "c"):
-        text = template(f"online.{ending}")
-        for name, value in values.items():
-            text = text.replace(f"@{name}@", value)
-        path = folder / f"{options.name}.{ending}"
-        path.write_text(text, encoding="utf-8")
-        paths.append(path)
+    tracked = build_tracker(sensor, rate, settings)
+    values = _template_values(sensor, tracked, rate, options.name)
+    paths = [folder / f"{options.name}.{suffix}" for suffix in ("h", "c")]
+    for path in paths:
+        path.write_text(fill_template(f"online{path.suffix}", values), encoding="utf-8")
     return paths
 
 
-def _numbers(sensor: ExportedSensor, tracked: Tracker, rate: float, name: str) -> dict[str, str]:
+def _template_values(
+    sensor: ExportedSensor, tracked: Tracker, rate: float, name: str
+) -> dict[str, str]:
     net = tracked.network
     settings = tracked.settings
     thresholds = tracked.knowledge.thresholds
     lag = net.first + network.INPUT_TAPS - 1
     delay = float(sensor.model.delay_s(sensor.values)) if net.model.has_delay else 0.0
     late = round(delay * rate)
-    start = [sensor.values[each] for each in net.model.parameter_names]
+    start = [sensor.values[parameter] for parameter in net.model.parameter_names]
     drift = float(np.max(settings.drift_per_year))  # the C tracker has one for all
     rate_of_walk = drift**2 / SECONDS_A_YEAR
     about = [
@@ -138,7 +143,7 @@ def _numbers(sensor: ExportedSensor, tracked: Tracker, rate: float, name: str) -
     ]
     k = net.nuisances
     return {
-        "ABOUT": "\n".join(f" * {c_comment(line)}".rstrip() for line in about),
+        "ABOUT": write_c_comment(about),
         "GUARD": name.upper(),
         "N": name,
         "RATE": repr(rate),

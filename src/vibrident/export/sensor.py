@@ -1,4 +1,4 @@
-"""Sensor of a result, ready for export: model, values, band, and their description."""
+"""Prepare the sensor of a result for export: model, values, band, and their description."""
 
 from __future__ import annotations
 
@@ -102,10 +102,11 @@ class Exported:
                 raise unknown(
                     f"{name!r} cannot be left out.", name, possible, "⟦export.without⟧", remedy
                 )
-        add_ons = [addon for addon in self.model.add_ons if addon.name not in names]
-        gone = tuple(addon.name for addon in self.model.add_ons if addon.name in names)
-        model = parse("+".join([self.model.core.name, *(addon.name for addon in add_ons)]))
-        return replace(self, model=model, left_out=(*self.left_out, *gone))
+        add_ons = [addon.name for addon in self.model.add_ons]
+        remaining = [name for name in add_ons if name not in names]
+        removed = [name for name in add_ons if name in names]
+        model = parse("+".join([self.model.core.name, *remaining]))
+        return replace(self, model=model, left_out=(*self.left_out, *removed))
 
     @property
     def apart(self) -> list[str]:
@@ -134,7 +135,7 @@ def not_rational() -> tuple[str, ...]:
     return tuple(name for name, addon in ADD_ONS.items() if addon.rational is None)
 
 
-def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> ExportedSensor:
+def read_sensor(result: Result, band_hz: tuple[float, float] | None = None) -> ExportedSensor:
     """Read a result for export.
 
     Raises:
@@ -156,15 +157,14 @@ def sensor_of(result: Result, band_hz: tuple[float, float] | None = None) -> Exp
 def require_linear(sensor: Exported) -> None:
     """Refuse a nonlinear model."""
     if not sensor.model.is_linear:
-        bent = [addon for addon in sensor.model.add_ons if addon.force is not None]
+        spring = next(addon for addon in sensor.model.add_ons if addon.force is not None)
         raise InputError(
-            f"This format describes linear sensors only, and this sensor has a {bent[0].title}.",
+            f"This format describes linear sensors only, and this sensor has a {spring.title}.",
             expected="a linear model, or a format of tables and curves",
             found=sensor.model.name,
             where="⟦export.form⟧",
             remedy=(
-                f"give ⟦export.without = [{bent[0].name!r}]⟧ for what the sensor is to small "
-                "signals"
+                f"give ⟦export.without = [{spring.name!r}]⟧ for what the sensor is to small signals"
             ),
         )
 
@@ -185,18 +185,20 @@ def check_band(low: float, high: float) -> tuple[float, float]:
 def identity(sensor: ExportedSensor) -> list[str]:
     """Return the header of every file: sensor, model, origin, uncertainties; one line each."""
     result = sensor.result
-    named = [result.sensor.get(key, "") for key in ("manufacturer", "type", "serial_number")]
-    lines = ["sensor: " + (" ".join(word for word in named if word) or "not named")]
-    lines.append(
+    keys = ("manufacturer", "type", "serial_number")
+    words = filter(None, (result.sensor.get(key) for key in keys))
+    low, high = sensor.band_hz
+    lines = [
+        f"sensor: {' '.join(words) or 'not named'}",
         f"model: {result.model}, identified by vibrident ({result.estimator}), written by "
-        f"{__version__}"
-    )
-    when = result.provenance.get("time")
-    lines += [f"identified: {when}"] if when else []
-    lines.append(
-        f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative"
-    )
-    lines.append(f"band of the data: {sensor.band_hz[0]!r} Hz to {sensor.band_hz[1]!r} Hz")
+        f"{__version__}",
+    ]
+    if time := result.provenance.get("time"):
+        lines.append(f"identified: {time}")
+    lines += [
+        f"sensitivity: {sensor.output_unit} per {sensor.input_unit}, for e^(+j w t), lag negative",
+        f"band of the data: {low!r} Hz to {high!r} Hz",
+    ]
     for name, p in result.parameters.items():
         unit = "" if p.unit == "1" else f" {p.unit}"
         u = "not stated" if p.standard_uncertainty is None else f"{p.standard_uncertainty!r}{unit}"
@@ -205,14 +207,17 @@ def identity(sensor: ExportedSensor) -> list[str]:
     if result.warning_codes:
         lines.append("warnings of the result: " + ", ".join(result.warning_codes))
     lines += [f"left out on request: {name}" for name in sensor.left_out]
-    bent = {
+    springs = {
         addon.name: addon.title
         for addon in sensor.identified.model.add_ons
         if addon.force is not None
     }
-    spring = "without the {} this is the sensor's response to small signals only"
-    lines += [spring.format(bent[name]) for name in sensor.left_out if name in bent]
-    if set(sensor.left_out) - set(bent):
+    lines += [
+        f"without the {springs[name]} this is the sensor's response to small signals only"
+        for name in sensor.left_out
+        if name in springs
+    ]
+    if set(sensor.left_out) - set(springs):
         error = sensor.error_of_leaving_out
         lines.append(
             f"without it, the response deviates from the model by up to {error:.2e} (relative) "

@@ -1,4 +1,4 @@
-"""Data of the paper's section 4: how records become a training and a test set.
+"""Make the data of the paper's section 4, and split records into a training and a test set.
 
 Sines of 1 g at one-third-octave frequencies, with Gaussian white noise motion 20 dB below; response
 by RK4 from rest; outliers removed; one scale for each channel; 8:2 split by record.
@@ -111,11 +111,11 @@ class Dataset:
         """Return the SHA-256 of the samples of all records in order."""
         digest = hashlib.sha256()
         for record in self.calibration.records:
-            digest.update(reference_of(record).tobytes() + record.response.tobytes())
+            digest.update(reference_signal(record).tobytes() + record.response.tobytes())
         return digest.hexdigest()
 
 
-def section_4(
+def simulate_section_4(
     *, seed: int, rate_hz: float = RATE_HZ, samples: int = SAMPLES, full_range: bool = False
 ) -> Dataset:
     """Return the paper's simulated data.
@@ -126,7 +126,7 @@ def section_4(
     calibration, motions = sines(
         seed=seed, rate_hz=rate_hz, samples=samples, low_hz=0.1 if full_range else 10.0
     )
-    return replace(prepared(calibration, seed=seed), motions=motions)
+    return replace(prepare(calibration, seed=seed), motions=motions)
 
 
 def sines(
@@ -193,7 +193,7 @@ def _runge_kutta(motions: tuple[Motion, ...], rates: FloatArray, samples: int) -
     return responses
 
 
-def prepared(calibration: Calibration, *, seed: int) -> Dataset:
+def prepare(calibration: Calibration, *, seed: int) -> Dataset:
     """Remove outliers, split 8:2 by record at random, and scale.
 
     Raises:
@@ -217,7 +217,7 @@ def prepared(calibration: Calibration, *, seed: int) -> Dataset:
         replace(calibration, records=records),
         training,
         test,
-        ChannelScale.from_signals([reference_of(records[i]) for i in training]),
+        ChannelScale.from_signals([reference_signal(records[i]) for i in training]),
         ChannelScale.from_signals([records[i].response for i in training]),
         sum(count for _, count in pairs),
     )
@@ -247,7 +247,7 @@ def _without_outliers(record: Record) -> tuple[Record, int]:
 
     They are replaced by their neighbours' mean, and marked as invalid.
     """
-    channels = {"reference": reference_of(record), "response": record.response}
+    channels = {"reference": reference_signal(record), "response": record.response}
     outlying = {name: outliers(signal) for name, signal in channels.items()}
     bad = outlying["reference"] | outlying["response"]
     if not bad.any():
@@ -256,14 +256,11 @@ def _without_outliers(record: Record) -> tuple[Record, int]:
         name: np.where(outlying[name], 0.5 * (np.roll(signal, 1) + np.roll(signal, -1)), signal)
         for name, signal in channels.items()
     }
-    marked = record.without(bad, "outliers")
-    return replace(marked, reference=smooth["reference"], response=smooth["response"]), int(
-        np.sum(bad)
-    )
+    return replace(record.without(bad, "outliers"), **smooth), int(np.sum(bad))
 
 
-def reference_of(record: Record) -> FloatArray:
-    """Return the reference of a record, which each has here: ``prepared`` checks it."""
+def reference_signal(record: Record) -> FloatArray:
+    """Return the reference of a record, which each has here: ``prepare`` checks it."""
     assert record.reference is not None
     return record.reference
 
@@ -310,7 +307,10 @@ class NetworkInputs:
         """Return the normalised inputs of a record, shape (samples, terms)."""
         late = self.delay_s * record.sampling_rate_hz
         every = np.ones(record.samples, dtype=bool)
-        return self.method.inputs(reference_of(record), every, self.terms, late).coefficients / unit
+        return (
+            self.method.inputs(reference_signal(record), every, self.terms, late).coefficients
+            / unit
+        )
 
 
 AS_SAMPLED = NetworkInputs(method("euler"))
@@ -319,19 +319,20 @@ AS_SAMPLED = NetworkInputs(method("euler"))
 def cut(dataset: Dataset, network_inputs: NetworkInputs = AS_SAMPLED) -> tuple[Windows, Windows]:
     """Cut the training records into windows to train on, and those held back."""
     by_record = [
-        _windows_of(dataset, dataset.calibration.records[i], network_inputs)
+        _cut_record(dataset, dataset.calibration.records[i], network_inputs)
         for i in dataset.training
     ]
     windows = Windows(*(np.concatenate(arrays) for arrays in zip(*by_record, strict=True)))
-    is_held_back = (
-        np.arange(len(windows.targets)) % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
+    numbers = np.arange(len(windows.targets))
+    is_held_back = numbers % WINDOWS_PER_HELD_BACK == WINDOWS_PER_HELD_BACK - 1
+    training, held_back = (
+        Windows(*(array[selection] for array in windows))
+        for selection in (~is_held_back, is_held_back)
     )
-    return Windows(*(a[~is_held_back] for a in windows)), Windows(
-        *(a[is_held_back] for a in windows)
-    )
+    return training, held_back
 
 
-def _windows_of(dataset: Dataset, record: Record, network_inputs: NetworkInputs) -> Windows:
+def _cut_record(dataset: Dataset, record: Record, network_inputs: NetworkInputs) -> Windows:
     starts = np.arange(0, record.samples - RUN_OUT - RUN_IN - SCORED + 1, SCORED)
     take = starts[:, None] + np.arange(RUN_IN + SCORED)
     score = record.mask.astype(float)[take]

@@ -1,11 +1,10 @@
-"""Data for the paper's section 5, whose own are private: the same protocol on two other sets.
+"""Make two sets of data for the paper's section 5, whose own data are private.
 
-``interferometer``: simulated. A sensor of the MSV 3000 type on a shaker, its motion measured by a
-laser vibrometer of 50 (mm/s)/V with noise and delay, both channels through 24-bit converters of ±10
-V.
+``interferometer`` is simulated: a sensor of the MSV 3000 type on a shaker, whose motion a laser
+vibrometer of 50 (mm/s)/V measures with noise and delay; 24-bit converters of ±10 V on both
+channels.
 
-``seismometer``: measured. The sine steps of an SM-3 seismometer with a laser on its mass, if
-available.
+``seismometer`` is measured: the sine steps of an SM-3 seismometer with a laser on its mass.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.data.screening import screen
-from vibrident.paper.dataset import SENSOR, Dataset, prepared, reference_of
+from vibrident.paper.dataset import SENSOR, Dataset, prepare, reference_signal
 from vibrident.physics.simulation import ChannelNoise, Sensor, simulate
 
 #: Scale of the vibrometer (OFV-552 with its controller), (m/s)/V, as the paper states it.
@@ -52,7 +51,7 @@ _KAISER_BETA = 9.0
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Set of data for section 5, prepared in two ways.
+    """A set of data for section 5, prepared in two ways.
 
     Attributes:
         title: name of the data, stating whether measured or simulated.
@@ -88,38 +87,39 @@ def interferometer(*, seed: int, rate_hz: float = 51200.0, samples: int = 16000)
         ),
         seed=seed,
     )
-    recorded = replace(
-        calibration, records=tuple(_cropped(record) for record in calibration.records)
-    )
-    differentiated = tuple(_differentiated(record) for record in calibration.records)
+    recorded = replace(calibration, records=tuple(map(_crop, calibration.records)))
     published = replace(
-        calibration, records=differentiated, quantity="acceleration", reference_unit="m/s^2"
+        calibration,
+        records=tuple(map(_differentiate, calibration.records)),
+        quantity="acceleration",
+        reference_unit="m/s^2",
     )
     return Experiment(
         "simulated interferometer calibration of an MSV 3000 type sensor",
         True,
-        prepared(recorded, seed=seed),
-        prepared(published, seed=seed),
+        prepare(recorded, seed=seed),
+        prepare(published, seed=seed),
         dict(MSV_3000.parameters),
     )
 
 
-def _cropped(record: Record) -> Record:
+def _crop(record: Record) -> Record:
+    """Remove the samples at both ends that the differentiator needs."""
     span = slice(_HALF_LENGTH, record.samples - _HALF_LENGTH)
     return replace(
         record,
-        reference=reference_of(record)[span],
+        reference=reference_signal(record)[span],
         response=record.response[span],
         valid=record.mask[span],
     )
 
 
-def _differentiated(record: Record) -> Record:
+def _differentiate(record: Record) -> Record:
     """Convert velocity to acceleration by a band-limited differentiator up to ``_EDGE_HZ``."""
     acceleration = np.convolve(
-        reference_of(record), _differentiator(record.sampling_rate_hz), mode="valid"
+        reference_signal(record), _differentiator(record.sampling_rate_hz), mode="valid"
     )
-    return replace(_cropped(record), reference=acceleration)
+    return replace(_crop(record), reference=acceleration)
 
 
 def _differentiator(rate_hz: float) -> FloatArray:
@@ -173,17 +173,17 @@ def seismometer(data: Path, *, seed: int) -> Experiment | None:
         calibration = read(file)
     records, _ = screen(calibration.records)
     records = [replace(record, name=Path(record.name).stem.replace("_", ".")) for record in records]
-    dataset = prepared(_centred(replace(calibration, records=tuple(records))), seed=seed)
+    dataset = prepare(_centre(replace(calibration, records=tuple(records))), seed=seed)
     return Experiment(
         "measured: SM-3 seismometer, laser on its mass", False, dataset, dataset, None
     )
 
 
-def _centred(calibration: Calibration) -> Calibration:
-    """Return both channels without their means: networks without bias cannot hold an offset."""
+def _centre(calibration: Calibration) -> Calibration:
+    """Subtract the mean of each channel: networks without bias cannot represent an offset."""
     records = []
     for record in calibration.records:
-        reference = reference_of(record) - reference_of(record)[record.mask].mean()
+        reference = reference_signal(record) - reference_signal(record)[record.mask].mean()
         response = record.response - record.response[record.mask].mean()
         provenance = record.provenance.then("means taken off")
         records.append(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vibrident.base.amounts import pretty
 from vibrident.data.records import FloatArray
 from vibrident.paper import methods
 from vibrident.paper.dataset import SENSOR
@@ -21,6 +22,7 @@ from vibrident.physics.models import parse
 from vibrident.physics.models.state_space import realise
 from vibrident.physics.network.readback import network_response
 from vibrident.show import axes, plots
+from vibrident.show.numbers import sensitivity_unit
 from vibrident.show.views import BLACK, BLUE, LINES, Axis, Figure, Look, Panel, Series, Stack
 
 Stacks = tuple[Stack, ...]
@@ -45,16 +47,15 @@ class Picture:
 
 def draw_all(run: Reproduction, folder: Path) -> list[Figure]:
     """Draw every picture of the run into ``folder`` as PNG; return them in order."""
-    pictures = [
-        p for p in PICTURES if run.seismometer is not None or not p.name.endswith("measured")
-    ]
-    drawn = [(picture, picture.draw(run)) for picture in pictures]
-    figures = [
-        Figure(p.name, "", stacks, "", p.caption, across=2 if len(stacks) > 2 else 0)
-        for p, stacks in drawn
-    ]
-    for figure in figures:
-        plots.save(replace(figure, caption=""), folder / f"{figure.name}.png")
+    figures = []
+    for picture in PICTURES:
+        if run.seismometer is None and picture.name.endswith("measured"):
+            continue
+        stacks = picture.draw(run)
+        across = 2 if len(stacks) > 2 else 0
+        figure = Figure(picture.name, "", stacks, across=across)
+        plots.save(figure, folder / f"{picture.name}.png")
+        figures.append(replace(figure, caption=picture.caption))
     return figures
 
 
@@ -129,7 +130,9 @@ def discrete_response(
 
 def curves(section: PaperSection) -> Stacks:
     """Draw figures 7 and 9: sensitivity curves, and their relative deviation from the reference."""
-    model = plain_model(section.published.calibration.model)
+    calibration = section.published.calibration
+    model = plain_model(calibration.model)
+    unit = sensitivity_unit(calibration.response_unit, pretty(calibration.reference_unit))
     frequency = np.geomspace(*section.band_hz, 401)
     upper = []
     lower = []
@@ -158,20 +161,10 @@ def curves(section: PaperSection) -> Stacks:
         lower.append(Series(where, percent, "", look if len(where) < 100 else plain))
     return _two_panels(
         frequency,
-        axes.size(f"(a) |S| in {_unit(section)}", reference),
+        axes.size(f"(a) |S| in {unit}", reference),
         upper,
         "(b) relative deviation in %",
         lower,
-    )
-
-
-def _unit(section: PaperSection) -> str:
-    calibration = section.published.calibration
-    below = calibration.reference_unit.replace("m/s^2", "m/s²")
-    return (
-        f"{calibration.response_unit}/({below})"
-        if "/" in below
-        else f"{calibration.response_unit}/{below}"
     )
 
 

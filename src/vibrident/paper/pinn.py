@@ -21,7 +21,7 @@ import numpy as np
 
 from vibrident.base.backend import jax, jnp
 from vibrident.fit.optimise import Progress, silent
-from vibrident.paper.dataset import Dataset, reference_of
+from vibrident.paper.dataset import Dataset, reference_signal
 from vibrident.paper.training import Schedule, TrainedSensor, train
 from vibrident.paper.unrolled import start_of_training
 from vibrident.physics.models import SensorModel
@@ -70,7 +70,7 @@ def fit_pinn(
     first = (records[0].samples - span) // 2
     window = slice(first, first + span)
     excitation = (
-        np.stack([reference_of(r)[window] for r in records], axis=1) / dataset.reference.unit
+        np.stack([reference_signal(r)[window] for r in records], axis=1) / dataset.reference.unit
     )
     response = np.stack([r.response[window] for r in records], axis=1) / dataset.response.unit
     points = CollocationPoints(np.arange(span) / span, excitation, response)

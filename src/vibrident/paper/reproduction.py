@@ -1,4 +1,4 @@
-"""Reproduction of everything that the paper shows, run from end to end."""
+"""Reproduce everything that the paper shows, from end to end."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ KINDS: tuple[Kind, ...] = ("gru", "lstm")
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """Numbers of a run.
+    """The numbers of a run.
 
     Attributes:
         settings: what was run.
@@ -57,15 +57,15 @@ class Reproduction:
     @property
     def sections(self) -> tuple[PaperSection, ...]:
         """Return all sections that were run, section 4 first."""
-        every = (self.simulation, self.full_range, self.interferometer, self.seismometer)
-        return tuple(section for section in every if section is not None)
+        sections = (self.simulation, self.full_range, self.interferometer, self.seismometer)
+        return tuple(section for section in sections if section is not None)
 
     def document(self) -> dict[str, Any]:
         """Return all numbers as plain values; times and versions stand apart, under ``run``."""
         return {
             "seed": self.settings.seed,
             "trial": self.settings.trial,
-            "sections": [_section(section) for section in self.sections],
+            "sections": [_section_document(section) for section in self.sections],
             "rates": [asdict(p) for p in self.rates],
             "noise": [
                 {
@@ -105,14 +105,14 @@ def reproduce(settings: ReproductionSettings, stages: Stages = silently) -> Repr
         measured = None if settings.data is None else seismometer(settings.data, seed=settings.seed)
     experiments = [laser] if measured is None else [laser, measured]
     judges = [
-        first,
-        *(Judge(e.recorded, e.published, settings.schedule, settings.seed) for e in experiments),
+        Judge(data.recorded, data.published, settings.schedule, settings.seed)
+        for data in experiments
     ]
-    rows = _recurrent(judges, settings, stages)
-    section_4 = simulation(first, rows[0], stages)
+    first_rows, *rows = _train_recurrent([first, *judges], settings, stages)
+    section_4 = simulation(first, first_rows, stages)
     sections_5 = [
-        experiment(e, j, r, stages)
-        for e, j, r in zip(experiments, judges[1:], rows[1:], strict=True)
+        experiment(data, judge, results, stages)
+        for data, judge, results in zip(experiments, judges, rows, strict=True)
     ]
     full = full_range(settings, stages) if settings.full_range else None
     with stages("Error against sampling rate") as progress:
@@ -140,30 +140,29 @@ def reproduce(settings: ReproductionSettings, stages: Stages = silently) -> Repr
     )
 
 
-def _recurrent(
+def _train_recurrent(
     judges: Sequence[Judge], settings: ReproductionSettings, stages: Stages
 ) -> list[list[MethodResult]]:
     """Train GRU and LSTM for every set of data, in parallel if there are processes."""
     tasks = [(judge, kind) for judge in judges for kind in KINDS]
-    train = recurrent if settings.jobs == 1 else _recurrent_in_process
-    done: list[MethodResult] = []
+    train = recurrent if settings.jobs == 1 else _train_in_process
+    results: list[MethodResult] = []
     title = f"Training {len(tasks)} networks without physics (GRU, LSTM)"
     with stages(title) as progress, ThreadPoolExecutor(settings.jobs) as threads:
-        for row in threads.map(train, *zip(*tasks, strict=True)):
-            done.append(row)
-            progress(
-                len(done), len(tasks), float("nan") if row.metrics is None else row.metrics.mse
-            )
-    return [done[i : i + len(KINDS)] for i in range(0, len(done), len(KINDS))]
+        for result in threads.map(train, *zip(*tasks, strict=True)):
+            results.append(result)
+            mse = float("nan") if result.metrics is None else result.metrics.mse
+            progress(len(results), len(tasks), mse)
+    return [results[i : i + len(KINDS)] for i in range(0, len(results), len(KINDS))]
 
 
-def _recurrent_in_process(judge: Judge, kind: Kind) -> MethodResult:
+def _train_in_process(judge: Judge, kind: Kind) -> MethodResult:
     """Train a network without physics in another process."""
     with Process() as process:
         return process.call(recurrent, judge, kind)
 
 
-def _section(section: PaperSection) -> dict[str, Any]:
+def _section_document(section: PaperSection) -> dict[str, Any]:
     data = section.published
     return {
         "title": section.title,

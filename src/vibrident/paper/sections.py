@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.data.records import FloatArray
-from vibrident.paper import dataset as section_4
-from vibrident.paper import methods
+from vibrident.paper import dataset, methods
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.experiment import Experiment
@@ -65,7 +64,7 @@ class PaperSection:
 
 def simulated(settings: ReproductionSettings, *, full_range: bool = False) -> Judge:
     """Judge of the data of section 4."""
-    data = section_4.section_4(
+    data = dataset.simulate_section_4(
         seed=settings.seed,
         rate_hz=settings.rate_hz,
         samples=settings.samples,

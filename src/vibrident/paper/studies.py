@@ -1,13 +1,7 @@
-"""Three studies that the paper lacks: errors against sampling rate and noise, learned residuals.
+"""Run three studies that the paper lacks: errors by sampling rate and noise, learned residuals.
 
-The study of noise has the errors' lower bound. The learned part beside the physics (the paper's
-discussion, II) is trained on sensors of known truth: with a second mode, with a hardening spring,
-and without any further effect.
-
-The bound is the Cramér–Rao bound of a simulated calibration: no unbiased estimator has a smaller
-variance. Fisher information Σ JᵀJ/σ², J from central differences of the exact response to the true
-motion, with the unknown initial state and offset of each record projected out. It is independent of
-the estimators and their uncertainties.
+The learned part beside the physics (the paper's discussion, II) is trained on sensors of known
+truth: with a second mode, with a hardening spring, and without any further effect.
 """
 
 from __future__ import annotations
@@ -18,27 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrident.base.errors import NotConverged
-from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.data.records import Calibration
 from vibrident.fit.descent.settle import Objective
 from vibrident.fit.estimators import Estimator, Ipnn, MaximumLikelihood
 from vibrident.fit.estimators.residual_network import ResidualIpnn
 from vibrident.fit.optimise import Progress, levenberg_marquardt, silent
 from vibrident.fit.problem import BinProblem, Coordinates
+from vibrident.paper.bound import Bound, cramer_rao
 from vibrident.paper.dataset import SENSOR, Dataset
 from vibrident.paper.estimators.lsm import LeastSquares
 from vibrident.paper.least_squares import from_sine_fits
-from vibrident.paper.metrics import CURVE_POINTS, curve_deviation, resonance_hz
+from vibrident.paper.metrics import curve_deviation, resonance_hz
 from vibrident.paper.unrolled import START
 from vibrident.physics.discretisation import method
-from vibrident.physics.models import SensorModel, parse
-from vibrident.physics.simulation import (
-    SENSORS,
-    Motion,
-    Sensor,
-    exact_response,
-    simulate,
-    with_noise,
-)
+from vibrident.physics.models import parse
+from vibrident.physics.simulation import SENSORS, simulate, with_noise
 from vibrident.use.identification import identify
 from vibrident.use.prediction import predict
 
@@ -224,39 +212,33 @@ def error_by_noise(
     truth = dataset.training_calibration
     motions = [dataset.motions[i] for i in dataset.training]
     bound = cramer_rao(SENSOR, truth.records, motions)
-    model = parse(SENSOR.model)
     points = []
     for number, level in enumerate(levels):
-        noisy = [
-            with_noise(
-                truth, response_noise=level, seed=np.random.SeedSequence([seed, number, draw])
-            )
-            for draw in range(draws)
-        ]
-        for name, parameters_of in NOISE_METHODS.items():
-            estimates = [parameters_of(calibration) for calibration in noisy]
-            errors = [relative_errors(values) for values in estimates]
-            curves = [
-                curve_deviation(model, values, SENSOR.parameters, BAND_HZ) for values in estimates
-            ]
-            rms = {
-                p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS
-            }
-            points.append(
-                NoisePoint(
-                    name,
-                    level,
-                    rms,
-                    float(np.mean([curve.mean for curve in curves])),
-                    float(np.mean([curve.largest for curve in curves])),
-                )
-            )
+        seeds = (np.random.SeedSequence([seed, number, draw]) for draw in range(draws))
+        noisy = [with_noise(truth, response_noise=level, seed=each) for each in seeds]
+        for name, estimate in NOISE_METHODS.items():
+            points.append(_noise_point(name, level, [estimate(draw) for draw in noisy]))
             progress(len(points), len(levels) * len(NOISE_METHODS), points[-1].mean_percent)
+    curve = bound.curve_percent(parse(SENSOR.model), dict(SENSOR.parameters), BAND_HZ)
     # A normal deviate's absolute value has the mean √(2/π) of its standard deviation.
-    mean = float(
-        np.sqrt(2.0 / np.pi) * np.mean(bound.curve_percent(model, dict(SENSOR.parameters), BAND_HZ))
+    bound_mean_percent = float(np.sqrt(2.0 / np.pi) * np.mean(curve))
+    return NoiseStudy(tuple(points), bound, bound_mean_percent, draws)
+
+
+def _noise_point(name: str, level: float, estimates: Sequence[Mapping[str, float]]) -> NoisePoint:
+    """Return the errors of a method's estimates, one a draw."""
+    model = parse(SENSOR.model)
+    errors = [relative_errors(estimate) for estimate in estimates]
+    curves = [
+        curve_deviation(model, estimate, SENSOR.parameters, BAND_HZ) for estimate in estimates
+    ]
+    return NoisePoint(
+        name,
+        level,
+        {p: float(np.sqrt(np.mean([error[p] ** 2 for error in errors]))) for p in PARAMETERS},
+        float(np.mean([curve.mean for curve in curves])),
+        float(np.mean([curve.largest for curve in curves])),
     )
-    return NoiseStudy(tuple(points), bound, mean, draws)
 
 
 RESIDUAL_RATE_HZ = 12800.0
@@ -324,87 +306,3 @@ def _learned_residual(name: str, seed: int) -> Residual:
         errors[1],
         max(abs(values[1][p] / values[0][p] - 1.0) for p in PARAMETERS),
     )
-
-
-#: Relative step of the differences.
-_RELATIVE_STEP = 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class Bound:
-    """Least covariance of the parameters, relative to their values, by white response noise.
-
-    Attributes:
-        names: of the parameters.
-        covariance: shape (parameters, parameters), relative, at noise of the response's own rms
-            (level 1).
-    """
-
-    names: tuple[str, ...]
-    covariance: FloatArray
-
-    def deviations(self, level: float) -> dict[str, float]:
-        """Return the least relative standard deviation of each parameter.
-
-        ``level``: noise over each record's rms.
-        """
-        return dict(
-            zip(self.names, (level * np.sqrt(np.diag(self.covariance))).tolist(), strict=True)
-        )
-
-    def curve_percent(
-        self, model: SensorModel, truth: dict[str, float], band_hz: tuple[float, float]
-    ) -> FloatArray:
-        """Return the least standard deviation of the curve's magnitude at level 1, %, (points,)."""
-        frequency = np.geomspace(*band_hz, CURVE_POINTS)
-
-        def size(name: str, factor: float) -> FloatArray:
-            return np.log(
-                np.abs(model.frequency_response({**truth, name: truth[name] * factor}, frequency))
-            )
-
-        slopes = [
-            (size(name, 1.0 + _RELATIVE_STEP) - size(name, 1.0 - _RELATIVE_STEP))
-            / (2.0 * _RELATIVE_STEP)
-            for name in self.names
-        ]
-        slope = np.stack(slopes, axis=1)
-        return 100.0 * np.sqrt(np.einsum("pi,ij,pj->p", slope, self.covariance, slope))
-
-
-def cramer_rao(sensor: Sensor, records: Sequence[Record], motions: Sequence[Motion]) -> Bound:
-    """Return the bound for records of an underdamped second-order sensor that start from rest."""
-    names = tuple(spec.name for spec in parse(sensor.model).parameters)
-    information = np.zeros((len(names), len(names)))
-    for record, motion in zip(records, motions, strict=True):
-        columns = np.stack([_slope(sensor, name, record, motion) for name in names], axis=1)
-        free = _nuisance_columns(sensor, record)
-        columns -= free @ (free.T @ columns)
-        information += columns.T @ columns / np.mean(np.square(record.response))
-    scale = np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    return Bound(names, covariance)
-
-
-def _slope(sensor: Sensor, name: str, record: Record, motion: Motion) -> FloatArray:
-    """Return the change of the response per relative change of a parameter, shape (samples,)."""
-    up, down = (
-        exact_response(
-            parse(sensor.model),
-            {**sensor.parameters, name: sensor.parameters[name] * factor},
-            motion,
-            sampling_rate_hz=record.sampling_rate_hz,
-            samples=record.samples,
-        )
-        for factor in (1.0 + _RELATIVE_STEP, 1.0 - _RELATIVE_STEP)
-    )
-    return (up - down) / (2.0 * _RELATIVE_STEP)
-
-
-def _nuisance_columns(sensor: Sensor, record: Record) -> FloatArray:
-    """Return orthonormal columns of the responses to initial state and offset, (samples, 3)."""
-    natural = 2.0 * np.pi * sensor.parameters["natural_frequency"]
-    damping = sensor.parameters["damping_ratio"]
-    pole = natural * (-damping + 1j * np.sqrt(1.0 - damping**2))
-    free = np.exp(pole * record.time_s)
-    return np.linalg.qr(np.stack([free.real, free.imag, np.ones(record.samples)], axis=1))[0]

@@ -1,7 +1,4 @@
-"""Tables 1 to 5 of the paper with this package's figures beside its own, and further tables.
-
-Numbers become text here.
-"""
+"""Build tables 1 to 5 of the paper, with this package's figures beside its own, and more tables."""
 
 from __future__ import annotations
 
@@ -58,59 +55,35 @@ def _table(
 
 def all_tables(run: Reproduction) -> list[Table]:
     """Return every table of the run, in the order of the page."""
-    tables = [
-        the_run(run),
-        weights(run),
-        sensor(),
-        hyper_parameters(run),
-        prediction(
-            "table4",
-            "Table 4. Prediction of the response, simulation",
-            run.simulation,
-            published.TABLE_4,
-        ),
-        identified("table4-sensor", "Identified sensor and curve, simulation", run.simulation),
-        prediction(
-            "table5",
-            "Table 5. Prediction, simulated interferometer",
-            run.interferometer,
-            published.TABLE_5,
-        ),
-        identified(
-            "table5-sensor",
-            "Identified sensor and curve, simulated interferometer",
-            run.interferometer,
-        ),
+    table_4 = "Table 4. Prediction of the response, simulation"
+    table_5 = "Table 5. Prediction, simulated interferometer"
+    measured = "Table 5. Prediction, measured seismometer"
+    wide = "Simulation from 0.1 to 1000 Hz, 41 records"
+    sections: list[tuple[str, str, str, PaperSection | None, dict[str, Metrics]]] = [
+        ("table4", table_4, "simulation", run.simulation, published.TABLE_4),
+        ("table5", table_5, "simulated interferometer", run.interferometer, published.TABLE_5),
+        ("table5-measured", measured, "measured seismometer", run.seismometer, published.TABLE_5),
+        ("full-range", wide, "0.1 to 1000 Hz", run.full_range, {}),
     ]
-    if run.seismometer is not None:
-        title = "measured seismometer"
-        tables += [
-            prediction(
-                "table5-measured",
-                f"Table 5. Prediction, {title}",
-                run.seismometer,
-                published.TABLE_5,
-            ),
-            identified(
-                "table5-measured-sensor", f"Identified sensor and curve, {title}", run.seismometer
-            ),
-        ]
-    if run.full_range is not None:
-        tables += [
-            prediction(
-                "full-range", "Simulation from 0.1 to 1000 Hz, 41 records", run.full_range, {}
-            ),
-            identified(
-                "full-range-sensor", "Identified sensor and curve, 0.1 to 1000 Hz", run.full_range
-            ),
-        ]
-    tables += [rates(run), noise(run)]
+    tables = [
+        run_table(run),
+        weights_table(run),
+        sensor_table(),
+        hyper_parameter_table(run),
+    ]
+    for name, title, data, section, printed in sections:
+        if section is not None:
+            tables += [
+                prediction_table(name, title, section, printed),
+                identified_table(f"{name}-sensor", f"Identified sensor and curve, {data}", section),
+            ]
+    tables += [rate_table(run), noise_table(run)]
     if run.residuals:
-        tables.append(residual(run.residuals))
-    return [*tables, *verdicts(run)]
+        tables.append(residual_table(run.residuals))
+    return [*tables, *claim_tables(run)]
 
 
-def the_run(run: Reproduction) -> Table:
+def run_table(run: Reproduction) -> Table:
     """Return what was run."""
     s = run.settings
     data = run.simulation.published
@@ -143,7 +116,7 @@ def the_run(run: Reproduction) -> Table:
     return _table("run", "The run", ("", ""), rows, trial)
 
 
-def weights(run: Reproduction) -> Table:
+def weights_table(run: Reproduction) -> Table:
     """Return Table 1 with numbers: weights of Table 2's sensor, in the paper's states V and V̇."""
     interval = 1.0 / run.settings.rate_hz
     system = realise(parse(SENSOR.model).rational(SENSOR.parameters))
@@ -187,7 +160,7 @@ def _matrix(value: object) -> str:
     return "[" + "; ".join(", ".join(f"{x:.5g}" for x in row) for row in array) + "]"
 
 
-def sensor() -> Table:
+def sensor_table() -> Table:
     """Return Table 2, checked against equation (3)."""
     natural = 2.0 * np.pi * SENSOR.parameters["natural_frequency"]
     resonance = 2.0 * np.pi * published.RESONANCE_HZ
@@ -209,7 +182,7 @@ def sensor() -> Table:
     return _table("table2", "Table 2. The sensor", ("", "paper", "computed", "by"), rows)
 
 
-def hyper_parameters(run: Reproduction) -> Table:
+def hyper_parameter_table(run: Reproduction) -> Table:
     """Return Table 3 beside the values used here."""
     rule = run.settings.schedule
     ours = {
@@ -229,11 +202,14 @@ def hyper_parameters(run: Reproduction) -> Table:
     return _table("table3", "Table 3. Hyper-parameters", head, rows, note)
 
 
-def prediction(name: str, title: str, section: PaperSection, printed: dict[str, Metrics]) -> Table:
+def prediction_table(
+    name: str, title: str, section: PaperSection, printed: dict[str, Metrics]
+) -> Table:
     """Return Table 4 or 5: metrics of the test records, number of weights, epochs and time."""
-    rows = []
-    for label, row in printed.items():
-        rows.append((f"{label}, paper", *(f"{value:g}" for value in astuple(row)), "", "", ""))
+    rows = [
+        (f"{label}, paper", *(f"{value:g}" for value in astuple(metrics)), "", "", "")
+        for label, metrics in printed.items()
+    ]
     least = section.row(methods.EXACT).seconds
     for row in section.rows:
         epochs = "" if row.epochs is None else f"{row.epochs}{'' if row.converged else ' (limit)'}"
@@ -256,7 +232,7 @@ def prediction(name: str, title: str, section: PaperSection, printed: dict[str, 
     return _table(name, title, head, rows, note, len(printed))
 
 
-def identified(name: str, title: str, section: PaperSection) -> Table:
+def identified_table(name: str, title: str, section: PaperSection) -> Table:
     """Return the parameters of every method that has them, and the deviation of its curve."""
     rows = []
     for row in section.rows:
@@ -310,7 +286,7 @@ def _percent(value: float) -> str:
     return f"{value:+.3g}"
 
 
-def rates(run: Reproduction) -> Table:
+def rate_table(run: Reproduction) -> Table:
     """Return the curve deviation, and Euler's parameter errors, against sampling rate."""
     rows = []
     for rate in sorted({p.rate_hz for p in run.rates}):
@@ -339,7 +315,7 @@ def rates(run: Reproduction) -> Table:
     return _table("rates", "Error against sampling rate", head, rows, note)
 
 
-def noise(run: Reproduction) -> Table:
+def noise_table(run: Reproduction) -> Table:
     """Return the RMS errors over the bound."""
     study = run.noise
     rows = []
@@ -366,7 +342,7 @@ def noise(run: Reproduction) -> Table:
     return _table("noise", "Error against noise", head, rows, note)
 
 
-def residual(residuals: Sequence[Residual]) -> Table:
+def residual_table(residuals: Sequence[Residual]) -> Table:
     """Return the learned residual beside the physics."""
     rows = []
     for r in residuals:
@@ -398,15 +374,15 @@ def residual(residuals: Sequence[Residual]) -> Table:
     return _table("residual", "A learned residual beside the physics", head, rows, note)
 
 
-def verdicts(run: Reproduction) -> list[Table]:
+def claim_tables(run: Reproduction) -> list[Table]:
     """Return the paper's claims and this package's own."""
     tables = []
-    for name, title, claims_of_kind in (
-        ("claims", "The paper's claims", claims.of_the_paper(run)),
-        ("own", "Our own", claims.of_this_package(run)),
+    for name, title, verdict, checked in (
+        ("claims", "The paper's claims", "reproduced", claims.check_paper_claims(run)),
+        ("own", "Our own", "met", claims.check_own_targets(run)),
     ):
-        rows = tuple((c.claim, c.figures, c.verdict, c.reason) for c in claims_of_kind)
-        heads = ("claim", "here", "reproduced" if name == "claims" else "met", "why")
-        doubtful = tuple(i for i, c in enumerate(claims_of_kind) if not c.is_met)
-        tables.append(replace(_table(name, title, heads, rows), doubtful=doubtful))
+        rows = tuple((c.claim, c.figures, c.verdict, c.reason) for c in checked)
+        doubtful = tuple(i for i, c in enumerate(checked) if not c.is_met)
+        table = _table(name, title, ("claim", "here", verdict, "why"), rows)
+        tables.append(replace(table, doubtful=doubtful))
     return tables

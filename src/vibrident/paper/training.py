@@ -1,7 +1,7 @@
-"""Training in mini-batches by Adam (Kingma & Ba 2015), with a stated early-stopping rule.
+"""Train networks in mini-batches by Adam (Kingma & Ba 2015), with a stated early-stopping rule.
 
-After every epoch the loss on held-back windows is evaluated. Training ends when the best of them
-has not fallen by ``least_gain`` of itself for ``patience`` epochs, and the weights of the best
+After every epoch the loss on held-back windows is evaluated. Training ends when the least of these
+losses has not fallen by ``least_gain`` of itself for ``patience`` epochs; the weights of the best
 epoch are kept.
 """
 
@@ -87,62 +87,72 @@ def train(
     few: bool = False,
     progress: Progress = silent,
 ) -> TrainingOutcome:
-    """Train the inexact arrays of ``model``, any pytree, on windows.
+    """Train the inexact arrays of a model on windows.
 
-    ``windows``: a pytree of arrays with a common leading axis; ``loss``: (model, batch) → mean
-    squared error, a batch being ``windows`` with the leading axis cut down; ``held_back``: windows
-    that are never trained on; ``rng``: of the shuffling; ``few``: the model is one array of few
-    numbers, for which forward derivatives are cheaper than reverse ones; ``progress``: called after
-    each epoch.
+    Args:
+        model: any pytree.
+        loss: (model, batch) → mean squared error; a batch is ``windows`` with a shorter leading
+            axis.
+        windows: a pytree of arrays with a common leading axis.
+        held_back: windows that are never trained on.
+        schedule: duration and rates.
+        rng: of the shuffling.
+        few: whether the model is one array of few numbers, for which forward derivatives are
+            cheaper than reverse ones.
+        progress: called after each epoch.
     """
-    moving, fixed = eqx.partition(model, eqx.is_inexact_array)
+    weights, fixed = eqx.partition(model, eqx.is_inexact_array)
     optimiser = optax.adam(schedule.learning_rate)
     windows, held_back = jax.device_put((windows, held_back))
     count = jax.tree.leaves(windows)[0].shape[0]
     batch = min(schedule.batch, count)
 
-    def cost(moving: Any, batch: Any) -> Any:
-        return loss(eqx.combine(moving, fixed), batch)
+    def cost(weights: Any, batch: Any) -> Any:
+        return loss(eqx.combine(weights, fixed), batch)
 
-    value_and_slope = _forwards(cost) if few else jax.value_and_grad(cost)
+    value_and_gradient = _forward_gradient(cost) if few else jax.value_and_grad(cost)
 
     @jax.jit
-    def epoch(moving: Any, state: Any, windows: Any, order: Any) -> tuple[Any, Any, Any]:
-        def step(carry: Any, batch: Any) -> tuple[Any, Any]:
-            moving, state = carry
-            value, slope = value_and_slope(moving, jax.tree.map(lambda a: a[batch], windows))
-            change, state = optimiser.update(slope, state, moving)
-            return (optax.apply_updates(moving, change), state), value
+    def run_epoch(weights: Any, state: Any, windows: Any, order: Any) -> tuple[Any, Any, Any]:
+        def step(carry: Any, indices: Any) -> tuple[Any, Any]:
+            weights, state = carry
+            batch = jax.tree.map(lambda array: array[indices], windows)
+            value, gradient = value_and_gradient(weights, batch)
+            update, state = optimiser.update(gradient, state, weights)
+            return (optax.apply_updates(weights, update), state), value
 
-        (moving, state), values = lax.scan(step, (moving, state), order)
-        return moving, state, jnp.mean(values)
+        (weights, state), values = lax.scan(step, (weights, state), order)
+        return weights, state, jnp.mean(values)
 
-    judge = jax.jit(cost)
-    state = optimiser.init(moving)
-    best = moving
-    least = float(judge(moving, held_back))
+    held_back_cost = jax.jit(cost)
+    state = optimiser.init(weights)
+    best = weights
+    least = float(held_back_cost(weights, held_back))
     training = []
-    waited = 0
+    epochs_without_gain = 0
     converged = False
-    for number in range(1, schedule.most_epochs + 1):
+    for epoch in range(1, schedule.most_epochs + 1):
         order = rng.permutation(count)[: count // batch * batch].reshape(-1, batch)
-        moving, state, value = epoch(moving, state, windows, order)
+        weights, state, value = run_epoch(weights, state, windows, order)
         training.append(float(value))
-        judged = float(judge(moving, held_back))
-        waited = 0 if judged < (1.0 - schedule.least_gain) * least else waited + 1
-        if waited == 0:
-            best = moving
-            least = judged
-        progress(number, schedule.most_epochs, judged)
-        if waited >= schedule.patience:
+        current = float(held_back_cost(weights, held_back))
+        epochs_without_gain += 1
+        if current < (1.0 - schedule.least_gain) * least:
+            best = weights
+            least = current
+            epochs_without_gain = 0
+        progress(epoch, schedule.most_epochs, current)
+        if epochs_without_gain >= schedule.patience:
             converged = True
             break
     return TrainingOutcome(eqx.combine(best, fixed), tuple(training), converged)
 
 
-def _forwards(cost: Loss) -> Callable[[Any, Any], tuple[Any, Any]]:
-    def value_and_slope(moving: Any, batch: Any) -> tuple[Any, Any]:
-        slope, value = jax.jacfwd(lambda z: (cost(z, batch),) * 2, has_aux=True)(moving)
-        return value, slope
+def _forward_gradient(cost: Loss) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """Return a function to the value and the gradient of a cost, by forward derivatives."""
 
-    return value_and_slope
+    def value_and_gradient(weights: Any, batch: Any) -> tuple[Any, Any]:
+        gradient, value = jax.jacfwd(lambda z: (cost(z, batch),) * 2, has_aux=True)(weights)
+        return value, gradient
+
+    return value_and_gradient

@@ -121,7 +121,7 @@ def linear(
     return _even(label, low, high, most, whole_numbers=whole_numbers)
 
 
-def of_dates(label: str, dates: Sequence[datetime.date]) -> Axis:
+def dates(label: str, dates: Sequence[datetime.date]) -> Axis:
     """Build a date axis; values are proleptic ordinals."""
     days = [date.toordinal() for date in dates]
     room = 0.06 * (max(days) - min(days)) or 30.0

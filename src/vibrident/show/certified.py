@@ -20,7 +20,7 @@ from vibrident.result import Correlation, Curve, Result
 from vibrident.show.coverage import unstated
 from vibrident.show.curves import column
 from vibrident.show.formulas import Words
-from vibrident.show.language import ENGLISH, Say
+from vibrident.show.language import ENGLISH, Translator
 
 SOURCE = "U of the measured values"
 RAISED = "raised_to_measured"
@@ -60,11 +60,11 @@ def raised_to_measured(result: Result) -> Result:
     return replace(raised_result, settings=settings)
 
 
-def describe_raised(result: Result, say: Say = ENGLISH) -> tuple[Words, ...]:
+def describe_raised(result: Result, translate: Translator = ENGLISH) -> tuple[Words, ...]:
     """Return which U of a result are raised: to the laboratory's capability, to the measured."""
     settings = result.settings
     entries = ("cmc", settings.get("cmc")), ("raised", settings.get(RAISED))
-    return tuple(say("text", key) for key, applies in entries if applies)
+    return tuple(translate("text", key) for key, applies in entries if applies)
 
 
 def states_phase(result: Result) -> bool:

@@ -35,8 +35,7 @@ from vibrident.use.comparison import (
     stated_sources,
 )
 
-# results in one table, including the first; more results need further tables
-MAX_RESULTS_PER_TABLE = 5
+MAX_RESULTS_PER_TABLE = 5  # the first result among them; more results need further tables
 _MIN_FIXED_POINT = 1e-7  # differences smaller than this carry a power of ten
 EN = Words(
     "E_n = (value − first)/√(U² + U_first² − 2 k² cov) with the expanded uncertainties U, k = 2: "
@@ -73,7 +72,7 @@ class ComparedQuantity:
     relative: bool = True
 
 
-def of_parameter(result: Result, name: str) -> Value:
+def parameter_value(result: Result, name: str) -> Value:
     """Return the value of a parameter, with what of its u another result may share."""
     parameter = result.parameters[name]
     shared = shared_sources(result, parameter=name)
@@ -89,27 +88,25 @@ def at_point(result: Result, point: SensitivityPoint) -> Value:
 def quantities(results: Sequence[Result]) -> list[ComparedQuantity]:
     """Return the sensitivity at the reference frequency, then parameters of two results or more."""
     compared = []
-    same = len({sensitivity_kind(result) for result in results}) == 1
-    points = [reference_point(result)[0] if same else None for result in results]
-    at_one = _points_at_first_frequency(points)
-    if sum(point is not None for point in at_one) > 1:
-        name = next(point.nominal for point in at_one if point is not None)
-        compared.append(_magnitudes(f"|S| at {name} Hz", at_one, results))
-    names = dict.fromkeys(key for result in results for key in result.parameters)
-    for key in names:
-        having = [result.parameters.get(key) for result in results]
-        unit = next(parameter.unit for parameter in having if parameter is not None)
-        values = [
-            of_parameter(result, key) if p is not None and p.unit == unit else None
-            for result, p in zip(results, having, strict=True)
-        ]
-        sizes = [abs(value.value) for value in values if value is not None and value.value]
-        if sum(value is not None for value in values) > 1:
-            scale = _scale(results[0], unit, sizes)
-            relative = getattr(described(key), "kind", "") != "time"
-            compared.append(
-                ComparedQuantity(parameter_name(key).words, scale, tuple(values), relative)
-            )
+    is_one_kind = len({sensitivity_kind(result) for result in results}) == 1
+    points = [reference_point(result)[0] if is_one_kind else None for result in results]
+    points = _points_at_first_frequency(points)
+    nominals = [point.nominal for point in points if point is not None]
+    if len(nominals) > 1:
+        compared.append(_magnitudes(f"|S| at {nominals[0]} Hz", points, results))
+    for key in dict.fromkeys(key for result in results for key in result.parameters):
+        parameters = [result.parameters.get(key) for result in results]
+        unit = next(parameter.unit for parameter in parameters if parameter is not None)
+        values = tuple(
+            parameter_value(result, key) if p is not None and p.unit == unit else None
+            for result, p in zip(results, parameters, strict=True)
+        )
+        stated = [value for value in values if value is not None]
+        if len(stated) > 1:
+            scale = _scale(results[0], unit, [abs(v.value) for v in stated if v.value])
+            is_relative = getattr(described(key), "kind", "") != "time"
+            label = parameter_name(key).words
+            compared.append(ComparedQuantity(label, scale, values, is_relative))
     return compared
 
 
@@ -141,20 +138,22 @@ def comparison_tables(
 
     ``results``: at least two; differences are from the first; ``names``: what to call each.
     """
-    titled_tables = []
     reasons = [not_comparable(results[0], result) for result in results]
-    chunks = [(chunk, [names[i] for i in chunk]) for chunk in _chunks(len(results))]
-    suffixes = ["" if len(chunks) == 1 else f" ({', '.join(called)})" for _, called in chunks]
-    for (chunk, called), suffix in zip(chunks, suffixes, strict=True):
-        titled_tables.append(
-            (f"What is compared{suffix}", _subjects_table([results[i] for i in chunk], called))
-        )
     rows = quantities(results)
-    for (chunk, called), suffix in zip(chunks if rows else [], suffixes, strict=False):
-        body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
-        heads = (*columns("quantity", "unit", ""), *columns(*called, kind="number"))
-        notes = tuple(filter(None, (EN, assumption(assumed(rows)))))
-        titled_tables.append((f"Parameters{suffix}", Table(heads, body, notes=notes)))
+    notes = tuple(filter(None, (EN, assumption(assumed(rows)))))
+    subject_tables = []
+    parameter_tables = []
+    chunks = _chunks(len(results))
+    for chunk in chunks:
+        chunk_names = [names[i] for i in chunk]
+        suffix = "" if len(chunks) == 1 else f" ({', '.join(chunk_names)})"
+        subjects = _subjects_table([results[i] for i in chunk], chunk_names)
+        subject_tables.append((f"What is compared{suffix}", subjects))
+        if rows:
+            body = tuple(line for row in rows for line in _lines(row, chunk, reasons))
+            heads = (*columns("quantity", "unit", ""), *columns(*chunk_names, kind="number"))
+            parameter_tables.append((f"Parameters{suffix}", Table(heads, body, notes=notes)))
+    titled_tables = [*subject_tables, *parameter_tables]
     for result, name, reason in list(zip(results, names, reasons, strict=True))[1:]:
         table = _compare_at_nominal(results[0], result, (names[0], name), reason)
         if table is not None:
@@ -208,33 +207,31 @@ def _compare_at_nominal(
     second_points = {point.nominal: point for point in nominal_points(second)}
     rows = []
     for point in nominal_points(first):
-        pair_of_points = _points_at_first_frequency([point, second_points.get(point.nominal)])
-        if pair_of_points[1] is None:
+        points = _points_at_first_frequency([point, second_points.get(point.nominal)])
+        if points[1] is None:
             continue
-        magnitudes = _magnitudes("", pair_of_points, (first, second))
-        row = [
-            point.nominal,
-            *(text for value in magnitudes.values for text in printed_value(value, scale.factor)),
-        ]
-        row += _difference_cells(magnitudes, reason)
+        magnitudes = _magnitudes("", points, (first, second))
         phases = ComparedQuantity(
-            "", UnitScale(1.0, "°"), tuple(_phase(p, point) for p in pair_of_points), relative=False
+            "", UnitScale(1.0, "°"), tuple(_phase(p, point) for p in points), relative=False
         )
-        rows.append((*row, *_difference_cells(phases, reason)))
+        rows.append(
+            (
+                point.nominal,
+                *(text for value in magnitudes.values for text in value_texts(value, scale.factor)),
+                *_difference_cells(magnitudes, reason),
+                *_difference_cells(phases, reason),
+            )
+        )
     if not rows:
         return None
-    pairs = [
-        (Column(f"{name}: |S|", "number", scale.unit), Column("U", "number")) for name in names
-    ]
-    heads = (Column("nominal", "number", "Hz"), *pairs[0], *pairs[1])
+    heads = [Column("nominal", "number", "Hz")]
+    for name in names:
+        heads += [Column(f"{name}: |S|", "number", scale.unit), Column("U", "number")]
     heads += columns("difference", Words("E_n"), kind="number")
-    heads += (Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number"))
-    table = Table(heads, tuple(rows), notes=("Values are those of each identified model.",))
-    return (
-        table
-        if any(row[-2] != NONE for row in rows)
-        else table.select(tuple(range(len(heads) - 2)))
-    )
+    heads += [Column("phase difference", "number", "°"), Column(Words("E_n of phase"), "number")]
+    table = Table(tuple(heads), tuple(rows), notes=("Values are those of each identified model.",))
+    has_phases = any(row[-2] != NONE for row in rows)
+    return table if has_phases else table.select(tuple(range(len(heads) - 2)))
 
 
 def _phase(point: SensitivityPoint | None, near: SensitivityPoint) -> Value | None:
@@ -268,30 +265,24 @@ def _points_at_first_frequency(
 def _lines(
     row: ComparedQuantity, chunk: Sequence[int], reasons: Sequence[str]
 ) -> list[tuple[str, ...]]:
-    values = [row.values[i] for i in chunk]
-    printed = [printed_value(value, row.scale.factor) for value in values]
+    """Return the lines of a quantity: values with U, differences from the first, and E_n."""
+    first, *later_values = (row.values[i] for i in chunk)
+    texts = (value_texts(value, row.scale.factor) for value in (first, *later_values))
     unit = row.scale.printed
-    lines = [
-        (
-            row.label,
-            unit,
-            "value ± U",
-            *(text if u == NONE else f"{text} ± {u}" for text, u in printed),
+    values = (text if u == NONE else f"{text} ± {u}" for text, u in texts)
+    lines: list[tuple[str, ...]] = [(row.label, unit, "value ± U", *values)]
+    if first is not None:
+        differences = (difference(value, first, row) for value in later_values)
+        errors = (
+            reasons[i] or error(value, first)
+            for i, value in zip(chunk[1:], later_values, strict=True)
         )
-    ]
-    if values[0] is None:
-        return lines
-    first = values[0]
-    off = [difference(value, first, row) for value in values[1:]]
-    en = [reasons[i] or error(value, first) for i, value in zip(chunk[1:], values[1:], strict=True)]
-    return [
-        *lines,
-        ("", "" if row.relative else unit, "difference", "", *off),
-        ("", "", Words("E_n"), "", *en),
-    ]
+        lines.append(("", "" if row.relative else unit, "difference", "", *differences))
+        lines.append(("", "", Words("E_n"), "", *errors))
+    return lines
 
 
-def printed_value(value: Value | None, factor: float) -> tuple[str, str]:
+def value_texts(value: Value | None, factor: float) -> tuple[str, str]:
     """Return value and U as text, the value rounded to the last digit of U."""
     return (NONE, NONE) if value is None else with_u(value.value, value.u, factor)
 
@@ -300,14 +291,14 @@ def difference(value: Value | None, base: Value, row: ComparedQuantity) -> str:
     """Return the difference from the base, relative where the quantity allows it."""
     if value is None:
         return NONE
-    relative = bool(row.relative and base.value)
-    off = value.value - base.value
-    factor = 100.0 / base.value if relative else row.scale.factor
-    joint = _joint(value, base, abs(factor))
-    if relative and not joint:
-        return percent(off * factor)
-    text = with_sign(_fixed_point(rounded(off * factor, joint)[0]))
-    return f"{text} %" if relative else text
+    is_relative = bool(row.relative and base.value)
+    factor = 100.0 / base.value if is_relative else row.scale.factor
+    change = (value.value - base.value) * factor
+    expanded = _expanded_difference(value, base, abs(factor))
+    if is_relative and not expanded:
+        return percent(change)
+    text = with_sign(_fixed_point(rounded(change, expanded)[0]))
+    return f"{text} %" if is_relative else text
 
 
 def _fixed_point(text: str) -> str:
@@ -317,21 +308,24 @@ def _fixed_point(text: str) -> str:
     return f"{Decimal(text):f}"
 
 
-def _joint(value: Value, base: Value, factor: float) -> float | None:
+def _expanded_difference(value: Value, base: Value, factor: float) -> float | None:
+    """Return U of a difference times ``factor``; None where a u is not known."""
     if value.expanded is None or base.expanded is None:
         return None
-    both = K**2 * shared_covariance(value.shared, base.shared)
-    return max(value.expanded**2 + base.expanded**2 - 2 * both, 0.0) ** 0.5 * factor
+    covariance = K**2 * shared_covariance(value.shared, base.shared)
+    return max(value.expanded**2 + base.expanded**2 - 2 * covariance, 0.0) ** 0.5 * factor
 
 
 def error(value: Value | None, base: Value) -> str:
     """Return E_n as text; both ways where an assumed common source decides."""
     if value is None or value.expanded is None or base.expanded is None:
         return NONE
-    arguments = value.value, value.expanded, base.value, base.expanded
-    shared = value.shared, stated_sources(value.shared)
-    both = (normalized_error(*arguments, shared_covariance(value, base.shared)) for value in shared)
-    return both_ways(*both)
+    values = value.value, value.expanded, base.value, base.expanded
+    errors = (
+        normalized_error(*values, shared_covariance(sources, base.shared))
+        for sources in (value.shared, stated_sources(value.shared))
+    )
+    return both_ways(*errors)
 
 
 def both_ways(shared: float | None, identified: float | None) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.tails import f_tail
 from vibrident.result import Result
 from vibrident.show.formulas import Words
-from vibrident.show.language import ENGLISH, Say
+from vibrident.show.language import ENGLISH, Translator
 from vibrident.show.numbers import plain
 from vibrident.show.views import K, Sentence
 
@@ -26,7 +26,7 @@ class Coverage:
     degrees_of_freedom: float | None
     probability: float  # of the interval value ± U
 
-    def text(self, say: Say = ENGLISH) -> Words:
+    def text(self, translate: Translator = ENGLISH) -> Words:
         """Return coverage probability, factor and distribution in a sentence."""
         freedom = self.degrees_of_freedom
         kind = (
@@ -36,7 +36,9 @@ class Coverage:
             if math.isfinite(freedom)
             else "normal_infinite"
         )
-        return say("text", kind, percent=f"{100 * self.probability:.0f}", freedom=plain(freedom, 3))
+        return translate(
+            "text", kind, percent=f"{100 * self.probability:.0f}", freedom=plain(freedom, 3)
+        )
 
 
 def coverage(result: Result) -> Coverage:
@@ -99,23 +101,23 @@ def document_kind(result: Result) -> str:
     return "report" if "gain" in unstated(result) else "certificate"
 
 
-def not_certified(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
+def not_certified(result: Result, translate: Translator = ENGLISH) -> tuple[Sentence, ...]:
     """Return what the signed document says of quantities whose sources nobody stated."""
     lacking = unstated(result)
     if "gain" in lacking or not lacking:
-        return chain_unstated(result, say)
+        return chain_unstated(result, translate)
     if "phase" not in (result.certificate.get("quantities") or ("phase",)):
         return ()
-    return (Sentence("", "doubt", say("text", "phase_not_certified")),)
+    return (Sentence("", "doubt", translate("text", "phase_not_certified")),)
 
 
-def chain_unstated(result: Result, say: Say = ENGLISH) -> tuple[Sentence, ...]:
+def chain_unstated(result: Result, translate: Translator = ENGLISH) -> tuple[Sentence, ...]:
     """Return that U covers scatter only; nothing where gain and phase are stated."""
     lacking = unstated(result)
     if not lacking:
         return ()
-    lead = say("text", "scatter_of_phase" if lacking == ("phase",) else "scatter")
-    return (Sentence(say("text", "scatter_why"), "doubt", lead),)
+    lead = translate("text", "scatter_of_phase" if lacking == ("phase",) else "scatter")
+    return (Sentence(translate("text", "scatter_why"), "doubt", lead),)
 
 
 def scatter_only(result: Result) -> tuple[Sentence, ...]:

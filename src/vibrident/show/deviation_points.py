@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from vibrident.result import Result
 from vibrident.show import axes
 from vibrident.show.coverage import unstated
 from vibrident.show.curves import column
-from vibrident.show.language import ENGLISH, Say
+from vibrident.show.language import ENGLISH, Translator
 from vibrident.show.numbers import NONE, plain, rounded, unit_of_sensitivity, with_sign, with_u
 from vibrident.show.points import reference_value
 from vibrident.show.views import (
@@ -33,6 +33,8 @@ from vibrident.use.conformity import JudgedRequirement, judge_points
 
 TITLE = "Deviation from the value at the reference frequency"
 _DECIBEL = 20.0 / math.log(10.0)  # dB for a relative change of one, to first order
+#: Decision on a requirement, None without one → key of its word in certificates.
+VERDICT_KEYS = {None: "not_judged", True: "pass", False: "fail"}
 _PER_ACCELERATION = ("/(m/s^2)", "/(m/s²)")
 
 
@@ -44,97 +46,104 @@ class PointColumn:
     cell: Callable[[int], str]  # number of a point → its text
 
 
-def columns_of_points(result: Result, say: Say = ENGLISH) -> list[PointColumn]:
-    """Return the columns that set each measured point beside the reference value and its limits.
+def deviation_columns(result: Result, translate: Translator = ENGLISH) -> list[PointColumn]:
+    """Return the columns that compare each measured point with the reference value and its limits.
 
-    Without a reference value there is no deviation, without requirements no limits.
+    Deviations need a reference value, limits and decisions need requirements.
     """
-    columns = _per_g(result, say)
-    points = by_point(result)
+    columns = _per_gravity_columns(result, translate)
+    points = judged_points(result)
     if not points:
         return columns
-    columns += [
-        PointColumn(Column(say("head", "deviation"), "number", "%"), lambda i: _percent(points[i])),
-        PointColumn(
-            Column(say("head", "deviation"), "number", "dB"), lambda i: _decibel(points[i])
-        ),
-    ]
-    if any(map(_limited, points.values())):
-        words = {None: "not_judged", True: "pass", False: "fail"}
-
-        def decision(i: int) -> str:
-            return say("text", words[points[i].met]) if _limited(points[i]) else ""
-
+    for unit, text_of in (("%", _percent_text), ("dB", _decibel_text)):
+        columns.append(_judged_column(translate("head", "deviation"), unit, points, text_of))
+    if any(map(_has_limits, points.values())):
+        verdicts = {met: translate("text", key) for met, key in VERDICT_KEYS.items()}
         columns += [
-            PointColumn(Column(say("head", "limits"), "number", "%"), lambda i: _limits(points[i])),
-            PointColumn(Column(say("head", "decision")), decision),
+            _judged_column(translate("head", "limits"), "%", points, limits_text),
+            PointColumn(
+                Column(translate("head", "decision")),
+                lambda i: verdicts[points[i].met] if _has_limits(points[i]) else "",
+            ),
         ]
     return columns
 
 
-def by_point(result: Result) -> dict[int, JudgedRequirement]:
-    """Return what is said of each measured point by its number; nothing without a reference value.
+def _judged_column(
+    title: str,
+    unit: str,
+    points: Mapping[int, JudgedRequirement],
+    text_of: Callable[[JudgedRequirement], str],
+) -> PointColumn:
+    return PointColumn(Column(title, "number", unit), lambda i: text_of(points[i]))
 
-    A document that certifies nothing judges nothing.
+
+def judged_points(result: Result) -> dict[int, JudgedRequirement]:
+    """Return the deviation of each measured point, by its index, and the decision on it.
+
+    Empty without a reference value. A document that certifies nothing has no decisions.
     """
-    value = reference_value(result)
-    if value is None or not value.magnitude:
+    reference = reference_value(result)
+    if reference is None or not reference.magnitude:
         return {}
-    measured_pair = value.magnitude, value.magnitude_uncertainty
-    judging = "gain" not in unstated(result)
-    measured_indices = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
-    rows = judge_points(result, value.frequency_hz, measured_pair, limited=judging)
-    return dict(zip(measured_indices, rows, strict=True))
+    measured_pair = reference.magnitude, reference.magnitude_uncertainty
+    is_certified = "gain" not in unstated(result)
+    indices = np.flatnonzero(np.isfinite(result.measured.magnitude)).tolist()
+    rows = judge_points(result, reference.frequency_hz, measured_pair, limited=is_certified)
+    return dict(zip(indices, rows, strict=True))
 
 
-def _per_g(result: Result, say: Say) -> list[PointColumn]:
-    """Return the magnitude per standard gravity, of a sensitivity to acceleration."""
+def _per_gravity_columns(result: Result, translate: Translator) -> list[PointColumn]:
+    """Return the magnitude per standard gravity; nothing but for a sensitivity to acceleration."""
     unit = unit_of_sensitivity(result)
-    end = next((end for end in _PER_ACCELERATION if unit.endswith(end)), None)
-    sizes = result.measured.magnitude * STANDARD_GRAVITY
-    if end is None or not np.isfinite(sizes).any():
+    suffix = next((suffix for suffix in _PER_ACCELERATION if unit.endswith(suffix)), None)
+    magnitudes = result.measured.magnitude * STANDARD_GRAVITY
+    if suffix is None or not np.isfinite(magnitudes).any():
         return []
-    scale: UnitScale = scaled(unit.removesuffix(end) + "/g", float(np.nanmedian(np.abs(sizes))))
-    u = column(result.measured, "magnitude_uncertainty") * STANDARD_GRAVITY
+    typical = float(np.nanmedian(np.abs(magnitudes)))
+    scale: UnitScale = scaled(unit.removesuffix(suffix) + "/g", typical)
+    uncertainties = column(result.measured, "magnitude_uncertainty") * STANDARD_GRAVITY
 
-    def cell(i: int) -> str:
-        u_here = float(u[i]) if np.isfinite(u[i]) else None
-        return with_u(float(sizes[i]), u_here, scale.factor)[0]
+    def magnitude_text(i: int) -> str:
+        u = float(uncertainties[i]) if np.isfinite(uncertainties[i]) else None
+        return with_u(float(magnitudes[i]), u, scale.factor)[0]
 
-    return [PointColumn(Column(say("head", "magnitude"), "number", scale.unit), cell)]
-
-
-def _limited(row: JudgedRequirement) -> bool:
-    return math.isfinite(row.low) or math.isfinite(row.high)
+    head = Column(translate("head", "magnitude"), "number", scale.unit)
+    return [PointColumn(head, magnitude_text)]
 
 
-def _percent(row: JudgedRequirement) -> str:
-    return with_sign(rounded(row.value, None if row.u is None else K * row.u)[0])
+def _has_limits(judged: JudgedRequirement) -> bool:
+    return math.isfinite(judged.low) or math.isfinite(judged.high)
 
 
-def _decibel(row: JudgedRequirement) -> str:
-    ratio = 1.0 + row.value / 100.0
+def _percent_text(judged: JudgedRequirement) -> str:
+    return with_sign(rounded(judged.value, None if judged.u is None else K * judged.u)[0])
+
+
+def _decibel_text(judged: JudgedRequirement) -> str:
+    ratio = 1.0 + judged.value / 100.0
     if ratio <= 0.0:
         return NONE
-    u = None if row.u is None else K * _DECIBEL * row.u / 100.0 / ratio
+    u = None if judged.u is None else K * _DECIBEL * judged.u / 100.0 / ratio
     return with_sign(rounded(_DECIBEL * math.log(ratio), u)[0])
 
 
-def _limits(row: JudgedRequirement) -> str:
-    if not _limited(row):
+def limits_text(judged: JudgedRequirement, factor: float = 1.0) -> str:
+    """Return the limits of a requirement times ``factor``; empty without any."""
+    if not _has_limits(judged):
         return ""
-    low = plain(row.low)
-    high = plain(row.high)
-    if math.isinf(row.low):
+    low = plain(judged.low * factor)
+    high = plain(judged.high * factor)
+    if math.isinf(judged.low):
         return f"≤ {high}"
-    return (
-        f"≥ {low}" if math.isinf(row.high) else f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
-    )
+    if math.isinf(judged.high):
+        return f"≥ {low}"
+    return f"{low}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{high}"
 
 
-def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
+def from_reference(result: Result, translate: Translator = ENGLISH) -> Figure | None:
     """Return the picture of the deviation from the reference value; None for a single point."""
-    points = by_point(result)
+    points = judged_points(result)
     if len(points) < 2:
         return None
     order = sorted(points, key=lambda i: float(result.measured.frequency_hz[i]))
@@ -142,20 +151,20 @@ def from_reference(result: Result, say: Say = ENGLISH) -> Figure | None:
     x = result.measured.frequency_hz[order]
     y = np.array([row.value for row in rows])
     half = np.array([math.nan if row.u is None else K * row.u for row in rows])
-    crowd = len(rows) > MAX_POINTS_WITH_BARS or not np.isfinite(half).any()
-    series = [Series(x, y, "", MEASURED, "points", None if crowd else half)]
-    ends = [np.array([getattr(row, end) for row in rows]) for end in ("low", "high")]
-    for end in ends:
-        limit = np.where(np.isfinite(end), end, np.nan)
-        if np.isfinite(limit).any():
-            series.append(Series(x, limit, "", Look(GREY, "dashed", 1.1)))
-    values_shown = [y, *(line.y for line in series[1:])]
-    if not crowd:
+    is_crowded = len(rows) > MAX_POINTS_WITH_BARS or not np.isfinite(half).any()
+    series = [Series(x, y, "", MEASURED, "points", None if is_crowded else half)]
+    for name in ("low", "high"):
+        limits = np.array([getattr(row, name) for row in rows])
+        limits[~np.isfinite(limits)] = np.nan
+        if np.isfinite(limits).any():
+            series.append(Series(x, limits, "", Look(GREY, "dashed", 1.1)))
+    values_shown = [line.y for line in series]
+    if not is_crowded:
         values_shown += [y - half, y + half]
     label = f"Δ|S| / |S({plain(reference_hz(result), 5)} Hz)| / %"
     y_axis = axes.linear(label, np.concatenate(values_shown))
     panel = Panel(axes.frequency(x, "f / Hz"), y_axis, tuple(series), 1.9, rules=(0.0,))
-    caption = say("text", "caption_deviation")
+    caption = translate("text", "caption_deviation")
     return Figure("from-reference", TITLE, (Stack((panel,)),), "", caption)
 
 

@@ -1,4 +1,4 @@
-"""The report of one result, and of several beside each other, as documents with their sections."""
+"""Build the report of one result and the comparison of several, as documents with sections."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from vibrident.show.views import (
     Section,
     Sentence,
     Table,
+    capitalised,
     columns,
     count,
     document,
@@ -42,13 +43,13 @@ from vibrident.show.views import (
     section,
 )
 
-# settings with a section of their own
+#: Settings that have a section of their own.
 _SETTINGS_WITH_SECTION = ("interferometer", "temperature", "repeats", "regimes", RAISED)
 MAX_LISTED_FILES = 100  # data files listed in a report; the result lists them all
 
 
-def report(result: Result, more: Sequence[Section] = ()) -> Document:
-    """Return the report of one result, with more sections before its settings."""
+def report(result: Result, extra_sections: Sequence[Section] = ()) -> Document:
+    """Return the report of one result, with extra sections before its settings."""
     name = sensor_name(result.sensor)
     result = raised_to_measured(result)
     other_settings = {
@@ -84,7 +85,7 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
             "Statements of the laboratory",
             *(_certificate(result) if result.certificate else ()),
         ),
-        *more,
+        *extra_sections,
         section("settings", "Settings", *tables.values(other_settings)),
         section("provenance", "Provenance", *_provenance(result)),
     ]
@@ -93,17 +94,18 @@ def report(result: Result, more: Sequence[Section] = ()) -> Document:
 
 def comparison(results: Sequence[Result], names: Sequence[str]) -> Document:
     """Return the comparison of several results, with the drift of each recalibrated sensor."""
-    sections = []
-    for number, history in enumerate(histories(results, names), 1):
-        drift_figure = drift(history, f"drift{number}")
-        sections.append(
-            section(
-                f"drift{number}", f"Drift of {history.sensor}", drift_figure, drift_table(history)
-            )
+    sections = [
+        section(
+            f"drift{number}",
+            f"Drift of {history.sensor}",
+            drift(history, f"drift{number}"),
+            drift_table(history),
         )
+        for number, history in enumerate(histories(results, names), 1)
+    ]
     for number, (title, table) in enumerate(comparison_tables(results, names), 1):
-        folded = title.startswith("Sensitivity of ")
-        body: Block = Folded("Table at nominal frequencies", (table,)) if folded else table
+        is_folded = title.startswith("Sensitivity of ")
+        body = _folded("Table at nominal frequencies", table) if is_folded else table
         sections.append(section(f"table{number}", title, body))
         if number == 1:
             sections.append(section("curves", "Sensitivity", comparison_figure(results, names)))
@@ -117,51 +119,41 @@ def head(result: Result) -> tuple[Block, ...]:
 
 def verdict(result: Result) -> Sentence:
     """Return whether the model describes the data, and the number of warnings."""
-    fine = result.fit.adequate and not result.warnings
     sentence = (
         "The model is adequate for these data"
         if result.fit.adequate
         else "The model does not describe the data"
     )
-    doubts = (
-        f"{count(len(result.warnings), 'warning')}, explained below"
-        if result.warnings
-        else "no warnings"
-    )
-    return Sentence(f"{doubts}.", "fine" if fine else "doubt", f"{sentence};")
+    doubts = "no warnings"
+    if result.warnings:
+        doubts = f"{count(len(result.warnings), 'warning')}, explained below"
+    is_fine = result.fit.adequate and not result.warnings
+    return Sentence(f"{doubts}.", "fine" if is_fine else "doubt", f"{sentence};")
 
 
 def cards(result: Result) -> Cards:
     """Return the sensitivity at the reference frequency, and the estimated parameters."""
-    pairs = []
-    (_, reference_text), *values = (
-        certificate_tables.reference(result).rows if result.has_gain else (("", None),)
-    )
-    if reference_text:
-        frequency = reference_text.split(";")[0]
-        pairs += [(f"{label} at {frequency}", text or NONE) for label, text in values]
+    labelled = []
+    if result.has_gain:
+        (_, reference_text), *values = certificate_tables.reference(result).rows
+        if reference_text:
+            frequency = reference_text.split(";")[0]
+            labelled += [_card(f"{label} at {frequency}", text or NONE) for label, text in values]
     k = parameter_factor(result)
     for name, parameter in result.parameters.items():
-        if not parameter.derived:
-            number = rounded_parameter(parameter, k, parameter_scale(result, parameter))
-            value = f"{number.value} {number.unit}".strip()
-            bar = (
-                "" if number.expanded == NONE else f", U = {number.expanded} {number.unit}".rstrip()
-            )
-            pairs.append(
-                (
-                    parameter_name(name).words,
-                    f"{value}{bar}{f' (k = {plain(k, 3)})' if bar else ''}",
-                )
-            )
-    return Cards(tuple(_card(label, text) for label, text in pairs))
+        if parameter.derived:
+            continue
+        number = rounded_parameter(parameter, k, parameter_scale(result, parameter))
+        text = f"{number.value} {number.unit}".strip()
+        if number.expanded != NONE:
+            text += f", U = {number.expanded} {number.unit}".rstrip() + f" (k = {plain(k, 3)})"
+        labelled.append(_card(parameter_name(name).words, text))
+    return Cards(tuple(labelled))
 
 
 def _card(label: str, text: str) -> Card:
-    value, _, uncertainty = text.partition(", U = ")
-    return Card(
-        label[:1].upper() + label[1:], value, f"U = {uncertainty}" if uncertainty else "U not known"
-    )
+    value, _, expanded = text.partition(", U = ")
+    return Card(capitalised(label), value, f"U = {expanded}" if expanded else "U not known")
 
 
 def _curves(result: Result) -> list[Section]:
@@ -175,7 +167,7 @@ def _curves(result: Result) -> list[Section]:
 
 
 def _from_reference(result: Result) -> tuple[Block | None, ...]:
-    """Return the measured points beside the reference value and their limits."""
+    """Return picture and table of the measured points' deviations from the reference value."""
     figure = deviation_points.from_reference(result)
     if figure is None:
         return ()
@@ -183,15 +175,15 @@ def _from_reference(result: Result) -> tuple[Block | None, ...]:
     return figure, _folded("Table of measured points with deviations and limits", table)
 
 
-def _folded(summary: str, table: Table | None) -> Folded | None:
-    return None if table is None else Folded(summary, (table,))
+def _folded(summary: str, *blocks: Block | None) -> Folded | None:
+    contents = tuple(block for block in blocks if block is not None)
+    return Folded(summary, contents) if contents else None
 
 
-def _budget(result: Result) -> Sequence[Block]:
+def _budget(result: Result) -> Sequence[Block | None]:
     """Return the contribution of each source; a budget of another form is shown unchanged."""
     if (table := budget(result)) is not None:
-        points = point_budget(result)
-        return (table, *([Folded("Budget of the measured points", points)] if points else []))
+        return table, _folded("Budget of the measured points", *point_budget(result))
     return tables.values(
         {key: value for key, value in result.settings.items() if "budget" in key and value}
     )
@@ -204,40 +196,42 @@ def _training(result: Result) -> tuple[Block | None, ...]:
 
 
 def _certificate(result: Result) -> tuple[Block | None, ...]:
-    """Return what the certificate says besides the numbers; blanks are left as blanks."""
-    head = certificate.letterhead(result)
+    """Return the entries of the certificate besides its numbers; blanks are left as blanks."""
+    letterhead = certificate.letterhead(result)
     instruments = certificate_tables.instruments(result)
-    rows: list[Fact] = [("Number", head.number), ("Laboratory", ", ".join(head.lines) or None)]
-    rows += [row for group in certificate.groups(result) for row in group.rows]
-    rows += [
+    facts: list[Fact] = [
+        ("Number", letterhead.number),
+        ("Laboratory", ", ".join(letterhead.lines) or None),
+        *(fact for group in certificate.groups(result) for fact in group.rows),
         ("Traceability", result.certificate.get("traceability")),
         *certificate.signatures(result),
+        *(("Remark", remark) for remark in certificate.remarks(result)),
     ]
-    rows += [("Remark", remark) for remark in certificate.remarks(result)]
-    judged = certificate_decisions.conformity(result)
-    return Facts(tuple(rows)), (instruments if instruments.rows else None), *judged
-
-
-def _provenance(result: Result) -> tuple[Block, ...]:
-    """Return versions and times, and a table of the files."""
-    files = [entry for entry in result.provenance.get("files") or () if isinstance(entry, Mapping)]
-    other_entries = {
-        key: value for key, value in result.provenance.items() if key != "files" or not files
-    }
-    limit = listed(len(files), MAX_LISTED_FILES)
-    more = (f"and {len(files) - limit} more, listed in result.json",) if len(files) > limit else ()
-    names_and_hashes = [
-        (str(f.get("file") or NONE), str(f.get("sha256") or NONE)) for f in files[:limit]
-    ]
-    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:limit]]
-    alike = len(steps) > 1 and len(set(steps)) == 1 and steps[0] != ""
-    rows = tuple(
-        (*names, "" if alike else history)
-        for names, history in zip(names_and_hashes, steps, strict=True)
-    )
-    notes = (*more, *((f"History of each: {steps[0]}.",) if alike else ()))
-    table = Table(columns("data file", "SHA-256", "history"), rows, notes=notes).telling()
     return (
-        *tables.values(other_entries),
-        *((Folded(f"Data files ({len(files)})", (table,)),) if files else ()),
+        Facts(tuple(facts)),
+        instruments if instruments.rows else None,
+        *certificate_decisions.conformity(result),
     )
+
+
+def _provenance(result: Result) -> tuple[Block | None, ...]:
+    """Return versions and times, and the table of the data files."""
+    entries = dict(result.provenance)
+    files = [entry for entry in entries.get("files") or () if isinstance(entry, Mapping)]
+    if not files:
+        return tables.values(entries)
+    del entries["files"]
+    limit = listed(len(files), MAX_LISTED_FILES)
+    steps = ["; ".join(map(str, entry.get("history") or ())) for entry in files[:limit]]
+    notes = []
+    if limit < len(files):
+        notes.append(f"and {len(files) - limit} more, listed in result.json")
+    if len(steps) > 1 and steps[0] and len(set(steps)) == 1:
+        notes.append(f"History of each: {steps[0]}.")
+        steps = [""] * limit
+    rows = tuple(
+        (str(entry.get("file") or NONE), str(entry.get("sha256") or NONE), step)
+        for entry, step in zip(files[:limit], steps, strict=True)
+    )
+    table = Table(columns("data file", "SHA-256", "history"), rows, notes=tuple(notes))
+    return *tables.values(entries), _folded(f"Data files ({len(files)})", table.telling())

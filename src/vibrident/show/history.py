@@ -16,8 +16,8 @@ from vibrident.show.comparison import (
     assumption,
     difference,
     error,
-    printed_value,
     quantities,
+    value_texts,
 )
 from vibrident.show.formulas import Words
 from vibrident.show.numbers import NONE, sensor_name, with_sign
@@ -106,7 +106,7 @@ def date_of(result: Result) -> datetime.date | None:
 def drift(history: SensorHistory, name: str) -> Figure:
     """Change of each quantity from the first date, in percent where it can be, with U (k = 2)."""
     days = np.array([float(date.toordinal()) for date in history.dates])
-    x = axes.of_dates("Date", history.dates)
+    x = axes.dates("Date", history.dates)
     panels = []
     for quantity in history.quantities:
         change, half, unit = changes(quantity)
@@ -148,7 +148,7 @@ def drift_table(history: SensorHistory) -> Table:
         unit = quantity.scale.printed
         for i, (label, value) in enumerate(zip(history.labels, quantity.values, strict=True)):
             first = quantity.values[0]
-            assumption_text = (label, *printed_value(value, quantity.scale.factor))
+            assumption_text = (label, *value_texts(value, quantity.scale.factor))
             if i == 0:
                 rows.append((quantity.label, unit, *assumption_text, "", "", ""))
                 continue

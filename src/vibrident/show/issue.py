@@ -12,7 +12,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.certificate import CertificateData, certificate_data, certificate_section
 from vibrident.result import Result
 from vibrident.result.loading import GivenResult, as_result
-from vibrident.show.language import Say
+from vibrident.show.language import Translator
 
 #: Keys that ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks of every certificate.
 REQUIRED = (
@@ -73,10 +73,10 @@ class FormField:
 
 def form(language: str = "en") -> tuple[FormField, ...]:
     """Return the entries of a certificate in the order of the form."""
-    say = Say(language)
+    translate = Translator(language)
     grouped_keys = [(key, group) for group, keys in GROUPS.items() for key in keys]
     return tuple(
-        FormField(key, say("label", key), say("group", group), key in REQUIRED)
+        FormField(key, translate("label", key), translate("group", group), key in REQUIRED)
         for key, group in grouped_keys
     )
 

@@ -1,4 +1,4 @@
-"""Say the words of a certificate in one language or two, from a text file a language."""
+"""Translate the texts of a certificate into one language or two, from a TOML file a language."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def _texts(code: str) -> dict[str, dict[str, str]]:
 
 @cache
 def from_english(code: str) -> Mapping[str, str]:
-    """Return English words → words of a language, of all that certificates say."""
+    """Return the translations of all texts of certificates: English → the language ``code``."""
     texts = _texts(code)
     translations = {}
     for section, english in _texts("en").items():
-        for key, words in english.items():
-            translations.setdefault(words, texts[section][key])
+        for key, text in english.items():
+            translations.setdefault(text, texts[section][key])
     return {**translations, **texts["known"]}
 
 
@@ -36,8 +36,8 @@ COMMA = ("de", "fr")
 _POINT = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.]*\d)")
 
 
-class Say:
-    """Texts in one language, or in a first and, in a line of its own, a second one.
+class Translator:
+    """A translator into one language or two, the second in a line of its own.
 
     ``comma``: whether numbers have a decimal comma; None for the first language's own sign.
     """
@@ -46,40 +46,43 @@ class Say:
         self.codes: tuple[str, ...] = codes or ("en",)
         self.comma: bool = self.codes[0] in COMMA if comma is None else comma
 
-    def number(self, text: str) -> str:
-        """Return our own numbers, and what stands beside them, with the document's decimal sign."""
-        return _POINT.sub(r"\1,\2", text) if self.comma else text
-
     @classmethod
-    def of(cls, result: Result) -> Say:
-        """Return the languages that a result's certificate asks for."""
+    def from_result(cls, result: Result) -> Translator:
+        """Return the translator into the languages that a result's certificate asks for."""
         first = str(result.certificate.get("language") or "en")
         return cls(*dict.fromkeys([first, str(result.certificate.get("second_language") or first)]))
 
-    def each(self, make: Callable[[Say], str]) -> Words:
-        """Return a text made in each language by itself."""
-        texts = (make(Say(code, comma=self.comma)) for code in self.codes)
+    def number(self, text: str) -> str:
+        """Return a text with the document's decimal sign in its numbers."""
+        return _POINT.sub(r"\1,\2", text) if self.comma else text
+
+    def each_language(self, make: Callable[[Translator], str]) -> Words:
+        """Return the lines that ``make`` returns for the translator into each language."""
+        texts = (make(Translator(code, comma=self.comma)) for code in self.codes)
         return Words("\n".join(dict.fromkeys(texts)))
 
     def __call__(self, section: str, key: str, **values: Any) -> Words:
-        """Return a text of a language's file, its ``{name}`` filled in with words or numbers."""
+        """Return a text of the languages' files, its ``{name}`` replaced by the values."""
         filled = {
             name: self.number(value) if isinstance(value, str) else value
             for name, value in values.items()
         }
-        return self.each(lambda words: _texts(words.codes[0])[section][key].format(**filled))
+        return self._look_up(section, lambda texts: texts[key].format(**filled))
 
-    def word(self, section: str, key: str) -> Words:
-        """Return the translation of a name of the program; the name itself where it is new."""
-        return self.each(lambda words: _texts(words.codes[0])[section].get(key, key))
+    def name(self, section: str, key: str) -> Words:
+        """Return the translation of one of the program's names; a new name as it is."""
+        return self._look_up(section, lambda texts: texts.get(key, key))
 
-    def translate(self, text: str) -> Words:
-        """Return our own English words in the languages, as far as these have them."""
-        return self.each(lambda words: _texts(words.codes[0])["known"].get(text, text))
+    def phrase(self, english: str) -> Words:
+        """Return the translation of an English phrase; an unknown phrase as it is."""
+        return self.name("known", english)
 
-    def has(self, text: str) -> bool:
-        """Return whether these are words that are translated anywhere."""
-        return any(text in _texts(code)["known"] for code in ("de", *self.codes))
+    def knows(self, phrase: str) -> bool:
+        """Return whether any language has a translation of an English phrase."""
+        return any(phrase in _texts(code)["known"] for code in ("de", *self.codes))
+
+    def _look_up(self, section: str, choose: Callable[[Mapping[str, str]], str]) -> Words:
+        return Words("\n".join(dict.fromkeys(choose(_texts(code)[section]) for code in self.codes)))
 
 
-ENGLISH = Say("en")
+ENGLISH = Translator("en")

@@ -1,4 +1,4 @@
-"""The model's sensitivity at the frequencies of a certificate, inside the measured band alone."""
+"""Evaluate the sensitivity at the frequencies of a certificate, inside the measured band alone."""
 
 from __future__ import annotations
 
@@ -82,26 +82,30 @@ def reference_value(result: Result) -> SensitivityPoint | None:
     return measured_at(result, nominal) or sensitivity_at(result, nominal)
 
 
-def measured_at(result: Result, where: Nominal) -> SensitivityPoint | None:
-    """Return what the data say at a frequency; None where they were not taken there.
+def measured_at(result: Result, nominal: Nominal) -> SensitivityPoint | None:
+    """Return the measured value at a frequency; None where no data were taken there.
 
-    Repeated points are averaged by the inverse variance of their noise; what they have in common
-    stays as it is.
+    Repeated points are averaged by the inverse variance of their noise; uncertainty that they share
+    is not reduced.
     """
     points = result.measured
-    at_frequency = np.abs(points.frequency_hz / where.frequency_hz - 1.0) <= SAME
+    at_frequency = np.abs(points.frequency_hz / nominal.frequency_hz - 1.0) <= SAME
     if not at_frequency.any():
         return None
-    magnitude, u = _averaged(points, "magnitude", at_frequency)
-    phase, u_phase = _averaged(points, "phase_deg", at_frequency)
-    averages = where.name, float(np.mean(points.frequency_hz[at_frequency]))
+    magnitude, u = _average(points, "magnitude", at_frequency)
+    phase, u_phase = _average(points, "phase_deg", at_frequency)
     return SensitivityPoint(
-        *averages, magnitude, _none_if_nan(phase), _none_if_nan(u), _none_if_nan(u_phase)
+        nominal.name,
+        float(np.mean(points.frequency_hz[at_frequency])),
+        magnitude,
+        _none_if_nan(phase),
+        _none_if_nan(u),
+        _none_if_nan(u_phase),
     )
 
 
-def _averaged(points: MeasuredCurve, quantity: str, at_frequency: BoolArray) -> tuple[float, float]:
-    """Return the mean of repeated points and its standard uncertainty, NaN where not known."""
+def _average(points: MeasuredCurve, quantity: str, at_frequency: BoolArray) -> tuple[float, float]:
+    """Average repeated points; return mean and standard uncertainty, NaN where not known."""
     values: FloatArray = getattr(points, quantity)[at_frequency]
     if quantity == "phase_deg":
         values = nearest_turn(values, values[:1])
@@ -119,7 +123,7 @@ def _averaged(points: MeasuredCurve, quantity: str, at_frequency: BoolArray) -> 
     return mean, float(np.hypot(common, mean_uncertainty))
 
 
-def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
+def sensitivity_at(result: Result, nominal: Nominal) -> SensitivityPoint | None:
     """Return the model's sensitivity: the curve's own point, else between its neighbours.
 
     Between neighbours the ratio of the curve to the result's model is interpolated, which is one
@@ -129,29 +133,34 @@ def sensitivity_at(result: Result, where: Nominal) -> SensitivityPoint | None:
     curve = result.response
     frequency = curve.frequency_hz
     if frequency.size == 0 or not (
-        frequency[0] * (1 - SAME) <= where.frequency_hz <= frequency[-1] * (1 + SAME)
+        frequency[0] * (1 - SAME) <= nominal.frequency_hz <= frequency[-1] * (1 + SAME)
     ):
         return None
-    nearest = int(np.argmin(np.abs(np.log(frequency / where.frequency_hz))))
-    if abs(frequency[nearest] / where.frequency_hz - 1.0) <= _SAME_POINT or frequency.size == 1:
-        return _point_at(curve, nearest, where)
-    right = min(max(int(np.searchsorted(frequency, where.frequency_hz)), 1), frequency.size - 1)
-    return _interpolate_point(result, slice(right - 1, right + 1), where)
+    nearest = int(np.argmin(np.abs(np.log(frequency / nominal.frequency_hz))))
+    if abs(frequency[nearest] / nominal.frequency_hz - 1.0) <= _SAME_POINT or frequency.size == 1:
+        return _point_at(curve, nearest, nominal)
+    right = min(max(int(np.searchsorted(frequency, nominal.frequency_hz)), 1), frequency.size - 1)
+    return _interpolate_point(result, slice(right - 1, right + 1), nominal)
 
 
-def _point_at(curve: Curve, i: int, where: Nominal) -> SensitivityPoint:
-    values = (curve.phase_deg, curve.magnitude_uncertainty, curve.phase_deg_uncertainty)
-    point = where.name, float(curve.frequency_hz[i]), float(curve.magnitude[i])
-    return SensitivityPoint(*point, *(_none_if_nan(column[i]) for column in values))
+def _point_at(curve: Curve, i: int, nominal: Nominal) -> SensitivityPoint:
+    return SensitivityPoint(
+        nominal.name,
+        float(curve.frequency_hz[i]),
+        float(curve.magnitude[i]),
+        _none_if_nan(curve.phase_deg[i]),
+        _none_if_nan(curve.magnitude_uncertainty[i]),
+        _none_if_nan(curve.phase_deg_uncertainty[i]),
+    )
 
 
 def _none_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _interpolate_point(result: Result, pair: slice, where: Nominal) -> SensitivityPoint:
+def _interpolate_point(result: Result, pair: slice, nominal: Nominal) -> SensitivityPoint:
     curve = result.response
-    f = where.frequency_hz
+    f = nominal.frequency_hz
     ends = curve.frequency_hz[pair]
     share = math.log(f / ends[0]) / math.log(ends[1] / ends[0])
     model = _model_response(result, np.array([*ends, f]))
@@ -168,7 +177,7 @@ def _interpolate_point(result: Result, pair: slice, where: Nominal) -> Sensitivi
     )
     u = None if relative is None else relative * magnitude
     return SensitivityPoint(
-        where.name,
+        nominal.name,
         f,
         magnitude,
         phase,

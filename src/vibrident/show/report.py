@@ -1,8 +1,7 @@
-"""Write reports of a result from its values alone; heavy libraries load where needed.
+"""Write reports from results alone; heavy libraries load where they are needed.
 
-``write`` makes any of them: Markdown with pictures, one self-contained HTML file (plotly), a
-calibration certificate as PDF (typst); and of several results a comparison, with the drift of a
-sensor that was calibrated more than once.
+Of one result: Markdown with pictures, one self-contained HTML file (plotly), or a calibration
+certificate as PDF (typst). Of several: a comparison, with the drift of each recalibrated sensor.
 """
 
 from __future__ import annotations
@@ -80,9 +79,7 @@ def report(
         'report.html'
     """
     sources = [results] if isinstance(results, Result | str | os.PathLike) else list(results)
-    pairs = [issued(result, certificate) for result in sources]
-    results_given = [result for result, _ in pairs]
-    if not results_given:
+    if not sources:
         raise InputError(
             "There is nothing to report.",
             expected="a result, or several",
@@ -90,14 +87,16 @@ def report(
             where="report",
             remedy="give a result",
         )
-    return write(results_given, form or _form_of(path), path, names, issue=pairs[0][1])
+    pairs = [issued(source, certificate) for source in sources]
+    stated_results = [result for result, _ in pairs]
+    return write(stated_results, form or _form_of(path), path, names, issue=pairs[0][1])
 
 
 def _form_of(path: str | os.PathLike[str]) -> Form:
-    """Return the form that the ending of a path says."""
-    ending = Path(path).suffix.lower().removeprefix(".")
+    """Return the form of a report by the suffix of its path."""
+    suffix = Path(path).suffix.lower().removeprefix(".")
     for form in get_args(Form):
-        if ending == form:
+        if suffix == form:
             return form
     raise InputError(
         "The path does not say the form of the report.",
@@ -110,31 +109,38 @@ def _form_of(path: str | os.PathLike[str]) -> Form:
 
 def file_name(result: Result, form: Form) -> str:
     """Return the default file name of the report of one result."""
-    names = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
-    usual = FILE_NAMES[form][0]
-    return names.get(document_kind(result), usual) if form == "pdf" else usual
+    pdf_names = {"report": "measurement-report.pdf", "tracking": "tracking-report.pdf"}
+    usual_name, _ = FILE_NAMES[form]
+    return pdf_names.get(document_kind(result), usual_name) if form == "pdf" else usual_name
 
 
 def name_of_sensor(name: str, sensor: Mapping[str, Any], certificate: Mapping[str, Any]) -> str:
-    """Return the name of a file with serial number and date of calibration, where stated.
+    """Add serial number and date of calibration to the name of a file, where they are stated.
 
-    ``certificate.pdf`` becomes ``certificate-4711-2026-03-01.pdf``; what file systems forbid is a
-    dash.
+    ``certificate.pdf`` becomes ``certificate-4711-2026-03-01.pdf``. A dash replaces characters
+    that a file system may forbid.
     """
-    stem, dot, ending = name.rpartition(".")
-    words = (sensor.get("serial_number"), certificate.get("date_of_calibration"))
-    parts_of_name = [re.sub(r"[^\w.]+", "-", str(word)).strip("-.") for word in words if word]
-    return "-".join([stem, *filter(None, parts_of_name)]) + dot + ending
+    stem, dot, suffix = name.rpartition(".")
+    entries = (sensor.get("serial_number"), certificate.get("date_of_calibration"))
+    suffixes = (re.sub(r"[^\w.]+", "-", str(entry)).strip("-.") for entry in entries if entry)
+    return "-".join([stem, *filter(None, suffixes)]) + dot + suffix
 
 
 def content(
     results: Result | Sequence[Result],
     form: Form,
     names: Sequence[str] = (),
-    more: Sequence[Section] = (),
+    extra_sections: Sequence[Section] = (),
     issue: Issue = NOTHING_MORE,
 ) -> bytes:
-    """Return the report as bytes: Markdown without pictures; results are called 1, 2, … by default.
+    """Return a report as bytes; Markdown without pictures.
+
+    Args:
+        results: one result, or several to be compared.
+        form: of the report.
+        names: of several results; 1, 2, … by default.
+        extra_sections: that the report of one result has as well.
+        issue: what belongs to a certificate alone.
 
     Raises:
         InputError: the form is not known, or what it needs is not installed (``pip install
@@ -147,17 +153,22 @@ def content(
             get_args(Form),
             "form of the report",
         )
-    alone = [results] if isinstance(results, Result) else list(results)
-    called = list(names) or [str(number) for number in range(1, len(alone) + 1)]
-    single = alone[0] if len(alone) == 1 else None
+    reported = [results] if isinstance(results, Result) else list(results)
+    names = names or [str(number) for number in range(1, len(reported) + 1)]
+    single = reported[0] if len(reported) == 1 else None
     if form == "pdf":
         from vibrident.show.media import pdf
 
-        for result in alone:
+        for result in reported:
             result.require_gain("a certificate")
-        view = certificate(single, issue) if single else document.comparison(alone, called)
-        return pdf.render(view, issue.template if single else None, issue.fonts)
-    view = document.report(single, more) if single else document.comparison(alone, called)
+        if single is None:
+            return pdf.render(document.comparison(reported, names), None, issue.fonts)
+        return pdf.render(certificate(single, issue), issue.template, issue.fonts)
+    view = (
+        document.comparison(reported, names)
+        if single is None
+        else document.report(single, extra_sections)
+    )
     if form == "html":
         from vibrident.show.media import html
 
@@ -168,27 +179,18 @@ def content(
 def render(
     result: Result,
     pictures: str | os.PathLike[str] | None = None,
-    relative_to: str | os.PathLike[str] | None = None,
-    more: Sequence[Section] = (),
+    extra_sections: Sequence[Section] = (),
 ) -> str:
-    """Write the report as Markdown text (GitHub tables).
+    """Render the report of one result as Markdown text (GitHub tables).
 
     Args:
         result: any result.
-        pictures: folder in which ``plots.save_all`` has drawn; the pictures found there are linked.
-        relative_to: folder in which the report will lie, for the links; by default the folder of
-            pictures.
-        more: sections that it has as well.
-
-    Returns:
-        the text, ending in a line end.
+        pictures: folder of the report, in which ``plots.save_all`` has drawn; the pictures there
+            are linked.
+        extra_sections: that the report has as well.
     """
-    if pictures is None:
-        return markdown.render(document.report(result, more))
-    links = markdown.links(
-        plots.PICTURES, pictures, pictures if relative_to is None else relative_to
-    )
-    return markdown.render(document.report(result, more), links)
+    links = None if pictures is None else markdown.links(plots.PICTURES, pictures)
+    return markdown.render(document.report(result, extra_sections), links)
 
 
 def write(
@@ -196,7 +198,7 @@ def write(
     form: Form,
     path: str | os.PathLike[str],
     names: Sequence[str] = (),
-    more: Sequence[Section] = (),
+    extra_sections: Sequence[Section] = (),
     issue: Issue = NOTHING_MORE,
 ) -> Path:
     """Write a report.
@@ -208,25 +210,26 @@ def write(
         path: the file, where it has the ending of the form; else a folder, made if missing, for a
             file of the usual name.
         names: what to call each of several.
-        more: sections that the report of one result has as well, such as its sensor's history.
-        issue: of a certificate, from ``vibrident.show.issue.issued``.
+        extra_sections: that the report of one result has as well, such as its sensor's history.
+        issue: what belongs to a certificate alone, from ``vibrident.show.issue.issued``.
 
     Returns:
-        path of the file.
+        The path of the file.
 
     Raises:
         InputError: the form is not known, or what it needs is not installed.
     """
-    single = results if isinstance(results, Result) else results[0] if len(results) == 1 else None
+    reported = [results] if isinstance(results, Result) else results
+    single = reported[0] if len(reported) == 1 else None
     target = Path(path)
     if target.suffix.lower() != f".{form}" and form in FILE_NAMES:
         target = target / (file_name(single, form) if single else FILE_NAMES[form][1])
     if form == "md" and single is not None:
         target.parent.mkdir(parents=True, exist_ok=True)
         plots.save_all(raised_to_measured(single), target.parent)
-        content_bytes = render(single, pictures=target.parent, more=more).encode()
+        report_bytes = render(single, target.parent, extra_sections).encode()
     else:
-        content_bytes = content(results, form, names, more, issue)
+        report_bytes = content(reported, form, names, extra_sections, issue)
         target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(content_bytes)
+    target.write_bytes(report_bytes)
     return target

@@ -1,8 +1,8 @@
-"""Tabulate a result's settings: uncertainty budget, and quality of interferometer signals."""
+"""Tabulate a result's settings: budgets, runs, regimes, quality of interferometer signals."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from vibrident.base.amounts import UnitScale, pretty
 from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
-from vibrident.show.language import ENGLISH, Say
+from vibrident.show.language import ENGLISH, Translator
 from vibrident.show.numbers import (
     NONE,
     parameter_scale,
@@ -22,81 +22,71 @@ from vibrident.show.numbers import (
 from vibrident.show.views import Column, K, Table, columns
 
 
-def budget(result: Result, say: Say = ENGLISH) -> Table | None:
-    """Return a row a source and a column a parameter; None without a budget."""
+def budget(result: Result, translate: Translator = ENGLISH) -> Table | None:
+    """Return the uncertainty budget: a row a source, a column a parameter; None without one."""
     rows = result.settings.get("uncertainty_budget")
     if not isinstance(rows, list | tuple) or not rows or not all(_is_row(row) for row in rows):
         return None
     contributed = dict.fromkeys(name for row in rows for name in row["contributions"])
-    names = [name for name in contributed if name in result.parameters]
-    if not names:
+    scales = _parameter_scales(result, contributed)
+    if not scales:
         return None
-    units = {name: parameter_scale(result, result.parameters[name]) for name in names}
     body: list[tuple[str, ...]] = [
         (
-            _translated(str(row["source"]), say),
+            _source_name(row, translate),
             str(row.get("type") or NONE),
-            say.word("kind", str(row["kind"])) if row.get("kind") else NONE,
+            translate.name("kind", str(row["kind"])) if row.get("kind") else NONE,
             _amount_text(row),
             plain(row.get("degrees_of_freedom"), 4),
-            *(_size(row["contributions"].get(name), units[name]) for name in names),
+            *(uncertainty(scale.times(row["contributions"].get(n))) for n, scale in scales.items()),
         )
         for row in rows
     ]
-    together = (_size(result.parameters[name].standard_uncertainty, units[name]) for name in names)
-    body.append((say("text", "u_of_result"), "", "", "", "", *together))
+    totals = (
+        uncertainty(scale.times(result.parameters[name].standard_uncertainty))
+        for name, scale in scales.items()
+    )
+    body.append((translate("text", "u_of_result"), "", "", "", "", *totals))
     heads = (
-        columns(*(say("head", key) for key in ("source", "type", "kind"))),
-        columns("u", "ν", kind="number"),
+        *columns(*(translate("head", key) for key in ("source", "type", "kind"))),
+        *columns("u", "ν", kind="number"),
+        *_parameter_columns(scales, translate),
     )
-    parameter_columns = (
-        Column(say.translate(parameter_name(name).words), "number", units[name].printed)
-        for name in names
-    )
-    return Table(
-        (*heads[0], *heads[1], *parameter_columns), tuple(body), notes=(say("text", "budget_note"),)
-    )
+    return Table(heads, tuple(body), notes=(translate("text", "budget_note"),))
 
 
-def _translated(source: str, say: Say) -> str:
-    """Translate the name of a source if it is one of ours; keep that of others."""
-    return say.translate(source) if say.has(source) else source
-
-
-def point_budget(result: Result, say: Say = ENGLISH) -> tuple[Table, ...]:
+def point_budget(result: Result, translate: Translator = ENGLISH) -> tuple[Table, ...]:
     """Return the budget of magnitude and phase by frequency and source; empty without effects."""
     document = result.settings.get("point_budget")
     if not isinstance(document, Mapping) or not document.get("sources"):
         return ()
     points = result.measured
-    scale = sensitivity_scale(result)
     indices = [int(np.argmin(np.abs(points.frequency_hz - f))) for f in document["frequency_hz"]]
-    kinds = [("magnitude", "magnitude", scale.factor, scale.unit, points.magnitude_uncertainty)]
-    kinds += [("phase_deg", "phase", 1.0, "°", points.phase_deg_uncertainty)]
+    sources = columns(
+        *(_source_name(source, translate) for source in document["sources"]), kind="number"
+    )
     tables = []
-    for key, word, factor, unit, total in kinds:
-        if not np.isfinite(total).any():
+    for key, name, scale in (
+        ("magnitude", "magnitude", sensitivity_scale(result)),
+        ("phase_deg", "phase", UnitScale(1.0, "°")),
+    ):
+        totals = getattr(points, f"{key}_uncertainty")
+        if not np.isfinite(totals).any():
             continue
-        sizes = [source[key] for source in document["sources"]]
         rows = []
         for i, index in enumerate(indices):
-            u = None if np.isnan(total[index]) else factor * float(total[index])
-            cells = [uncertainty(None if size[i] is None else factor * size[i]) for size in sizes]
-            both = uncertainty(u), uncertainty(None if u is None else K * u)
-            rows.append((f"{document['frequency_hz'][i]:.5g}", *cells, *both))
-        sources = columns(
-            *(_translated(str(source["source"]), say) for source in document["sources"]),
-            kind="number",
-        )
+            cells = [uncertainty(scale.times(source[key][i])) for source in document["sources"]]
+            u = None if np.isnan(totals[index]) else scale.times(float(totals[index]))
+            cells += [uncertainty(u), uncertainty(None if u is None else K * u)]
+            rows.append((f"{document['frequency_hz'][i]:.5g}", *cells))
         heads = (
             Column("f", "number", "Hz"),
             *sources,
-            Column("u", "number", unit),
-            Column("U", "number", unit),
+            Column("u", "number", scale.unit),
+            Column("U", "number", scale.unit),
         )
-        tables.append(
-            Table(heads, tuple(rows), title=f"{word}, standard uncertainties in {unit}", name=word)
-        )
+        title = f"{name}, standard uncertainties in {scale.unit}"
+        tables.append(Table(heads, tuple(rows), title=title, name=name))
     return tuple(tables)
 
 
@@ -105,24 +95,19 @@ def repeats(result: Result) -> Table | None:
     repeated = result.settings.get("repeats")
     if not isinstance(repeated, Mapping) or not repeated.get("values"):
         return None
-    names = [name for name in repeated["values"][0] if name in result.parameters]
-    scales = [parameter_scale(result, result.parameters[name]) for name in names]
     runs = repeated["values"]
-    scatter = [float(np.std([row[name] for row in runs])) or None for name in names]
-    printed = list(zip(names, scatter, scales, strict=True))
+    scales = _parameter_scales(result, runs[0])
+    scatter = {name: float(np.std([row[name] for row in runs])) or None for name in scales}
     rows = tuple(
         (
             row["mounting"],
             row["run"],
-            *(with_u(row[n], u, scale.factor)[0] for n, u, scale in printed),
+            *(with_u(row[n], scatter[n], scale.factor)[0] for n, scale in scales.items()),
         )
         for row in runs
     )
-    heads = [
-        Column(parameter_name(n).words, "number", scale.printed)
-        for n, scale in zip(names, scales, strict=True)
-    ]
-    return Table((*columns("mounting", "run"), *heads), rows).telling()
+    heads = (*columns("mounting", "run"), *_parameter_columns(scales))
+    return Table(heads, rows).telling()
 
 
 def regimes(result: Result) -> Table | None:
@@ -130,22 +115,38 @@ def regimes(result: Result) -> Table | None:
     entries = result.settings.get("regimes")
     if not isinstance(entries, list | tuple) or not entries:
         return None
-    names = [name for name in entries[0]["parameters"] if name in result.parameters]
-    scales = {name: parameter_scale(result, result.parameters[name]) for name in names}
+    scales = _parameter_scales(result, entries[0]["parameters"])
     rows = []
     for regime in entries:
         cells = []
-        for name in names:
-            each = regime["parameters"][name]
-            factor = scales[name].factor
-            cells.append(with_u(each["value"], each["standard_uncertainty"], factor)[0])
+        for name, scale in scales.items():
+            stated = regime["parameters"][name]
+            cells.append(with_u(stated["value"], stated["standard_uncertainty"], scale.factor)[0])
         rows.append((plain(regime["from_s"], 5), plain(regime["to_s"], 5), *cells))
-    heads = [
-        Column(parameter_name(name).words, "number", scale.printed)
-        for name, scale in scales.items()
-    ]
     times = Column("from", "number", "s"), Column("to", "number", "s")
-    return Table((*times, *heads), tuple(rows), title="Regimes of the sensor")
+    heads = (*times, *_parameter_columns(scales))
+    return Table(heads, tuple(rows), title="Regimes of the sensor")
+
+
+def _parameter_scales(result: Result, names: Iterable[str]) -> dict[str, UnitScale]:
+    """Return the printed unit of each of these names that is a parameter of the result."""
+    parameters = result.parameters
+    return {n: parameter_scale(result, parameters[n]) for n in names if n in parameters}
+
+
+def _parameter_columns(
+    scales: Mapping[str, UnitScale], translate: Translator = ENGLISH
+) -> tuple[Column, ...]:
+    return tuple(
+        Column(translate.phrase(parameter_name(name).words), "number", scale.printed)
+        for name, scale in scales.items()
+    )
+
+
+def _source_name(row: Mapping[str, Any], translate: Translator) -> str:
+    """Return the name of a source: ours translated, with formulas; that of others unchanged."""
+    name = str(row["source"])
+    return translate.phrase(name) if translate.knows(name) else name
 
 
 def _is_row(row: Any) -> bool:
@@ -156,18 +157,12 @@ def _is_row(row: Any) -> bool:
     )
 
 
-def _size(value: float | None, scale: UnitScale) -> str:
-    return uncertainty(scale.times(value))
-
-
 def _amount_text(row: Mapping[str, Any]) -> str:
     value = row.get("standard_uncertainty")
-    unit = str(row.get("unit") or "")
-    return (
-        NONE
-        if value is None
-        else f"{plain(value, 4)} {pretty(unit) if unit != '1' else ''}".strip()
-    )
+    unit = str(row.get("unit") or "1")
+    if value is None:
+        return NONE
+    return plain(value, 4) if unit == "1" else f"{plain(value, 4)} {pretty(unit)}"
 
 
 _LIGHT_HEADS = (
@@ -196,11 +191,11 @@ def light(result: Result) -> Table | None:
         isinstance(row, Mapping) for row in interferometer.values()
     ):
         return None
-    rows = tuple((str(name), *_cells(row)) for name, row in interferometer.items())
+    rows = tuple((str(name), *_light_cells(row)) for name, row in interferometer.items())
     return Table(_LIGHT_HEADS, rows, notes=(_LIGHT_NOTE,)) if rows else None
 
 
-def _cells(row: Mapping[str, Any]) -> list[str]:
+def _light_cells(row: Mapping[str, Any]) -> list[str]:
     ellipse = row.get("ellipse") or {}
     counted = [
         plain(row.get(key) or None, 6) for key in ("half_fringes_counted", "half_fringes_by_phase")

@@ -1,4 +1,4 @@
-"""The tables of a result, as text ready for print."""
+"""Build the tables of a result as text, ready for print."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vibrident.show import words
 from vibrident.show.coverage import coverage, interval_text, parameter_factor
 from vibrident.show.curves import column, principal
 from vibrident.show.formulas import Mixed, Words, symbol
-from vibrident.show.language import ENGLISH, Say
+from vibrident.show.language import ENGLISH, Translator
 from vibrident.show.numbers import (
     NONE,
     fit_unit,
@@ -39,27 +39,28 @@ from vibrident.show.numbers import (
 )
 from vibrident.show.views import Column, Doubt, Facts, FloatArray, K, Table, columns, count
 
-# rows of the table of measured points; more are thinned evenly, and the report says so
-MAX_ROWS = 200
+MAX_ROWS = 200  # of the table of measured points; more are thinned evenly, and the report says so
 
 
 def facts(result: Result) -> tuple[tuple[str, str], ...]:
     """Return what was calibrated and how, as pairs of name and text."""
-    reference = f"{reference_quantity(result)}, in {pretty(reference_unit(result))}"
-    if not result.has_gain:
-        reference = "none: free decays"
-    return (
-        *((key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value),
+    pairs = [(key.replace("_", " "), str(value)) for key, value in result.sensor.items() if value]
+    reference = "none: free decays"
+    if result.has_gain:
+        reference = f"{reference_quantity(result)}, in {pretty(reference_unit(result))}"
+    pairs += [
         ("model", result.model),
         ("estimator", result.estimator),
         ("reference", reference),
         ("response", f"in {pretty(result.response_unit)}"),
-        *(
-            (f"known of the {row['channel']}", _removed_response(row))
-            for row in result.settings.get("known_responses", ())
-        ),
-        *((("frequencies", _band(result.measured)),) if result.has_gain else ()),
-    )
+    ]
+    pairs += [
+        (f"known of the {row['channel']}", _removed_response(row))
+        for row in result.settings.get("known_responses", ())
+    ]
+    if result.has_gain:
+        pairs.append(("frequencies", _band(result.measured)))
+    return tuple(pairs)
 
 
 def _removed_response(row: Mapping[str, Any]) -> str:
@@ -77,7 +78,7 @@ def _band(measured: MeasuredCurve) -> str:
 
 
 def doubts(result: Result, word: Word = python_word) -> tuple[Doubt, ...]:
-    """Return every warning in plain words; settings in those of a surface."""
+    """Explain every warning in plain words; ``word``: a surface's words for settings."""
     blocks = []
     for code in result.warning_codes:
         kind = words.explain(code)
@@ -118,12 +119,13 @@ def parameters(result: Result) -> Table:
 
 
 def one_frequency(result: Result) -> str:
-    """Return at which frequency the sensitivity of a gain alone holds; empty for other models."""
+    """Return the frequency at which the sensitivity of a gain alone holds; empty for others."""
     model = installed(result.model)
-    at = result.measured.frequency_hz
-    if model is None or not model.is_gain_alone or len(set(at.tolist())) != 1:
+    frequencies = set(result.measured.frequency_hz.tolist())
+    if model is None or not model.is_gain_alone or len(frequencies) != 1:
         return ""
-    return f"The sensitivity is that at {at[0]:.6g} Hz, the only frequency that was measured."
+    hz = frequencies.pop()
+    return f"The sensitivity is that at {hz:.6g} Hz, the only frequency that was measured."
 
 
 def small_signals(result: Result) -> str:
@@ -132,22 +134,25 @@ def small_signals(result: Result) -> str:
     return " ".join(addon.remark for addon in model.add_ons if addon.remark) if model else ""
 
 
-def per_g(result: Result, say: Say = ENGLISH) -> str:
+def per_g(result: Result, translate: Translator = ENGLISH) -> str:
     """Return the sensitivity per standard gravity; empty where it is not one to acceleration."""
     model = installed(result.model)
     sensitivity = result.parameters.get(model.gain_name) if model else None
     if sensitivity is None or not sensitivity.unit.endswith(("/(m/s^2)", "/(m/s²)")):
         return ""
     u = sensitivity.standard_uncertainty
-    k = parameter_factor(result)
     unit = sensitivity.unit[: sensitivity.unit.rindex("/(")] + "/g"
-    value = sensitivity.value * STANDARD_GRAVITY
-    u = None if u is None else u * STANDARD_GRAVITY
-    number = rounded_parameter(Parameter(value, unit, u, (None, None)), k)
-    bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
-    return Mixed(
-        say("text", "per_g", g=f"{STANDARD_GRAVITY}", value=f"{number.value} {number.unit}{bar}")
+    k = parameter_factor(result)
+    per_gravity = Parameter(
+        sensitivity.value * STANDARD_GRAVITY,
+        unit,
+        None if u is None else u * STANDARD_GRAVITY,
+        (None, None),
     )
+    number = rounded_parameter(per_gravity, k)
+    bar = f", U = {number.expanded} {number.unit} (k = {plain(k, 3)})" if u else ""
+    value = f"{number.value} {number.unit}{bar}"
+    return Mixed(translate("text", "per_g", g=f"{STANDARD_GRAVITY}", value=value))
 
 
 def correlation(result: Result) -> Table | None:
@@ -167,21 +172,16 @@ def fit(result: Result) -> Table:
     """Tabulate every metric of the fit with its unit and definition."""
     unit = fit_unit(result)
     scale = scaled(unit, result.fit.rmse or 0.0)  # one for all of its metrics
+    units = ("1", pretty(unit), f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²")
     rows = []
     for field, metric in words.METRICS.items():
         value = getattr(result.fit, field)
-        power = metric.in_response_unit
-        if power == 1 and value:
+        text = plain(value, 6 if field in ("r2", "explained", "coherent") else 4)
+        metric_unit = units[metric.in_response_unit]
+        if metric.in_response_unit == 1 and value:
             text = plain(value * scale.factor, 4)
-            label = scale.unit
-        else:
-            text = plain(value, 6 if field in ("r2", "explained", "coherent") else 4)
-            label = {
-                0: "1",
-                1: pretty(unit),
-                2: f"({pretty(unit)})²" if "/" in unit else f"{pretty(unit)}²",
-            }[power]
-        rows.append((metric.label, text, label, metric.definition))
+            metric_unit = scale.unit
+        rows.append((metric.label, text, metric_unit, metric.definition))
     verdict = "adequate" if result.fit.adequate else "not adequate (see the warnings)"
     lead = (
         "e is the residual, measured minus predicted response; y is the measured response. "
@@ -192,7 +192,7 @@ def fit(result: Result) -> Table:
 
 
 def measured(result: Result) -> Table | None:
-    """Return the measured values at each frequency, and how far the model is from them."""
+    """Return the measured points with the model's deviation from each; None without points."""
     points = result.measured
     total = len(points.frequency_hz)
     if total == 0:
@@ -201,56 +201,46 @@ def measured(result: Result) -> Table | None:
     has_phases = bool(np.isfinite(points.phase_deg).any())
     has_noise = bool(np.isfinite(points.magnitude_noise).any())
     step = max(1, -(-total // MAX_ROWS))
-    rows_shown = slice(None, None, step)
-    frequencies = points.frequency_hz[rows_shown].tolist()
+    thinned = slice(None, None, step)
+    hz = points.frequency_hz[thinned].tolist()
     magnitudes = _point_cells(
         points,
-        rows_shown,
+        thinned,
         "magnitude",
         scale.factor,
         column(points, "deviation_percent"),
         column(points, "deviation_uncertainty_percent"),
         percent,
     )
-    phases = _point_cells(
-        points,
-        rows_shown,
-        "phase_deg",
-        1.0,
-        principal(column(points, "deviation_phase_deg")),
-        column(points, "deviation_phase_uncertainty_deg"),
-        _phase_deviation_text,
+    phases = [("",) * 5] * len(hz)
+    if has_phases:
+        phases = _point_cells(
+            points,
+            thinned,
+            "phase_deg",
+            1.0,
+            principal(column(points, "deviation_phase_deg")),
+            column(points, "deviation_phase_uncertainty_deg"),
+            _phase_deviation_text,
+        )
+    names = points.record[thinned] or ("",) * len(hz)
+    rows = tuple(
+        (f"{f:.6g}", nominal_frequency(f) or "", *magnitude, *phase, name)
+        for f, magnitude, phase, name in zip(hz, magnitudes, phases, names, strict=True)
     )
-    blank = ("",) * 5
-    rows = [
-        (
-            f"{frequency:.6g}",
-            nominal_frequency(frequency) or "",
-            *magnitude,
-            *(phase if has_phases else blank),
-            name,
-        )
-        for frequency, magnitude, phase, name in zip(
-            frequencies,
-            magnitudes,
-            phases,
-            points.record[rows_shown] or ("",) * len(frequencies),
-            strict=True,
-        )
-    ]
-    thinned = f" Every {step}th of {total} points is listed." if step > 1 else ""
-    lead = (
+    leads = [
         "Deviation is model − measured, of the magnitude relative to the measured one; U with "
-        f"k = 2.{thinned}"
-    )
+        "k = 2."
+    ]
+    if step > 1:
+        leads[0] += f" Every {step}th of {total} points is listed."
+    leads += filter(None, [worst(points), _APART if has_noise else ""])
     notes = []
     if has_phases:
         notes.append(ENGLISH("text", "phase"))
     if np.isnan(points.magnitude_uncertainty).any():
         notes.append(ENGLISH("text", "unstated"))
-    leads = (lead, worst(points), _APART if has_noise else "")
-    heads = _measured_heads(scale.unit)
-    return Table(heads, tuple(rows), tuple(text for text in leads if text), tuple(notes)).telling()
+    return Table(_measured_heads(scale.unit), rows, tuple(leads), tuple(notes)).telling()
 
 
 def _measured_heads(unit: str) -> tuple[Column, ...]:
@@ -274,42 +264,41 @@ def _measured_heads(unit: str) -> tuple[Column, ...]:
 
 def _point_cells(
     points: MeasuredCurve,
-    rows_shown: slice,
+    thinned: slice,
     quantity: str,
     factor: float,
     deviation: FloatArray,
     deviation_u: FloatArray,
-    text_of: Callable[[float, float], str],
+    deviation_text: Callable[[float, float], str],
 ) -> list[tuple[str, ...]]:
-    """Return value, U, U of the noise, deviation and E_n of each shown point, as text.
+    """Return value, U, U of the noise, deviation and E_n of each listed point, as text.
 
     Args:
         points: measured.
-        rows_shown: which of them.
+        thinned: the listed ones.
         quantity: name of the curve's field.
         factor: from the field to the unit that is printed.
         deviation: of the model from each point, shape (n,).
         deviation_u: its standard uncertainty, shape (n,).
-        text_of: from a deviation and its U to text.
+        deviation_text: from a deviation and its U to text.
     """
     has_noise = bool(np.isfinite(points.magnitude_noise).any())
-    columns_ = (
+    arrays = (
         column(points, quantity),
         column(points, f"{quantity}_uncertainty"),
         column(points, f"{quantity}_noise"),
         deviation,
         K * deviation_u,
     )
+    lists = (values[thinned].tolist() for values in arrays)
     cells = []
-    for value, u, noise, off, off_expanded in zip(
-        *(values[rows_shown].tolist() for values in columns_), strict=True
-    ):
+    for value, u, noise, off, off_expanded in zip(*lists, strict=True):
         en = signed(off / off_expanded, 2) if off_expanded else NONE
         cells.append(
             (
                 *with_u(value, u, factor),
                 uncertainty(K * noise * factor) if has_noise else "",
-                text_of(off, off_expanded),
+                deviation_text(off, off_expanded),
                 en if has_noise else "",
             )
         )
@@ -330,16 +319,18 @@ def _phase_deviation_text(deviation_deg: float, expanded_deg: float) -> str:
     return signed(deviation_deg, 3)
 
 
-def worst(points: MeasuredCurve, say: Say = ENGLISH) -> str:
+def worst(points: MeasuredCurve, translate: Translator = ENGLISH) -> str:
     """Return mean and largest deviation of the magnitude in words; empty if none is known."""
-    off = np.abs(points.deviation_percent)
-    if np.isnan(off).all():
+    deviations = np.abs(points.deviation_percent)
+    if np.isnan(deviations).all():
         return ""
-    index = int(np.nanargmax(off))
-    mean = plain(float(np.nanmean(off)), 2)
-    largest = plain(float(off[index]), 2)
-    return say(
-        "text", "worst", mean=mean, largest=largest, frequency=f"{points.frequency_hz[index]:.5g}"
+    index = int(np.nanargmax(deviations))
+    return translate(
+        "text",
+        "worst",
+        mean=plain(float(np.nanmean(deviations)), 2),
+        largest=plain(float(deviations[index]), 2),
+        frequency=f"{points.frequency_hz[index]:.5g}",
     )
 
 
@@ -349,11 +340,14 @@ def training(result: Result) -> str:
     if run is None:
         return ""
     # losses of other weights cannot be compared
-    last = run.weighting_changes[-1] if run.weighting_changes else 0
-    losses = [loss for loss in run.loss[last:] if loss is not None]
-    ran = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}" if losses else ""
-    ran += f" with the last weights, from iteration {last + 1} on" if losses and last else ""
-    return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{ran}."
+    first = run.weighting_changes[-1] if run.weighting_changes else 0
+    losses = [loss for loss in run.loss[first:] if loss is not None]
+    course = ""
+    if losses:
+        course = f"; loss {plain(losses[0], 4)} → {plain(losses[-1], 4)}"
+        if first:
+            course += f" with the last weights, from iteration {first + 1} on"
+    return f"Optimiser {run.optimiser}: {run.status}, {count(run.iterations, 'iteration')}{course}."
 
 
 def leaf(value: Any) -> str:

@@ -341,3 +341,8 @@ def listed(length: int, most: int) -> int:
 def count(number: int, noun: str) -> str:
     """Return a number with its noun: ``1 point``, ``2 points``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def capitalised(text: str) -> str:
+    """Return a text with its first letter in upper case, the others unchanged."""
+    return text[:1].upper() + text[1:]

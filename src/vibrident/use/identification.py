@@ -1,4 +1,4 @@
-"""Public entry of an identification: a calibration or its file to a result."""
+"""Identify a sensor: from a calibration or its file to a result."""
 
 from __future__ import annotations
 
@@ -93,19 +93,20 @@ def identify(
         True
     """
     name = named(model)
-    records = None if posterior is not None else _long_records(calibration)
-    if records is not None:
+    long_records = None if posterior is not None else _long_records(calibration)
+    if long_records is not None:
         choices = FitChoices(name, estimator, band_hz, uncertainty, progress)
-        result = identify_long(records, choices, Sharing(scheduler, work))
+        result = identify_long(long_records, choices, Sharing(scheduler, work))
         if result is not None:
             return result
-    source = calibration if records is None else records
-    calibration = source.in_memory() if isinstance(source, LongRecords) else as_calibration(source)
-    calibration = calibration.within(band_hz)
+        calibration = long_records
+    if isinstance(calibration, LongRecords):
+        calibration = calibration.in_memory()
+    calibration = as_calibration(calibration).within(band_hz)
     temperatures = group_by_temperature(calibration)
     runs = group_by_run(calibration)
     if posterior is not None and (temperatures or len(runs) > 1):
-        raise _several_parts(calibration, len(runs), max(len(temperatures), 1))
+        raise _several_runs_error(calibration, len(runs), max(len(temperatures), 1))
     if temperatures:
         return identify_temperatures(
             temperatures,
@@ -114,11 +115,11 @@ def identify(
             ),
         )
 
-    def fit_part(part_of_data: Calibration) -> Fitted:
-        return fit(part_of_data, name, estimator, uncertainty=uncertainty, progress=progress)
+    def fit_group(group: Calibration) -> Fitted:
+        return fit(group, name, estimator, uncertainty=uncertainty, progress=progress)
 
     if len(runs) > 1:
-        return identify_runs(runs, fit_part, uncertainty)
+        return identify_runs(runs, fit_group, uncertainty)
     result = identify_run(
         calibration,
         name,
@@ -129,7 +130,7 @@ def identify(
     )
     if posterior is not None:
         return result
-    return with_regimes(calibration, name, result, fit_part, uncertainty)
+    return with_regimes(calibration, name, result, fit_group, uncertainty)
 
 
 def _long_records(calibration: GivenCalibration | LongRecords) -> LongRecords | None:
@@ -141,7 +142,7 @@ def _long_records(calibration: GivenCalibration | LongRecords) -> LongRecords | 
     return long_records_of(calibration)
 
 
-def _several_parts(calibration: Calibration, runs: int, temperatures: int) -> InputError:
+def _several_runs_error(calibration: Calibration, runs: int, temperatures: int) -> InputError:
     """Return the error of a posterior of several runs or temperatures."""
     return InputError(
         "The posterior is sampled for one run at one temperature.",

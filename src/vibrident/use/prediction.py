@@ -1,8 +1,8 @@
-"""Predicted response of records that were not fitted, and its deviation from the measured response.
+"""Predict the response of records that were not fitted, and compare it with the measured one.
 
-The network runs with the result's parameters, its discretisation and, if there is one, its learned
-residual. Initial state and offset belong to a record: they are fitted to its response, which leaves
-n − 3 degrees of freedom of n samples.
+The network runs with the result's parameters, discretisation and learned residual, if there is one.
+Initial state and offset belong to a record: they are fitted to its response, which leaves n − 3
+degrees of freedom of n samples.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from vibrident.physics.discretisation import method
 from vibrident.result import Result
 from vibrident.result.loading import GivenResult, as_result
 
-UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates need a band to bound a search; nothing is searched here
+UNBOUNDED_HZ = (1e-9, 1e12)  # coordinates bound a search by a band; here nothing is searched
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Record with its predicted response."""
+    """A record with its predicted response."""
 
     record: Record  # as screened: clipped samples are marked invalid
     # shape (samples,), response unit; NaN where it cannot be made (at the ends, the band-limited
@@ -57,10 +57,10 @@ class Prediction:
     @property
     def nrmse(self) -> float | None:
         """Return ``rmse`` over the standard deviation of the measured response, or None."""
-        deviation = (
-            float(np.std(self.record.response[self.compared])) if self.rmse is not None else 0.0
-        )
-        return None if self.rmse is None or deviation == 0.0 else self.rmse / deviation
+        if self.rmse is None:
+            return None
+        deviation = float(np.std(self.record.response[self.compared]))
+        return self.rmse / deviation if deviation else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +68,7 @@ class Predictions:
     """Predictions for a calibration's records."""
 
     predictions: tuple[Prediction, ...]  # one a record, in order, without those left out
-    findings: tuple[
-        ScreeningFinding, ...
-    ]  # doubts about the data; they name records that are left out
+    findings: tuple[ScreeningFinding, ...]  # of the data; they name records that are left out
     discretisation: str  # of the network
 
     __repr__ = brief
@@ -112,8 +110,8 @@ def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
     values = dict(sensor.values)
     _check_units(result, calibration)
     records, findings = screen(calibration.records, calibration.units)
-    chain = chain_of(calibration)
-    records = records if chain is None else tuple(deconvolved(record, chain) for record in records)
+    if (chain := chain_of(calibration)) is not None:
+        records = tuple(deconvolved(record, chain) for record in records)
     name = str(result.settings.get("discretisation") or "bandlimited")
     if result.settings.get("residual_network"):  # which is JAX's
         from vibrident.fit.estimators.residual_network import saved_model
@@ -122,11 +120,9 @@ def predict(result: GivenResult, calibration: GivenCalibration) -> Predictions:
         values |= learned
     problem = network_of(records, model, method(name), calibration.quantity, values)
     coordinates = Coordinates.at(model, values, UNBOUNDED_HZ)
-    predicted = problem.predict(coordinates, coordinates.first)
-    pairs = zip(records, predicted, strict=True)
-    return Predictions(
-        tuple(Prediction(record, series) for record, series in pairs), findings, name
-    )
+    responses = problem.predict(coordinates, coordinates.first)
+    predictions = tuple(map(Prediction, records, responses))
+    return Predictions(predictions, findings, name)
 
 
 def root_mean_square(values: FloatArray) -> float | None:

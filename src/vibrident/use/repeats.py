@@ -1,13 +1,13 @@
-"""Type A evaluation of several runs, the sensor remounted between them or not (GUM 4.2).
+"""Evaluate several runs as type A (GUM 4.2); the sensor may be remounted between them.
 
 Each run is identified by itself. With M mountings of n_m runs each, the estimate is the mean of the
-means of the mountings, whose covariance is that of these means over M, with M − 1 degrees of
-freedom; with one mounting it is the mean of the n runs, with n − 1, without remounting.
-The two components are those of the one-way random model: repeatability, the variance within
-mountings, and remounting, what the means vary beyond it. Systematic effects are common to all runs
-and are added (type B); the degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1). A
-run or mounting outside the scatter of the others (probability below 10⁻³) is named by a warning,
-and stays in.
+means of the mountings. Its covariance is the one of these means over M, with M − 1 degrees of
+freedom. With one mounting, the estimate is the mean of the n runs, with n − 1 degrees of freedom.
+
+The one-way random model has two components: repeatability is the variance within mountings, and
+remounting the variance of the means beyond it. Systematic effects are common to all runs and are
+added (type B). The degrees of freedom are those of Welch and Satterthwaite (GUM G.4.1). A warning
+names a run or mounting outside the scatter of the others (probability below 10⁻³); it stays in.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from vibrident.base.amounts import amount
 from vibrident.base.errors import InputError
-from vibrident.data.records import Calibration, FloatArray
+from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.document import budget_of, covered, document
 from vibrident.fit.response.verdict import REJECTION
@@ -48,17 +48,16 @@ def group_by_run(calibration: Calibration) -> dict[tuple[str, str], Calibration]
     Raises:
         InputError: some records belong to a run and others to none.
     """
-    keys = [(r.circumstances.mounting, r.circumstances.run) for r in calibration.records]
-    groups = {
-        key: tuple(r for r, k in zip(calibration.records, keys, strict=True) if k == key)
-        for key in keys
-    }
-    lacking = [r.name for r, key in zip(calibration.records, keys, strict=True) if not any(key)]
-    if len(groups) > 1 and lacking:
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for record in calibration.records:
+        key = record.circumstances.mounting, record.circumstances.run
+        groups.setdefault(key, []).append(record)
+    if len(groups) > 1 and ("", "") in groups:
+        names = [record.name for record in groups["", ""]]
         raise partly_stated_error(
-            calibration, lacking, "belong to a run, and others to none", "run or mounting", "run"
+            calibration, names, "belong to a run, and others to none", "run or mounting", "run"
         )
-    return {key: replace(calibration, records=records) for key, records in groups.items()}
+    return {key: replace(calibration, records=tuple(group)) for key, group in groups.items()}
 
 
 def partly_stated_error(
@@ -95,43 +94,58 @@ def identify_runs(
     Raises:
         InputError: a run cannot be identified.
     """
-    fits = [fit(each) for each in runs.values()]
-    results = [document(each, budget_of(each, scope)) for each in fits]
+    fits = [fit(calibration) for calibration in runs.values()]
+    results = [document(fitted, budget_of(fitted, scope)) for fitted in fits]
     mountings = [mounting for mounting, _ in runs]
     first = fits[0]
     coordinates = first.estimate.coordinates
     z = np.array(
-        [coordinates.place(each.estimate.coordinates.values(each.estimate.z)) for each in fits]
+        [
+            coordinates.place(fitted.estimate.coordinates.values(fitted.estimate.z))
+            for fitted in fits
+        ]
     )
     mean, data_rows = _components(z, mountings)
     rows = [*data_rows, *(row for row in budget_of(first, scope) if row.kind != DATA)]
-    combined = _combined(first, results, mean, rows)
-    outlier = find_outlier(
-        z, mountings, np.mean([np.diag(each.estimate.covariance) for each in fits], axis=0)
-    )
+    combined = _combine(first, results, mean, rows)
+    variances = np.mean([np.diag(fitted.estimate.covariance) for fitted in fits], axis=0)
+    outlier = find_outlier(z, mountings, variances)
     if outlier is not None and outlier.probability < REJECTION:
-        combined = _with_finding(combined, _finding(outlier, first, z, list(runs)))
-    measured = _measured(results, combined, mountings)
-    sources = [f"{len(fits)} runs"]
-    if len(set(mountings)) > 1:
-        sources.append(f"{len(set(mountings))} mountings")
+        finding = _outlier_finding(outlier, first, z, list(runs))
+        combined = replace(
+            combined,
+            warnings=(*combined.warnings, ResultWarning(finding.code, finding.message)),
+            findings=(*combined.findings, finding),
+        )
+    measured = _mean_curve(results, combined, mountings)
+    sources = [f"{len(runs)} runs"]
+    mounting_count = len(set(mountings))
+    if mounting_count > 1:
+        sources.append(f"{mounting_count} mountings")
     settings = {
         **combined.settings,
         "uncertainty_covers": "; ".join([*sources, *covered(rows)]),
-        "repeats": _repeats_settings(list(runs), results),
+        "repeats": {
+            "runs": len(runs),
+            "mountings": mounting_count,
+            "values": [
+                {"mounting": mounting, "run": run, **_estimated_values(result)}
+                for (mounting, run), result in zip(runs, results, strict=True)
+            ],
+        },
     }
     settings = _with_scatter(settings, measured, sources[-1])
     combined = replace(combined, measured=measured, settings=settings)
     return with_floor(combined, first.evidence.calibration.capabilities)
 
 
-def _combined(
+def _combine(
     first: Fitted, results: Sequence[Result], mean: FloatArray, rows: Sequence[BudgetRow]
 ) -> Result:
-    """Return the first run's result with the mean of all runs, its covariance and their warnings.
+    """Return the result of the mean of all runs, with the warnings and findings of each.
 
     Args:
-        first: run.
+        first: the fit of the first run, whose other entries the result has.
         results: of each run.
         mean: coordinates, shape (p,).
         rows: budget of the mean.
@@ -143,13 +157,16 @@ def _combined(
     covariance = np.sum([row.covariance for row in rows], axis=0)
     freedom = float(np.min(effective_degrees_of_freedom(_join_type_a_rows(rows))))
     doubtful = {
-        name: "" for each in results for name, p in each.parameters.items() if not p.identifiable
+        name: ""
+        for result in results
+        for name, parameter in result.parameters.items()
+        if not parameter.identifiable
     }
     response = base.response
     if base.has_gain:
         response = curve(coordinates, mean, covariance, calibration.quantity, response.frequency_hz)
-    files = [file for each in results for file in each.provenance.get("files") or ()]
-    warnings = [warning for each in results for warning in each.warnings]
+    files = [file for result in results for file in result.provenance.get("files") or ()]
+    warnings = [warning for result in results for warning in result.warnings]
     return replace(
         base,
         parameters=parameter_table(
@@ -158,10 +175,10 @@ def _combined(
         correlation=correlation(model, covariance),
         response=response,
         warnings=tuple(dict.fromkeys(warnings)),
-        findings=tuple(finding for each in results for finding in each.findings),
-        fit=replace(base.fit, adequate=all(each.fit.adequate for each in results)),
+        findings=tuple(finding for result in results for finding in result.findings),
+        fit=replace(base.fit, adequate=all(result.fit.adequate for result in results)),
         provenance={**base.provenance, "files": files},
-        signals=tuple(signal for each in results for signal in each.signals),
+        signals=tuple(signal for result in results for signal in result.signals),
         settings={
             **base.settings,
             "coverage_factor": coverage_factor(freedom),
@@ -173,61 +190,38 @@ def _combined(
     )
 
 
-def _with_finding(result: Result, finding: Finding) -> Result:
-    warning = ResultWarning(finding.code, finding.message)
-    return replace(
-        result,
-        warnings=tuple(dict.fromkeys([*result.warnings, warning])),
-        findings=(*result.findings, finding),
-    )
+def _estimated_values(result: Result) -> dict[str, float]:
+    return {name: p.value for name, p in result.parameters.items() if not p.derived}
 
 
-def _repeats_settings(runs: Sequence[tuple[str, str]], results: Sequence[Result]) -> dict[str, Any]:
-    """Return the numbers of runs and mountings, and the values of each run."""
-    return {
-        "runs": len(runs),
-        "mountings": len({mounting for mounting, _ in runs}),
-        "values": [
-            {
-                "mounting": mounting,
-                "run": run,
-                **{n: p.value for n, p in result.parameters.items() if not p.derived},
-            }
-            for (mounting, run), result in zip(runs, results, strict=True)
-        ],
-    }
-
-
-def _finding(
+def _outlier_finding(
     outlier: Outlier, first: Fitted, z: FloatArray, runs: Sequence[tuple[str, str]]
 ) -> Finding:
     """Return the finding of a run or mounting outside the scatter of the others.
 
     Its impact is the change of the mean by the outlier.
     """
-    within = np.flatnonzero(outlier.runs)
     coordinates = first.estimate.coordinates
     mountings = [mounting for mounting, _ in runs]
     remaining = np.flatnonzero(~outlier.runs)
     mean, _ = _components(z, mountings)
-    mean_without, _ = _components(z[remaining], [mountings[i] for i in remaining])
-    mean_values = coordinates.values(mean)
-    without = coordinates.values(mean_without)
-    mounting, run = runs[within[0]]
-    words = [
-        f"mounting {mounting}" if mounting else "",
-        f"run {run}" if len(within) == 1 and run else "",
-    ]
-    name = list(mean_values)[outlier.parameter]
+    mean_of_others, _ = _components(z[remaining], [mountings[i] for i in remaining])
+    values = coordinates.values(mean)
+    values_without = coordinates.values(mean_of_others)
+    outlying = np.flatnonzero(outlier.runs)
+    mounting, run = runs[outlying[0]]
+    words = [f"mounting {mounting}"] if mounting else []
+    if len(outlying) == 1 and run:
+        words.append(f"run {run}")
+    name = list(values)[outlier.parameter]
     unit = parameter_units(first.evidence.model, first.evidence.calibration)[name]
-    changed, original = (
-        amount(values[name], unit, VALUE_DIGITS) for values in (without, mean_values)
-    )
     text = (
-        f"{' '.join(filter(None, words)).capitalize()} lies outside the scatter of the others by "
-        f"its {in_words(name)}. Without it the mean would be {changed} in place of {original}."
+        f"{' '.join(words).capitalize()} lies outside the scatter of the others by its "
+        f"{in_words(name)}. Without it the mean would be "
+        f"{amount(values_without[name], unit, VALUE_DIGITS)} in place of "
+        f"{amount(values[name], unit, VALUE_DIGITS)}."
     )
-    impact = {key: value - without[key] for key, value in mean_values.items()}
+    impact = {key: value - values_without[key] for key, value in values.items()}
     return Finding("regimes", None, None, outlier.probability, impact, text)
 
 
@@ -249,35 +243,33 @@ def _components(z: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, li
 
     ``z``: coordinates of each run, shape (runs, p).
     """
-    groups = _groups(z, mountings)
+    groups = _group_by_mounting(z, mountings)
     means = np.array([group.mean(axis=0) for group in groups])
     covariance = np.atleast_2d(np.cov(means.T)) / len(groups)
     freedom = len(z) - len(groups)
     if freedom == 0:
         source = REMOUNTING if len(set(mountings)) > 1 else REPEATABILITY
-        return means.mean(axis=0), [_row(source, covariance, len(groups) - 1)]
-    within = sum(
-        np.atleast_2d((group - group.mean(axis=0)).T @ (group - group.mean(axis=0)))
-        for group in groups
-    )
+        return means.mean(axis=0), [_data_row(source, covariance, len(groups) - 1)]
+    deviations = [group - group.mean(axis=0) for group in groups]
+    within = sum(np.atleast_2d(deviation.T @ deviation) for deviation in deviations)
     repeatability = (
         within / freedom * float(np.mean([1.0 / len(group) for group in groups])) / len(groups)
     )
-    # part of repeatability in the variance of the mean
+    # repeatability's share of the variance of the mean
     share = np.clip(np.diag(repeatability) / np.maximum(np.diag(covariance), 1e-300), 0.0, 1.0)
     repeated, remounted = (
         covariance * np.outer(weights, weights)
         for weights in (np.sqrt(share), np.sqrt(1.0 - share))
     )
-    mixed = covariance - repeated - remounted  # of the correlations, none on the diagonal
+    mixed = covariance - repeated - remounted  # of the correlations, zero on the diagonal
     rows = [
-        _row(REPEATABILITY, repeated, freedom),
-        _row(REMOUNTING, remounted + mixed, len(groups) - 1),
+        _data_row(REPEATABILITY, repeated, freedom),
+        _data_row(REMOUNTING, remounted + mixed, len(groups) - 1),
     ]
     return means.mean(axis=0), rows
 
 
-def _groups(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
+def _group_by_mounting(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
     """Return the rows of each mounting, or each row by itself where there is one mounting.
 
     ``values``: shape (runs, …).
@@ -288,7 +280,7 @@ def _groups(values: FloatArray, mountings: Sequence[str]) -> list[FloatArray]:
     return [values[[mounting == name for mounting in mountings]] for name in names]
 
 
-def _row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
+def _data_row(source: str, covariance: FloatArray, freedom: int) -> BudgetRow:
     return BudgetRow(source, DATA, None, "", float(freedom), covariance)
 
 
@@ -302,49 +294,48 @@ def _join_type_a_rows(rows: Sequence[BudgetRow]) -> list[BudgetRow]:
     return [replace(data[-1], covariance=covariance), *(row for row in rows if row.kind != DATA)]
 
 
-def _measured(results: Sequence[Result], mean: Result, mountings: Sequence[str]) -> MeasuredCurve:
-    """Return the points as means over the runs, their noise as the runs' scatter.
+def _mean_curve(results: Sequence[Result], mean: Result, mountings: Sequence[str]) -> MeasuredCurve:
+    """Return the points as means over the runs, with the runs' scatter as their noise.
 
     Where the points of the runs do not match, those of the first run are returned.
     """
     curves = [result.measured for result in results]
-    f = curves[0].frequency_hz
-    alike = all(
+    first = curves[0]
+    f = first.frequency_hz
+    is_common = all(
         len(c.frequency_hz) == len(f) and np.all(abs(c.frequency_hz / f - 1) <= 1e-3)
         for c in curves
     )
-    if not alike or not len(f):
-        return curves[0]
-    magnitudes, phases = (
-        np.array([getattr(c, name) for c in curves]) for name in ("magnitude", "phase_deg")
-    )
+    if not is_common or not len(f):
+        return first
+    phases = np.array([c.phase_deg for c in curves])
     phases = phases[0] + (phases - phases[0] + 180.0) % 360.0 - 180.0
-    size, size_noise = _mean_over(magnitudes, mountings)
-    turn, turn_noise = _mean_over(phases, mountings)
-    first = curves[0]
-    columns = (
-        (first.magnitude_uncertainty, first.magnitude_noise),
-        (first.phase_deg_uncertainty, first.phase_deg_noise),
+    magnitude, magnitude_noise = _mean_over(np.array([c.magnitude for c in curves]), mountings)
+    phase, phase_noise = _mean_over(phases, mountings)
+    magnitude_u = _replace_noise(
+        first.magnitude_uncertainty, first.magnitude_noise, magnitude_noise
     )
-    common = [
-        np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0))
-        for u, noise in columns
-    ]
+    phase_u = _replace_noise(first.phase_deg_uncertainty, first.phase_deg_noise, phase_noise)
     model = mean.to_sensor().frequency_response(f, mean.quantity)  # type: ignore[arg-type]
-    shift = (np.rad2deg(np.angle(model)) - turn + 180.0) % 360.0 - 180.0
     return replace(
         first,
-        magnitude=size,
-        phase_deg=turn,
-        magnitude_noise=size_noise,
-        phase_deg_noise=turn_noise,
-        magnitude_uncertainty=np.hypot(size_noise, common[0]),
-        phase_deg_uncertainty=np.hypot(turn_noise, common[1]),
-        deviation_percent=100.0 * (np.abs(model) / size - 1.0),
-        deviation_phase_deg=shift,
-        deviation_uncertainty_percent=100.0 * size_noise / size,
-        deviation_phase_uncertainty_deg=turn_noise,
+        magnitude=magnitude,
+        phase_deg=phase,
+        magnitude_noise=magnitude_noise,
+        phase_deg_noise=phase_noise,
+        magnitude_uncertainty=magnitude_u,
+        phase_deg_uncertainty=phase_u,
+        deviation_percent=100.0 * (np.abs(model) / magnitude - 1.0),
+        deviation_phase_deg=(np.rad2deg(np.angle(model)) - phase + 180.0) % 360.0 - 180.0,
+        deviation_uncertainty_percent=100.0 * magnitude_noise / magnitude,
+        deviation_phase_uncertainty_deg=phase_noise,
     )
+
+
+def _replace_noise(u: FloatArray, noise: FloatArray, new_noise: FloatArray) -> FloatArray:
+    """Return an uncertainty with another noise in place of its own; NaN stands for zero."""
+    common = np.sqrt(np.maximum(np.nan_to_num(u) ** 2 - np.nan_to_num(noise) ** 2, 0.0))
+    return np.hypot(new_noise, common)
 
 
 def _mean_over(values: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray, FloatArray]:
@@ -352,5 +343,5 @@ def _mean_over(values: FloatArray, mountings: Sequence[str]) -> tuple[FloatArray
 
     ``values``: shape (runs, points).
     """
-    means = np.array([group.mean(axis=0) for group in _groups(values, mountings)])
+    means = np.array([group.mean(axis=0) for group in _group_by_mounting(values, mountings)])
     return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))

@@ -31,7 +31,7 @@ from vibrident.base.errors import InputError
 from vibrident.base.tails import student_quantile
 from vibrident.data.io.axes_file import AxesCalibration, read_axes
 from vibrident.data.known import KnownResponse
-from vibrident.data.records import Calibration, FloatArray, Record
+from vibrident.data.records import Calibration, FloatArray
 from vibrident.fit.response import MeasuredResponse
 from vibrident.fit.response.sine_fit import tone_frequency
 from vibrident.fit.response.tones import measure_tones
@@ -70,10 +70,7 @@ class Matrix:
         return components - k[..., None] * self.u, components + k[..., None] * self.u
 
     def main(self) -> list[dict[str, Any]]:
-        """Return main and transverse sensitivity and misalignment of each output.
-
-        They are lists over frequency.
-        """
+        """Return main and transverse sensitivity and misalignment of each output by frequency."""
         outputs = []
         for i, name in enumerate(self.outputs):
             if name not in self.axes:
@@ -174,52 +171,53 @@ def sensitivity_matrix(calibration: AxesCalibration | str | os.PathLike[str]) ->
     """
     if not isinstance(calibration, AxesCalibration):
         calibration = read_axes(calibration)
-    first = next(iter(calibration.outputs.values()))
+    outputs = calibration.outputs
+    first = next(iter(outputs.values()))
     tones_hz = [tone_frequency(record) for record in first.records]
     axes = tuple(calibration.motions) or tuple(
-        dict.fromkeys(r.circumstances.axis for r in first.records)
+        dict.fromkeys(record.circumstances.axis for record in first.records)
     )
-    motion = _motion(calibration, first.records, tones_hz, axes)
-    groups = _groups(tones_hz)
-    outputs = tuple(calibration.outputs)
+    motion = _measure_motion(calibration, first, tones_hz, axes)
+    groups = _group_by_frequency(tones_hz)
     shape = len(groups), len(outputs), len(axes)
     values = np.full(shape, np.nan, complex)
     u = np.full((*shape, 2), np.nan)
     freedom = np.full(shape, np.inf)
-    for i, name in enumerate(outputs):
-        tones = _known_removed(
-            measure_tones(calibration.outputs[name].records, tones_hz),
+    for i, output in enumerate(outputs.values()):
+        tones = _without_known_responses(
+            measure_tones(output.records, tones_hz),
             first.reference_known_response,
-            calibration.outputs[name].response_known_response,
+            output.response_known_response,
             first.source,
         )
         for n, group in enumerate(groups):
-            row = _row(tones, motion[group], group, first.source)
-            values[n, i], u[n, i], freedom[n, i] = row
+            values[n, i], u[n, i], freedom[n, i] = _estimate_row(
+                tones, motion[group], group, first.source
+            )
     frequency = np.array([sum(tones_hz[k] for k in group) / len(group) for group in groups])
-    u, freedom = _with_effects(calibration, outputs, axes, frequency, values, u, freedom)
-    unit = f"{first.response_unit}/({first.reference_unit})"
+    u, freedom = _add_effects(calibration, axes, frequency, values, u, freedom)
     settings = {
         "sensor": dict(first.sensor),
         "transverse_motion": calibration.transverse_motion,
-        "effects": list(
-            {
-                (e.source, e.kind, e.standard_uncertainty): {
-                    "source": e.source,
-                    "kind": e.kind,
-                    "u": e.standard_uncertainty,
-                }
-                for output in calibration.outputs.values()
-                for along in calibration.motions.values() or (first,)
-                for e in effects_of(_chain_of(output, along))
-            }.values()
-        ),
+        "effects": _effect_settings(calibration, first),
         "records": [record.name for record in first.records],
     }
-    return Matrix(outputs, axes, frequency, values, u, freedom, unit, settings)
+    unit = f"{first.response_unit}/({first.reference_unit})"
+    return Matrix(tuple(outputs), axes, frequency, values, u, freedom, unit, settings)
 
 
-def _groups(frequencies: Sequence[float]) -> list[list[int]]:
+def _effect_settings(calibration: AxesCalibration, first: Calibration) -> list[dict[str, Any]]:
+    """Return the stated effects of all measuring chains, each once."""
+    effects = (
+        (effect.source, effect.kind, effect.standard_uncertainty)
+        for output in calibration.outputs.values()
+        for motion in calibration.motions.values() or (first,)
+        for effect in effects_of(_chain(output, motion))
+    )
+    return [{"source": source, "kind": kind, "u": u} for source, kind, u in dict.fromkeys(effects)]
+
+
+def _group_by_frequency(frequencies: Sequence[float]) -> list[list[int]]:
     """Return the indices of the records at each frequency, rising."""
     groups: list[list[int]] = []
     for k in np.argsort(frequencies, kind="stable").tolist():
@@ -230,26 +228,19 @@ def _groups(frequencies: Sequence[float]) -> list[list[int]]:
     return groups
 
 
-def _motion(
-    calibration: AxesCalibration,
-    records: Sequence[Record],
-    tones_hz: Sequence[float],
-    axes: Sequence[str],
+def _measure_motion(
+    calibration: AxesCalibration, first: Calibration, tones_hz: Sequence[float], axes: Sequence[str]
 ) -> ComplexArray:
     """Return the motion along each axis over the first reference's, shape (records, axes)."""
     if not calibration.motions:
-        return np.array(
-            [[float(axis == r.circumstances.axis) for axis in axes] for r in records], dtype=complex
-        )
+        moved = [record.circumstances.axis for record in first.records]
+        return np.array([[float(axis == name) for axis in axes] for name in moved], dtype=complex)
     columns = []
     for motion in calibration.motions.values():
-        signals = [
-            replace(record, response=along.reference)
-            for record, along in zip(records, motion.records, strict=True)
-        ]
-        first = next(iter(calibration.outputs.values()))
-        tones = _known_removed(
-            measure_tones(signals, tones_hz),
+        pairs = zip(first.records, motion.records, strict=True)
+        records = [replace(record, response=along.reference) for record, along in pairs]
+        tones = _without_known_responses(
+            measure_tones(records, tones_hz),
             first.reference_known_response,
             motion.reference_known_response,
             first.source,
@@ -258,57 +249,68 @@ def _motion(
     return np.stack(columns, axis=1)
 
 
-def _known_removed(
+def _without_known_responses(
     tones: MeasuredResponse,
     reference: KnownResponse | None,
     response: KnownResponse | None,
     where: str,
 ) -> MeasuredResponse:
-    """Return tones of two channels without the known responses of these.
+    """Divide the tones of both channels by the known responses of these channels.
 
     Raises:
         InputError: a tone lies outside the band in which a response is known.
     """
-    for name, chain in (("reference", reference), ("response", response)):
-        if chain is None:
+    for name, known in (("reference", reference), ("response", response)):
+        if known is None:
             continue
-        low, high = chain.band_hz
+        low, high = known.band_hz
         outside = (tones.frequency_hz < low) | (tones.frequency_hz > high)
         if outside.any():
             raise InputError(
                 "A record's frequency is outside the band of a known response.",
-                expected=f"{low:g} to {high:g} Hz, as {chain.source} states",
+                expected=f"{low:g} to {high:g} Hz, as {known.source} states",
                 found=f"{tones.frequency_hz[outside][0]:.6g} Hz",
                 where=where or "calibration in memory",
                 remedy="leave that record out, or state the response further",
             )
-        at = chain.value(tones.frequency_hz)
-        lines = chain.value(tones.line_hz)
-        rounding = tones.rounding
-        if rounding is not None:
-            rounding = np.array(rounding)
-            rounding[:, int(name == "response")] /= np.abs(at) ** 2
-        removed = {name: getattr(tones, name) / at, "rounding": rounding}
+        at_tones = known.value(tones.frequency_hz)
+        divided = {name: getattr(tones, name) / at_tones}
         lines_name = f"line_{name}"
-        tones = replace(tones, **removed, **{lines_name: getattr(tones, lines_name) / lines})
+        divided[lines_name] = getattr(tones, lines_name) / known.value(tones.line_hz)
+        if tones.rounding is not None:
+            rounding = np.array(tones.rounding)
+            rounding[:, int(name == "response")] /= np.abs(at_tones) ** 2
+            divided["rounding"] = rounding
+        tones = replace(tones, **divided)
     return tones
 
 
-def _chain_of(output: Calibration, along: Calibration) -> Calibration:
-    """Return an output's calibration with what another one states of its reference."""
+def _chain(output: Calibration, motion: Calibration) -> Calibration:
+    """Return an output's calibration with what the one of its motion states of the reference."""
     return replace(
         output,
-        reference_known_response=along.reference_known_response,
-        reference_standard_uncertainty=along.reference_standard_uncertainty,
+        reference_known_response=motion.reference_known_response,
+        reference_standard_uncertainty=motion.reference_standard_uncertainty,
     )
 
 
-def _row(
-    tones: Any, motion: ComplexArray, group: Sequence[int], where: str
+def _estimate_row(
+    tones: MeasuredResponse, motion: ComplexArray, group: Sequence[int], where: str
 ) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """Return a row of the matrix at one frequency, u of its parts and degrees of freedom.
+    """Estimate a row of the matrix at one frequency by weighted least squares.
 
-    They are NaN for axes without motion.
+    Args:
+        tones: of an output, one a record.
+        motion: of the group's records, shape (records, axes).
+        group: indices of the records at the frequency.
+        where: source of the records, for errors.
+
+    Returns:
+        the row, shape (axes,), u of its parts, shape (axes, 2), and degrees of freedom, shape
+        (axes,); row and u are NaN for axes without motion.
+
+    Raises:
+        InputError: the records do not tell the axes of motion apart.
     """
     ratio = tones.response[group] / tones.reference[group]
     moved = np.any(motion != 0, axis=0)
@@ -343,9 +345,8 @@ def _row(
     return row, u, freedom
 
 
-def _with_effects(
+def _add_effects(
     calibration: AxesCalibration,
-    outputs: Sequence[str],
     axes: Sequence[str],
     frequency: FloatArray,
     values: ComplexArray,
@@ -357,19 +358,15 @@ def _with_effects(
     The effects act on size and angle of each element.
     """
     square = u**2
-    noise = u[..., 0] ** 2
-    for i, output in enumerate(outputs):
+    for i, (name, output) in enumerate(calibration.outputs.items()):
         for j, axis in enumerate(axes):
-            channel = calibration.outputs[output]
-            chain = _chain_of(channel, calibration.motions.get(axis, channel))
+            chain = _chain(output, calibration.motions.get(axis, output))
             square[:, i, j] += _effects_squared(chain, frequency, values[:, i, j])
-    for i, output in enumerate(outputs):
-        for j, axis in enumerate(axes):
-            if axis != output and output in axes:
-                main = np.abs(values[:, i, list(axes).index(output)])
+            if axis != name and name in axes:
+                main = np.abs(values[:, i, list(axes).index(name)])
                 square[:, i, j] += ((calibration.transverse_motion * main) ** 2)[:, None]
     total = np.mean(square, axis=-1)
-    return np.sqrt(square), freedom * (total / np.maximum(noise, SMALLEST)) ** 2
+    return np.sqrt(square), freedom * (total / np.maximum(u[..., 0] ** 2, SMALLEST)) ** 2
 
 
 def _effects_squared(
@@ -392,9 +389,10 @@ def _effects_squared(
             )
         size = effect.standard_uncertainty * pattern(effect, None, frequency)
         turn = values / np.maximum(np.abs(values), SMALLEST)
-        both = np.abs(values) * np.real(size), np.abs(values) * np.imag(size)
-        square[:, 0] += (both[0] * turn.real) ** 2 + (both[1] * turn.imag) ** 2
-        square[:, 1] += (both[0] * turn.imag) ** 2 + (both[1] * turn.real) ** 2
+        radial = np.abs(values) * np.real(size)
+        tangential = np.abs(values) * np.imag(size)
+        square[:, 0] += (radial * turn.real) ** 2 + (tangential * turn.imag) ** 2
+        square[:, 1] += (radial * turn.imag) ** 2 + (tangential * turn.real) ** 2
     return square
 
 

@@ -30,7 +30,7 @@ from vibrident.data.io.writer import record_files
 from vibrident.export import export
 from vibrident.export.form import Options
 from vibrident.export.formats.fmu import slave
-from vibrident.export.sensor import sensor_of
+from vibrident.export.sensor import read_sensor
 from vibrident.show import methods, plots, terminal
 from vibrident.show.media import html
 from vibrident.show.media.console import on_console
@@ -97,7 +97,7 @@ def test_any_text_becomes_what_can_be_seen(text):
 def test_the_fmus_code_and_description_do_not_depend_on_the_text(written):
     shapes = set()
     for text in ["harmless", *TEXTS]:
-        made = slave(sensor_of(with_text(paper(), text)), Options(rate_hz=51200.0))
+        made = slave(read_sensor(with_text(paper(), text)), Options(rate_hz=51200.0))
         made.encode()
         tree = ast.parse(made)
         shapes.add(tuple(type(node).__name__ for node in ast.walk(tree)))
@@ -110,7 +110,7 @@ def test_the_fmus_code_and_description_do_not_depend_on_the_text(written):
 
 @pytest.mark.parametrize("name", ["none", "true", "real", "lead", "int", "fmi2Slave", "x" * 41])
 def test_names_that_languages_know_make_code_all_the_same(name, tmp_path):
-    made = slave(sensor_of(paper()), Options(rate_hz=51200.0, name=name))
+    made = slave(read_sensor(paper()), Options(rate_hz=51200.0, name=name))
     classes = [node.name for node in ast.parse(made).body if isinstance(node, ast.ClassDef)]
     assert made.count(f"class {classes[0]}(Fmi2Slave)") == len(classes) == 1
     _, source = export(paper(), "c", tmp_path, rate_hz=51200.0, name=name)

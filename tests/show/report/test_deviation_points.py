@@ -15,7 +15,7 @@ from tests.support.sample_results import dense_points, pickup, table2
 from vibrident.data.records import STANDARD_GRAVITY
 from vibrident.result import Result
 from vibrident.show import certificate_tables, report
-from vibrident.show.deviation_points import by_point, from_reference
+from vibrident.show.deviation_points import from_reference, judged_points
 from vibrident.show.points import reference_value
 from vibrident.use.conformity import judge_requirements
 
@@ -76,7 +76,7 @@ def test_a_requirement_is_met_where_each_line_meets_it(rule):
         result = stated(table2(), requirements=[limit], decision_rule=rule)
         value = reference_value(result)
         (whole,) = judge_requirements(result, value.frequency_hz, (value.magnitude, value.magnitude_uncertainty))
-        lines = [row.met for row in by_point(result).values() if math.isfinite(row.low)]
+        lines = [row.met for row in judged_points(result).values() if math.isfinite(row.low)]
         assert whole.met is all(lines)
 
 

@@ -29,7 +29,7 @@ from vibrident.show import certificate_tables as parts
 from vibrident.show.certificate import certificate
 from vibrident.show.certified import certified, raised_to_measured, stated_parameters
 from vibrident.show.issue import Issue, missing
-from vibrident.show.language import Say
+from vibrident.show.language import Translator
 from vibrident.show.media import html, pdf
 from vibrident.show.numbers import sensitivity_scale
 from vibrident.show.views import Figure, Folded
@@ -50,7 +50,7 @@ class Drawn:
 
     result: Result
     issue: Issue
-    say: Say
+    say: Translator
 
 
 def drawn(seed: int) -> Drawn:
@@ -90,7 +90,7 @@ def drawn(seed: int) -> Drawn:
     if rng.random() < 0.4:
         values = {n: replace(p, value=p.value * (1 + 0.02 * rng.normal())) for n, p in result.parameters.items()}
         before = replace(result, parameters=values, measured=scaled(result.measured, 1.01))
-    return Drawn(result, Issue(before=before), Say.of(result))
+    return Drawn(result, Issue(before=before), Translator.from_result(result))
 
 
 LABORATORY = {
@@ -128,7 +128,7 @@ def numbers_of(table) -> list[tuple[str, ...]]:
     return [tuple(row[j] for j in columns) for row in table.rows]
 
 
-def require_cells(table, text: str, say: Say) -> None:
+def require_cells(table, text: str, say: Translator) -> None:
     """Every number of a table stands in a text, with the document's decimal sign."""
     cells = {say.number(cell) for row in numbers_of(table) for cell in row if cell}
     squeezed = re.sub(r"\s", "", text)
@@ -225,7 +225,7 @@ def test_every_document_says_what_the_result_says(seed, tmp_path):
     page = page_of(one.result)
     stated = raised_to_measured(one.result)
     for table in (tables.parameters(stated), parts.measured(stated)):
-        require_cells(table, page, Say("en"))
+        require_cells(table, page, Translator("en"))
     assert re.findall(r"\[\[|⟦|calibration file", page) == []
 
 

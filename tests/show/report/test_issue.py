@@ -25,7 +25,7 @@ from vibrident.data.io.certificate import CertificateSection, certificate_data, 
 from vibrident.show import certificate, certificate_decisions, report
 from vibrident.show import certificate_tables as parts
 from vibrident.show.issue import REQUIRED, form, issued, missing
-from vibrident.show.language import Say
+from vibrident.show.language import Translator
 from vibrident.show.media import pdf
 from vibrident.show.numbers import percent, sensitivity_scale
 from vibrident.use.conformity import accepted, judge_requirements, probability_of_conformance, ratio_uncertainty
@@ -412,7 +412,7 @@ def test_chinese_needs_a_font_and_says_so(tmp_path, monkeypatch):
     """As the second language too: without, each of its letters was an empty box."""
     second, _ = issued(full(table2()), [file(tmp_path, WHOLE + 'language = "de"\nsecond_language = "zh"\n')])
     result, _ = issued(full(table2()), [file(tmp_path, WHOLE + 'language = "zh"\n')])
-    assert certificate.title(result, Say.of(result)) == "校准证书"
+    assert certificate.title(result, Translator.from_result(result)) == "校准证书"
     monkeypatch.setattr(pdf, "_CHINESE", ("no such font",))
     for one in (result, second):
         with pytest.raises(InputError, match="fonts"):

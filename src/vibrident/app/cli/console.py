@@ -64,7 +64,7 @@ def _console(*, stderr: bool) -> Console:
     return Console(stderr=stderr, markup=False, highlight=False, emoji=False)
 
 
-def say(text: str, style: str = "") -> None:
+def print_line(text: str, style: str = "") -> None:
     """Print a line on stdout."""
     output_console().print(printable(text), style=style, soft_wrap=True)
 

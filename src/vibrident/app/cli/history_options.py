@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from vibrident.lab.history.document import Question
     from vibrident.lab.history.due import Tolerance
     from vibrident.lab.history.query import StoredSensor
+    from vibrident.lab.history.store import Store
+
+
+def open_store(url: str | None) -> Store:
+    """Open a history; None opens the default one."""
+    from vibrident.lab.history.store import Store
+
+    return Store(url)
 
 
 def read_date(text: str | None, option: str) -> datetime.date | None:

@@ -97,13 +97,13 @@ def choice(
     """
     return option(
         name,
-        metavar or "|".join(_names_of(allowed)),
+        metavar or "|".join(_resolve_names(allowed)),
         help,
         value,
         default,
         panel,
-        callback=lambda value: None if value is None else one_of(name, value, _names_of(allowed)),
-        autocompletion=lambda: list(_names_of(allowed)),
+        callback=lambda value: None if value is None else require_choice(name, value, allowed),
+        autocompletion=lambda: list(_resolve_names(allowed)),
     )
 
 
@@ -118,7 +118,7 @@ CERTIFICATE_FILES = option(
 RESULT_FILES = argument("RESULT...", "result.json, one or more.")
 
 
-def _names_of(names: Names) -> Sequence[str]:
+def _resolve_names(names: Names) -> Sequence[str]:
     return names() if callable(names) else names
 
 
@@ -160,11 +160,12 @@ def fill_in_names(text: str | None) -> str | None:
     return text
 
 
-def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
+def require_choice(name: str, value: str, allowed: Names) -> str:
     """Return the value if it is one of those allowed; else InputError."""
-    if value in allowed:
+    names = _resolve_names(allowed)
+    if value in names:
         return value
-    raise unknown(f"{value!r} is not a choice of {marked(name)}.", value, allowed, marked(name))
+    raise unknown(f"{value!r} is not a choice of {marked(name)}.", value, names, marked(name))
 
 
 def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], list[str] | None]:
@@ -178,7 +179,7 @@ def listed(name: str, allowed: Names | None = None) -> Callable[[str | None], li
             remedy = f"name at least one, or leave {marked(name)} out"
             raise unreadable_error(name, text, "names joined by commas", remedy)
         checked = [
-            word if allowed is None else one_of(name, word, _names_of(allowed)) for word in words
+            word if allowed is None else require_choice(name, word, allowed) for word in words
         ]
         return list(dict.fromkeys(checked))
 

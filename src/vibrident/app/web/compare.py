@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from vibrident.app.web import frame, sandboxed
-from vibrident.app.web.language import say, spoken
+from vibrident.app.web.language import page_language, translate
 from vibrident.app.web.outcome import offer_download
 from vibrident.app.web.user import User
 from vibrident.base.escaping import html
@@ -20,13 +20,13 @@ class CompareStep:
 
     def __init__(self, user: User) -> None:
         self.user = user
-        self.turn = 0
+        self.version = 0
 
     def build(self) -> None:
         """Build the section, hidden until there are two results."""
-        self.section = frame.add_step(say("Compare"), "compare")
+        self.section = frame.add_step(translate("Compare"), "compare")
         with self.section:
-            self.choice = ui.select([], label=say("Results"), multiple=True)
+            self.choice = ui.select([], label=translate("Results"), multiple=True)
             self.choice.props("dense outlined stack-label use-chips").classes("w-full")
             self.choice.on_value_change(self._draw)
             self.body = ui.element("div")
@@ -45,15 +45,15 @@ class CompareStep:
 
     async def _draw(self) -> None:
         paths, names = self._selected()
-        self.turn += 1
-        turn = self.turn
+        self.version += 1
+        version = self.version
         self.body.clear()
         if len(paths) < 2:
             return
         outcome = await frame.run_sandboxed(
-            self.user, self.body, sandboxed.compare_results, paths, names, spoken().code
+            self.user, self.body, sandboxed.compare_results, paths, names, page_language().code
         )
-        if outcome is None or turn != self.turn or self.body.is_deleted:
+        if outcome is None or version != self.version or self.body.is_deleted:
             return
         with self.body:
             for _, figure, height in outcome["charts"]:
@@ -61,12 +61,8 @@ class CompareStep:
             for title, table in outcome["tables"]:
                 ui.html(f"<h3>{html(title)}</h3>{table}", sanitize=False)
             with frame.actions():
-                ui.button(say("Comparison (HTML)"), on_click=lambda: self._report("html")).props(
-                    "outline"
-                )
-                ui.button(say("Comparison (PDF)"), on_click=lambda: self._report("pdf")).props(
-                    "outline"
-                )
+                frame.add_button(translate("Comparison (HTML)"), lambda: self._report("html"))
+                frame.add_button(translate("Comparison (PDF)"), lambda: self._report("pdf"))
             self.errors = frame.add_error_area()
 
     async def _report(self, form: str) -> None:

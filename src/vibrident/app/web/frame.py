@@ -1,4 +1,4 @@
-"""Build what the steps of the page share: sections, error boxes, notes, untrusted text, charts."""
+"""Build the elements that the steps of the page share: sections, buttons, errors, charts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from nicegui import ui
 
-from vibrident.app.web.language import say, say_count
+from vibrident.app.web.language import translate, translate_count
 from vibrident.app.web.session import PageSession
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS, page_word
@@ -48,14 +48,14 @@ def show_error(
         _show_untranslated(local.problem).classes("problem")
         for label, text in local.parts:
             with ui.element("p"):
-                ui.label(f"{say(label)}: ").classes("label")
+                ui.label(f"{translate(label)}: ").classes("label")
                 _show_untranslated(text)
 
 
 def _show_untranslated(text: str) -> ui.label:
     """Show a text of the engine, marked as English where no catalogue translates it."""
-    spoken = say(text)
-    return ui.label(spoken).props("lang=en" if spoken == text else "")
+    translated = translate(text)
+    return ui.label(translated).props("lang=en" if translated == text else "")
 
 
 async def run_sandboxed(
@@ -77,22 +77,22 @@ def show_left_out(element: ui.element, left_out: Mapping[str, Sequence[str]]) ->
     with element, ui.element("div").classes("warning").props('role=alert id="left-out"'):
         singular = "{count} file was left out; the rest is here."
         plural = "{count} files were left out; the rest is here."
-        ui.label(say_count(number, singular, plural)).classes("problem")
+        ui.label(translate_count(number, singular, plural)).classes("problem")
         for reason, names in left_out.items():
-            ui.label(f"{say(reason)}: {list_names(names)}")
+            ui.label(f"{translate(reason)}: {list_names(names)}")
 
 
 def show_faults(element: ui.element, errors: Sequence[InputError], session: PageSession) -> None:
     """Show what is wrong in the files, each problem once with its places."""
     wheres: dict[str, list[str]] = {}
     for error in (_for_page(error, session) for error in errors):
-        wheres.setdefault(f"{say(error.problem).rstrip('.')} ({say(error.remedy)})", []).append(
-            error.where
-        )
+        wheres.setdefault(
+            f"{translate(error.problem).rstrip('.')} ({translate(error.remedy)})", []
+        ).append(error.where)
     with element, ui.element("div").classes("warning").props("role=alert"):
         singular = "To mend before you identify, in {count} file:"
         plural = "To mend before you identify, in {count} files:"
-        ui.label(say_count(len(errors), singular, plural)).classes("problem")
+        ui.label(translate_count(len(errors), singular, plural)).classes("problem")
         for problem, where in wheres.items():
             ui.label(f"{problem}: {list_names(where)}")
 
@@ -102,7 +102,7 @@ def list_names(names: Sequence[str]) -> str:
     count = views.listed(len(names), _MAX_LISTED_NAMES)
     first = ", ".join(names[:count])
     return (
-        say("{names} and {number} more", names=first, number=len(names) - count)
+        translate("{names} and {number} more", names=first, number=len(names) - count)
         if len(names) > count
         else first
     )
@@ -134,6 +134,37 @@ def heading(title: str, level: int = 3) -> None:
 def actions() -> ui.element:
     """Add a row of buttons, which are built within it."""
     return ui.element("div").classes("actions")
+
+
+def add_button(
+    label: str, on_click: Callable[..., Any], props: str = "outline", *, name: str = ""
+) -> ui.button:
+    """Add a button.
+
+    ``props``: of Quasar; ``name``: for a screen reader, where the label alone would be ambiguous.
+    """
+    button = ui.button(label, on_click=on_click).props(props)
+    if name:
+        button.props["aria-label"] = name
+    return button
+
+
+def add_remove_button(on_click: Callable[..., Any], subject: str, size: str = "sm") -> None:
+    """Add a cross that removes something; ``subject``: what it removes, for a screen reader."""
+    name = translate("remove {thing}", thing=subject)
+    add_button("", on_click, f"icon=close flat round size={size}", name=name)
+
+
+def style_upload(upload: ui.upload) -> ui.upload:
+    """Style an upload, and empty it after each transfer."""
+    upload.classes("uploader").props("flat bordered")
+    return upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
+
+
+def name_upload(upload: ui.upload, button: str, field: str) -> None:
+    """Name the button and the field of an upload for a screen reader."""
+    names = json.dumps([button, field])
+    ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
 
 
 def add_error_area() -> ui.element:
@@ -175,7 +206,7 @@ class Text:
                 ".plain').textContent)"
             )
             button = ui.button(icon="content_copy").props("round flat size=sm").classes("copy")
-            button.props["aria-label"] = say("Copy")
+            button.props["aria-label"] = translate("Copy")
             button.on("click", js_handler=copy)
 
     def show(self, text: str) -> None:

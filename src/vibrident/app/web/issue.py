@@ -8,16 +8,16 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import certificates, frame
-from vibrident.app.web.language import phrase, say
-from vibrident.app.web.outcome import offer_download
+from vibrident.app.web.language import phrase, translate
+from vibrident.app.web.outcome import MAX_STORE_BYTES, offer_download
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
-from vibrident.base.escaping import html
 from vibrident.data.io.certificate import CertificateData
 from vibrident.lab.issue.drafts import ISSUED, REVIEWED, same_account
+from vibrident.show.views import capitalised
 
-_MAX_STORE_BYTES = 1 << 42  # most bytes of the store's file, as of the history
-_LABELS = {
+#: Document of a certificate → label of its button.
+_DOCUMENTS = {
     "pdf": phrase("Certificate (PDF)"),
     "dcc": "DCC",
     "json": "result.json",
@@ -41,153 +41,158 @@ class IssueStep:
 
     def build(self) -> None:
         """Build the section, hidden until there is a draft."""
-        self.section = frame.add_step(say("Review and issue"), "issue", mark="✓")
+        self.section = frame.add_step(translate("Review and issue"), "issue", mark="✓")
         with self.section:
             with frame.actions():
-                refresh = ui.button(say("Look again"), on_click=self.show)
-                refresh.props("outline id=refresh-drafts")
-            self.words = frame.hint("").props("role=status id=issue-words")
+                frame.add_button(translate("Look again"), self.show, "outline id=refresh-drafts")
+            self.status = frame.hint("").props("role=status id=issue-words")
             self.errors = frame.add_error_area()
             self.body = ui.element("div")
         self.section.visible = False
 
     async def show(self) -> None:
-        """Show the drafts as the store has them now."""
+        """Show the drafts that the store has now."""
         if not self.is_offered:
             return
-        call = (certificates.list_drafts, self.user.users.store)
+        store = self.user.users.store
         drafts = await frame.run_sandboxed(
-            self.user, self.errors, *call, file_bytes=_MAX_STORE_BYTES
+            self.user, self.errors, certificates.list_drafts, store, file_bytes=MAX_STORE_BYTES
         )
         if drafts is None or self.body.is_deleted:
             return
         self.section.visible = bool(drafts)
         self.body.clear()
-        replaced = {each["replaces"]: each["number"] for each in drafts if each["number"]}
+        replacements = {draft["replaces"]: draft["number"] for draft in drafts if draft["number"]}
         with self.body:
-            for each in drafts:
-                self._entry(each, replaced.get(each["number"] or None))
+            for draft in drafts:
+                self._show_draft(draft, replacements.get(draft["number"] or None))
 
     async def hand_in(self, named: NamedResult, data: CertificateData, errors: ui.element) -> None:
         """Hand in a draft of a result, and show it."""
         errors.clear()
         try:
             self.user.require("identify", "hand in a draft")
-            arguments = (named.path, self.user.users.store, data, self.user.owner)
-            number = await self.user.run_sandboxed(
-                certificates.hand_in_draft, *arguments, file_bytes=_MAX_STORE_BYTES
+            draft_id = await self.user.run_sandboxed(
+                certificates.hand_in_draft,
+                named.path,
+                self.user.users.store,
+                data,
+                self.user.owner,
+                file_bytes=MAX_STORE_BYTES,
             )
         except Exception as error:
             frame.show_error(errors, error, self.user.session)
             return
-        await self.user.note("handed in", named.path, draft=number)
+        await self.user.note("handed in", named.path, draft=draft_id)
         await self.show()
-        self.words.text = say(
-            "Draft {number} waits for a review by another account.", number=number
+        self.status.text = translate(
+            "Draft {number} waits for a review by another account.", number=draft_id
         )
         frame.scroll_to(self.section)
 
-    def _entry(self, draft: dict[str, Any], replaced_by: str | None) -> None:
-        number = draft["id"]
-        issued = draft["state"] == ISSUED
-        title = (
-            say("Certificate {number}", number=draft["number"])
-            if issued
-            else say("Draft {number}", number=number)
-        )
-        ui.html(f"<h3>{html(title)}: {html(draft['sensor'])}</h3>", sanitize=False)
-        ui.label(_history(draft, replaced_by)).classes("hint")
-        with frame.actions().props(f'id="draft-{number}"'):
-            forms = _LABELS if issued else {"pdf": phrase("Draft (PDF)")}
-            for form, label in forms.items():
-                download = ui.button(say(label), on_click=partial(self._give, number, form))
-                download.props("outline").props["aria-label"] = f"{say(label)}, {title}"
-            if issued or not self.user.may("approve"):
-                return
-            if same_account(draft["author"], self.user.owner):
-                frame.hint(say("Another account reviews what you handed in."))
-            else:
-                self._review(number)
-            if draft["state"] == REVIEWED and self.user.users.key is not None:
-                issue = ui.button(say("Issue and sign"), on_click=partial(self._issue, number))
-                issue.props["aria-label"] = say("Issue and sign draft {number}", number=number)
-
-    def _review(self, number: int) -> None:
-        note = ui.input(say("What was found")).props("dense outlined stack-label")
-        accept = say("Accept draft {number}", number=number)
-        back = say("Return draft {number}", number=number)
-        for label, called, accepted in (
-            (say("Accept"), accept, True),
-            (say("Return"), back, False),
-        ):
-
-            async def review(accepted: bool = accepted) -> None:
-                await self._reviewed(number, accepted, note.value or "")
-
-            button = ui.button(label, on_click=review)
-            button.props("outline").props["aria-label"] = called
-
-    async def _reviewed(self, number: int, accepted: bool, note: str) -> None:
-        call = (certificates.review_draft, number, self.user.owner, accepted, note)
-        if accepted:
-            confirmation = say("Draft {number} is reviewed.", number=number)
-            await self._change("review a draft", "reviewed", confirmation, *call)
+    def _show_draft(self, draft: dict[str, Any], replaced_by: str | None) -> None:
+        draft_id = draft["id"]
+        is_issued = draft["state"] == ISSUED
+        if is_issued:
+            title = translate("Certificate {number}", number=draft["number"])
+            documents = _DOCUMENTS
         else:
-            confirmation = say("Draft {number} is returned.", number=number)
-            await self._change("review a draft", "returned", confirmation, *call)
+            title = translate("Draft {number}", number=draft_id)
+            documents = {"pdf": phrase("Draft (PDF)")}
+        frame.heading(f"{title}: {draft['sensor']}")
+        frame.hint(_describe_history(draft, replaced_by))
+        with frame.actions().props(f'id="draft-{draft_id}"'):
+            for form, english in documents.items():
+                label = translate(english)
+                download = partial(self._download, draft_id, form)
+                frame.add_button(label, download, name=f"{label}, {title}")
+            if not is_issued and self.user.may("approve"):
+                self._build_approval(draft)
 
-    async def _issue(self, number: int) -> None:
-        self.words.text = say("Signing …")
-        call = (
-            certificates.issue_certificate,
-            number,
-            self.user.owner,
-            *(self.user.users.key or ()),
-        )
-        await self._change(
-            "issue a certificate", "issued", say("Draft {number} is issued.", number=number), *call
-        )
+    def _build_approval(self, draft: dict[str, Any]) -> None:
+        """Build what an account with the role ``approve`` can do with a draft."""
+        draft_id = draft["id"]
+        if same_account(draft["author"], self.user.owner):
+            frame.hint(translate("Another account reviews what you handed in."))
+        else:
+            note = ui.input(translate("What was found")).props("dense outlined stack-label")
+            frame.add_button(
+                translate("Accept"),
+                lambda: self._review(draft_id, True, note.value or ""),
+                name=translate("Accept draft {number}", number=draft_id),
+            )
+            frame.add_button(
+                translate("Return"),
+                lambda: self._review(draft_id, False, note.value or ""),
+                name=translate("Return draft {number}", number=draft_id),
+            )
+        if draft["state"] == REVIEWED and self.user.users.key is not None:
+            frame.add_button(
+                translate("Issue and sign"),
+                partial(self._issue, draft_id),
+                "",
+                name=translate("Issue and sign draft {number}", number=draft_id),
+            )
+
+    async def _review(self, draft_id: int, accepted: bool, note: str) -> None:
+        action = "reviewed" if accepted else "returned"
+        confirmation = "Draft {number} is reviewed." if accepted else "Draft {number} is returned."
+        review = (certificates.review_draft, draft_id, self.user.owner, accepted, note)
+        if await self._change("review a draft", action, *review):
+            self.status.text = translate(confirmation, number=draft_id)
+
+    async def _issue(self, draft_id: int) -> None:
+        self.status.text = translate("Signing …")
+        key = self.user.users.key or ()
+        issue = (certificates.issue_certificate, draft_id, self.user.owner, *key)
+        if await self._change("issue a certificate", "issued", *issue):
+            self.status.text = translate("Draft {number} is issued.", number=draft_id)
 
     async def _change(
-        self, what: str, action: str, confirmation: str, function: Any, number: int, *args: Any
-    ) -> None:
-        """Make a change that needs the role ``approve``, note it, and show the drafts again."""
+        self, purpose: str, action: str, function: Any, draft_id: int, *args: Any
+    ) -> bool:
+        """Make a change that needs the role ``approve``, note it, and show the drafts again.
+
+        Return whether it was made.
+        """
         self.errors.clear()
         try:
-            self.user.require("approve", what)
-            store = self.user.users.store
+            self.user.require("approve", purpose)
             await self.user.run_sandboxed(
-                function, store, number, *args, file_bytes=_MAX_STORE_BYTES
+                function, self.user.users.store, draft_id, *args, file_bytes=MAX_STORE_BYTES
             )
         except Exception as error:
-            self.words.text = ""
+            self.status.text = ""
             frame.show_error(self.errors, error, self.user.session)
-            return
-        await self.user.note(action, draft=number)
+            return False
+        await self.user.note(action, draft=draft_id)
         await self.show()
-        self.words.text = confirmation
+        return True
 
-    async def _give(self, number: int, form: str) -> None:
+    async def _download(self, draft_id: int, form: str) -> None:
         self.errors.clear()
-        call = (certificates.read_document, self.user.users.store, number, form)
-        await offer_download(self.user, self.errors, str, *call, file_bytes=_MAX_STORE_BYTES)
+        document = (certificates.read_document, self.user.users.store, draft_id, form)
+        await offer_download(self.user, self.errors, str, *document, file_bytes=MAX_STORE_BYTES)
 
 
-def _history(draft: dict[str, Any], replaced_by: str | None) -> str:
+def _describe_history(draft: dict[str, Any], replaced_by: str | None) -> str:
     """Return a sentence on who did what with a draft."""
     steps = [
-        say("handed in by {name} on {date}", name=draft["author"], date=draft["recorded"][:10])
+        translate(
+            "handed in by {name} on {date}", name=draft["author"], date=draft["recorded"][:10]
+        )
     ]
     if draft["reviewer"]:
-        returned = draft["state"] not in (REVIEWED, ISSUED)
-        words = phrase("returned by {name}") if returned else phrase("reviewed by {name}")
+        is_accepted = draft["state"] in (REVIEWED, ISSUED)
+        english = phrase("reviewed by {name}") if is_accepted else phrase("returned by {name}")
         note = f" ({draft['note']})" if draft["note"] else ""
-        steps.append(say(words, name=draft["reviewer"]) + note)
+        steps.append(translate(english, name=draft["reviewer"]) + note)
     if draft["state"] == ISSUED:
-        steps.append(say("issued by {name} on {date}", name=draft["issuer"], date=draft["date"]))
+        steps.append(
+            translate("issued by {name} on {date}", name=draft["issuer"], date=draft["date"])
+        )
     if draft["replaces"]:
-        steps.append(say("replaces {number}", number=draft["replaces"]))
+        steps.append(translate("replaces {number}", number=draft["replaces"]))
     if replaced_by:
-        steps.append(say("replaced by {number}", number=replaced_by))
-    text = "; ".join(steps)
-    return f"{text[:1].upper()}{text[1:]}."
+        steps.append(translate("replaced by {number}", number=replaced_by))
+    return f"{capitalised('; '.join(steps))}."

@@ -1,8 +1,8 @@
-"""Translate the page's sentences, from a text file a language.
+"""Translate the page's sentences, from a TOML file a language.
 
-A sentence is keyed by its English words, and values are inserted by name, as gettext does it:
-``say("{name} came with the data", name=file)``. The sentences of certificates come from their own
-catalogues.
+As in gettext, the key of a sentence is its English text, and values are inserted by name:
+``translate("{name} came with the data", name=file)``. The sentences of certificates are in the
+catalogues of ``vibrident.show.language``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any
 
-from vibrident.show.language import COMMA, Say, from_english
+from vibrident.show.language import COMMA, Translator, from_english
 
 #: Code → what the language calls itself.
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
@@ -43,22 +43,22 @@ def choose_language(cookies: Mapping[str, str], accepted: str) -> str:
     return next((code for size, _, code in sorted(preferred) if size and code in LANGUAGES), "en")
 
 
-def say(english: str, /, **values: Any) -> str:
+def translate(english: str, /, **values: Any) -> str:
     """Return a sentence in the language of the page being built or served."""
-    return spoken()(english, **values)
+    return page_language()(english, **values)
 
 
-def say_count(number: int, singular: str, plural: str, /, **values: Any) -> str:
+def translate_count(number: int, singular: str, plural: str, /, **values: Any) -> str:
     """Return one of two sentences by a ``{count}``, in the language of the page."""
-    return spoken().count(number, singular, plural, **values)
+    return page_language().count(number, singular, plural, **values)
 
 
 def phrase(english: str, /, **values: Any) -> str:
-    """Return an English sentence that ``say`` translates when it is shown."""
+    """Return an English sentence that ``translate`` translates when it is shown."""
     return english.format(**values) if values else english
 
 
-def spoken() -> Language:
+def page_language() -> Language:
     """Return the language of the page being built or served; English outside a page."""
     from nicegui import context
 
@@ -93,7 +93,7 @@ class Language:
     def __init__(self, code: str) -> None:
         self.code = code
         self.comma = code in COMMA
-        self._certificates = Say(code)
+        self._certificates = Translator(code)
 
     def __call__(self, english: str, /, **values: Any) -> str:
         """Return a sentence, with values by name; one that is finished is recognised by its words.

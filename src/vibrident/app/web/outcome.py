@@ -11,7 +11,7 @@ from nicegui import ui
 
 from vibrident.app.web import frame, sandboxed
 from vibrident.app.web.form.certify import CertificateForm
-from vibrident.app.web.language import say, spoken
+from vibrident.app.web.language import page_language, translate
 from vibrident.app.web.session import RESULT
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
@@ -20,9 +20,8 @@ from vibrident.base.errors import InputError
 from vibrident.data.io.certificate import CertificateData
 from vibrident.show.report import FILE_NAMES
 
-_MAX_EXPORT_BYTES = 200_000_000  # most bytes of a file that an export writes
-#: Most bytes of the store's file: it may be as large as it likes, but a process that may write
-#: needs a number.
+_MAX_EXPORT_BYTES = 200_000_000  # of a file that an export writes
+#: A process that may write needs a limit, and the store's file may have any size.
 MAX_STORE_BYTES = 1 << 42
 
 
@@ -45,19 +44,16 @@ class OutcomeStep:
     def __init__(self, user: User, hand_in: DraftReceiver) -> None:
         self.user = user
         self.hand_in = hand_in
-        self.turn = 0
-        self.showing = False
+        self.version = 0  # of the content; increases whenever it is replaced
+        self.is_choice_set = False  # while the program, not the user, changes the choice
 
     def build(self) -> None:
         """Build the section, hidden until there is a result."""
-        self.section = frame.add_step(say("Result"), "result")
+        self.section = frame.add_step(translate("Result"), "result")
         with self.section:
-            self.choice = (
-                ui.select([], label=say("Shown"))
-                .props("dense outlined stack-label")
-                .classes("w-full")
-            )
-            self.choice.on_value_change(lambda: None if self.showing else self._draw())
+            self.choice = ui.select([], label=translate("Shown")).classes("w-full")
+            self.choice.props("dense outlined stack-label")
+            self.choice.on_value_change(lambda: None if self.is_choice_set else self._show_chosen())
             self.notice = ui.label("").classes("warning").props("role=status")
             self.body = ui.element("div")
         self.section.visible = False
@@ -67,37 +63,36 @@ class OutcomeStep:
         names = [named.name for named in self.user.results]
         self.section.visible = bool(names)
         self.choice.visible = len(names) > 1
-        self.notice.text = say(self.user.notice)
+        self.notice.text = translate(self.user.notice)
         self.notice.visible = bool(self.user.notice)
         if not names:
             return
-        self.showing = True
+        self.is_choice_set = True
         self.choice.set_options(names, value=names[-1])
-        self.showing = False
-        await self._draw(go=go)
+        self.is_choice_set = False
+        await self._show_chosen(go=go)
 
     async def open(self, name: str) -> None:
         """Show a result by its name."""
-        self.showing = True
+        self.is_choice_set = True
         self.choice.value = name
-        self.showing = False
-        await self._draw(go=True)
+        self.is_choice_set = False
+        await self._show_chosen(go=True)
 
-    async def _draw(self, *, go: bool = False) -> None:
-        named = next(
-            (named for named in self.user.results if named.name == self.choice.value), None
-        )
-        if named is None:
+    async def _show_chosen(self, *, go: bool = False) -> None:
+        chosen = [named for named in self.user.results if named.name == self.choice.value]
+        if not chosen:
             return
-        self.turn += 1
-        turn = self.turn
+        named = chosen[0]
+        self.version += 1
+        version = self.version
         self.body.clear()
         with self.body:
             ui.spinner(size="28px")
         outcome = await frame.run_sandboxed(
-            self.user, self.body, sandboxed.read_outcome, named.path, spoken().code
+            self.user, self.body, sandboxed.read_outcome, named.path, page_language().code
         )
-        if outcome is None or turn != self.turn or self.body.is_deleted:
+        if outcome is None or version != self.version or self.body.is_deleted:
             return
         self.body.clear()
         with self.body:
@@ -105,133 +100,112 @@ class OutcomeStep:
                 if outcome[table]:  # of ``sandboxed``, where untrusted text was escaped
                     ui.html(outcome[table], sanitize=False)
             self.certificate = CertificateForm(self.user, named, outcome["states"])
-            self._downloads(named, *outcome["pdf"])
+            self._build_downloads(named, *outcome["pdf"])
             self.certificate.build()
             self.errors = frame.add_error_area()
             _curves(outcome)
-            self._exports(named)
+            self._build_exports(named)
             self.export_errors = frame.add_error_area()
             if go:  # before the history, which is read in a process of its own
                 frame.scroll_to(self.section)
-            if self.user.users.store:
-                store = self.user.users.store
+            if store := self.user.users.store:
                 await HistoryPanel(self.user, named, store, self.certificate, self.hand_in).build()
 
-    def _downloads(self, named: NamedResult, title: str, pdf: str) -> None:
-        frame.heading(say(LABELS["report.form"]))
+    def _build_downloads(self, named: NamedResult, pdf_title: str, pdf_name: str) -> None:
+        """Build the buttons of the documents; ``pdf_title``: what the PDF is."""
+        frame.heading(translate(LABELS["report.form"]))
+        reports = {
+            "html": (translate("Report (HTML)"), FILE_NAMES["html"][0]),
+            "pdf": (f"{translate(pdf_title)} (PDF)", pdf_name),
+            "md": (translate("Report (Markdown)"), FILE_NAMES["md"][0]),
+        }
         with frame.actions():
-            called = self.certificate.name_of_file
-            get = ui.button(
-                "result.json", on_click=lambda: ui.download.file(named.path, called(RESULT))
+            frame.add_button(
+                "result.json",
+                lambda: ui.download.file(named.path, self.certificate.name_of_file(RESULT)),
+                "id=get-json",
             )
-            get.props("id=get-json")
-            labels = {
-                "html": say("Report (HTML)"),
-                "pdf": f"{say(title)} (PDF)",
-                "md": say("Report (Markdown)"),
-            }
-            for form, label in labels.items():
-                download = partial(
-                    self._report, named, form, pdf if form == "pdf" else FILE_NAMES[form][0]
-                )
-                ui.button(label, on_click=download).props(f"outline id=get-{form}")
-            everything = ui.button(
-                say("Everything (zip)"), on_click=partial(self._everything, named)
+            for form, (label, name) in reports.items():
+                download = partial(self._download_report, named, form, name)
+                frame.add_button(label, download, f"outline id=get-{form}")
+            frame.add_button(
+                translate("Everything (zip)"),
+                partial(self._download_everything, named),
+                "outline id=get-everything",
             )
-            everything.props("outline id=get-everything")
         if named.choices is not None:
             name = named.choices.calibration
-            with ui.expansion(say("The same in a shell")).classes("w-full").props("id=in-a-shell"):
-                frame.hint(say("With {file} in the folder of the data:", file=name))
-                frame.Text("command", say("Command"), named.choices.command)
-                ui.button(name, on_click=lambda: ui.download.file(named.calibration, name)).props(
-                    "outline id=get-toml"
+            with ui.expansion(translate("The same in a shell")) as commands:
+                frame.hint(translate("With {file} in the folder of the data:", file=name))
+                frame.Text("command", translate("Command"), named.choices.command)
+                frame.add_button(
+                    name, lambda: ui.download.file(named.calibration, name), "outline id=get-toml"
                 )
+            commands.classes("w-full").props("id=in-a-shell")
 
-    def _exports(self, named: NamedResult) -> None:
-        """Offer other formats, each with its own options."""
+    def _build_exports(self, named: NamedResult) -> None:
+        """Build the choice of other formats, each with its own options."""
         from vibrident.export.form import OPTIONS
         from vibrident.export.registry import EXPORTS
 
         forms = EXPORTS.all()
         plain = next(name for name, form in forms.items() if not (form.options or form.extra))
-        titles = {name: f"{name}: {say(form.title)}" for name, form in forms.items()}
-        frame.heading(say("Other formats"))
+        titles = {name: f"{name}: {translate(form.title)}" for name, form in forms.items()}
+        frame.heading(translate("Other formats"))
         with frame.actions():
-            form = ui.select(titles, value=plain, label=say(LABELS["export.form"])).style(
-                "min-width: min(15rem, 100%)"
-            )
+            choice = ui.select(titles, value=plain, label=translate(LABELS["export.form"]))
+            choice.style("min-width: min(15rem, 100%)")
             fields = {
-                name: ui.number(say(option.label)) if option.number else ui.input(say(option.label))
+                name: (ui.number if option.number else ui.input)(translate(option.label))
                 for name, option in OPTIONS.items()
                 if option.label
             }
-            for field in (form, *fields.values()):
-                field.props("dense outlined stack-label")
+            for element in (choice, *fields.values()):
+                element.props("dense outlined stack-label")
 
-            def needed(value: str) -> None:
+            def show_fields() -> None:
                 for name, field in fields.items():
-                    field.visible = name in forms[value].options
+                    field.visible = name in forms[choice.value].options
 
             async def export() -> None:
-                await self._export(
-                    named, form.value, {name: field.value or None for name, field in fields.items()}
-                )
+                options = {name: field.value or None for name, field in fields.items()}
+                await self._download_export(named, choice.value, options)
 
-            needed(form.value)
-            form.on_value_change(lambda event: needed(event.value))
-            ui.button(say("Export"), on_click=export).props("outline id=get-export")
+            show_fields()
+            choice.on_value_change(show_fields)
+            frame.add_button(translate("Export"), export, "outline id=get-export")
 
-    async def _report(self, named: NamedResult, form: str, name: str) -> None:
+    async def _download_report(self, named: NamedResult, form: str, name: str) -> None:
         self.errors.clear()
         name = self.certificate.name_of_file(name)
         await self.user.note("issued", named.path, document=name)
-        await offer_download(
-            self.user,
-            self.errors,
-            name,
-            sandboxed.write_report,
-            [named.path],
-            form,
-            [],
-            self.certificate.stated_data(),
-        )
+        stated = self.certificate.stated_data()
+        report = (sandboxed.write_report, [named.path], form, [], stated)
+        await offer_download(self.user, self.errors, name, *report)
 
-    async def _everything(self, named: NamedResult) -> None:
+    async def _download_everything(self, named: NamedResult) -> None:
         self.errors.clear()
         await self.user.note("issued", named.path, document="everything.zip")
         calibration = named.calibration if named.choices is not None else None
+        name = self.certificate.name_of_file("calibration.zip")
+        stated = self.certificate.stated_data()
         async with self.user.session.new_folder("export") as folder:
-            call = (
-                sandboxed.write_everything,
-                named.path,
-                calibration,
-                folder,
-                self.certificate.stated_data(),
-            )
+            archive = (sandboxed.write_everything, named.path, calibration, folder, stated)
             await offer_download(
-                self.user,
-                self.errors,
-                self.certificate.name_of_file("calibration.zip"),
-                *call,
-                file_bytes=_MAX_EXPORT_BYTES,
+                self.user, self.errors, name, *archive, file_bytes=_MAX_EXPORT_BYTES
             )
 
-    async def _export(self, named: NamedResult, form: str, options: dict[str, Any]) -> None:
+    async def _download_export(
+        self, named: NamedResult, form: str, options: dict[str, Any]
+    ) -> None:
         self.export_errors.clear()
         await self.user.note("exported", named.path, form=form)
+        full_name = self.certificate.name_of_file
+        stated = self.certificate.stated_data()
         async with self.user.session.new_folder("export") as folder:
-            call = (
-                sandboxed.write_export,
-                named.path,
-                folder,
-                form,
-                options,
-                self.certificate.stated_data(),
-            )
-            called = self.certificate.name_of_file
+            export = (sandboxed.write_export, named.path, folder, form, options, stated)
             await offer_download(
-                self.user, self.export_errors, called, *call, file_bytes=_MAX_EXPORT_BYTES
+                self.user, self.export_errors, full_name, *export, file_bytes=_MAX_EXPORT_BYTES
             )
 
 
@@ -257,29 +231,30 @@ class HistoryPanel:
 
     async def build(self) -> None:
         """Build the panel, and show what the store holds."""
-        frame.heading(say("History"))
+        frame.heading(translate("History"))
+        may_identify = self.user.may("identify")
         with frame.actions():
-            self.button = ui.button(say("Add to history"), on_click=self._add).props(
-                "outline id=add-to-history"
+            self.button = frame.add_button(
+                translate("Add to history"), self._add, "outline id=add-to-history"
             )
-            self.button.visible = self.user.may("identify")
-            approve = ui.button(say("Add and approve"), on_click=self._approve).props(
-                "outline id=approve"
+            self.button.visible = may_identify
+            approve = frame.add_button(
+                translate("Add and approve"), self._approve, "outline id=approve"
             )
             approve.visible = self.user.may("approve")
-            draft = ui.button(say("Hand in for review"), on_click=self._hand_in).props(
-                "outline id=hand-in"
+            draft = frame.add_button(
+                translate("Hand in for review"), self._hand_in, "outline id=hand-in"
             )
-            draft.visible = self.hand_in.is_offered and self.user.may("identify")
-        self.words = frame.hint("").props("role=status id=history-words")
+            draft.visible = self.hand_in.is_offered and may_identify
+        self.status = frame.hint("").props("role=status id=history-words")
         self.errors = frame.add_error_area()
         self.body = ui.element("div").props("id=history")
-        await self._ask(sandboxed.read_history)
+        await self._update(sandboxed.read_history)
 
     async def _add(self) -> None:
         self.button.disable()
         await self.user.note("added to history", self.named.path)
-        await self._ask(sandboxed.add_to_history)
+        await self._update(sandboxed.add_to_history)
         if not self.button.is_deleted:
             self.button.enable()
 
@@ -294,27 +269,28 @@ class HistoryPanel:
             frame.show_error(self.errors, error)
             return
         await self.user.note("approved", self.named.path)
-        await self._ask(
-            sandboxed.approve_in_history, self.user.owner if self.user.users.door else "the page"
-        )
+        approver = self.user.owner if self.user.users.door else "the page"
+        await self._update(sandboxed.approve_in_history, approver)
 
-    async def _ask(self, function: Any, *more: str) -> None:
+    async def _update(self, function: Any, *arguments: str) -> None:
+        """Show what a function of ``sandboxed`` returns of the history."""
         self.errors.clear()
         if function is not sandboxed.read_history and not self.user.may("identify"):
             return
-        arguments = (
+        outcome = await frame.run_sandboxed(
+            self.user,
+            self.errors,
+            function,
             self.named.path,
             self.store,
             self.certificate.stated_data(),
-            spoken().code,
-            *more,
-        )
-        outcome = await frame.run_sandboxed(
-            self.user, self.errors, function, *arguments, file_bytes=MAX_STORE_BYTES
+            page_language().code,
+            *arguments,
+            file_bytes=MAX_STORE_BYTES,
         )
         if outcome is None or self.body.is_deleted:
             return
-        self.words.text = outcome["words"]
+        self.status.text = outcome["words"]
         self.body.clear()
         with self.body:
             for _, figure, height in outcome["charts"]:
@@ -330,9 +306,9 @@ async def offer_download(
     *args: Any,
     **limits: Any,
 ) -> None:
-    """Let the browser download what a function of ``sandboxed`` makes.
+    """Let the browser download the file that a function of ``sandboxed`` makes.
 
-    ``name``: of the file; or a function that makes it of the name that the function returns too.
+    ``name``: of the file; or a function from the name that the sandboxed function returns as well.
     """
     try:
         content = await user.run_sandboxed(function, *args, **limits)
@@ -349,12 +325,12 @@ async def offer_download(
 
 def _curves(outcome: dict[str, Any]) -> None:
     if outcome["left_out"]:
-        frame.hint(say("Not everything can be drawn here; see the report (HTML)."))
+        frame.hint(translate("Not everything can be drawn here; see the report (HTML)."))
     for title, figure, height in outcome["charts"]:
         frame.heading(title)
         frame.ChartView(figure, height)
     if outcome["found"]:
-        behind = ui.expansion(say("How it was found")).classes("w-full").props("id=how")
+        behind = ui.expansion(translate("How it was found")).classes("w-full").props("id=how")
 
         def draw() -> None:  # plotly draws nothing in a hidden element
             if behind.value and not behind.default_slot.children:
@@ -364,10 +340,10 @@ def _curves(outcome: dict[str, Any]) -> None:
 
         behind.on_value_change(draw)
     if signals := outcome["signals"]:
-        frame.heading(say("Signals"))
+        frame.heading(translate("Signals"))
         if len(signals) > 1:
             names = {number: name for number, (name, *_) in enumerate(signals)}
-            choice = ui.select(names, value=0, label=say("Record")).props(
+            choice = ui.select(names, value=0, label=translate("Record")).props(
                 "dense outlined stack-label"
             )
             choice.style("max-width: 20rem")

@@ -1,4 +1,4 @@
-"""Build one user's page: the steps in their order. A tab that reconnects finds its state."""
+"""Build the page of one browser tab: its steps in order, with the state of an earlier visit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,14 @@ from vibrident.app.web.form.columns import ColumnsStep
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.guard import ACCOUNT, OWNER
 from vibrident.app.web.issue import IssueStep
-from vibrident.app.web.language import LANGUAGES, LOCALES, phrase, say, say_count, spoken
+from vibrident.app.web.language import (
+    LANGUAGES,
+    LOCALES,
+    page_language,
+    phrase,
+    translate,
+    translate_count,
+)
 from vibrident.app.web.outcome import OutcomeStep
 from vibrident.app.web.sensors import SensorsStep
 from vibrident.app.web.tools import ToolsStep
@@ -32,7 +39,11 @@ from vibrident.base.escaping import html
 _FOLDER = Path(__file__).parent
 _STYLE = (_FOLDER / "page.css").read_text(encoding="utf-8")
 _SUBTITLE = phrase("From calibration records to a sensor's dynamic model")
-_MAX_OFFERED_TABS = 4  # most earlier tabs whose work a new one is offered
+_STATE_LOST = "The server no longer has the data, the form and the results of this page."
+_REASON_OF_LOSS = (
+    "It needed the room, or the page was left for longer than it keeps them. Load the files again."
+)
+_MAX_OFFERED_TABS = 4  # earlier tabs whose work a new one is offered
 _SCRIPT = (_FOLDER / "page.js").read_text(encoding="utf-8")
 
 
@@ -45,16 +56,16 @@ async def page(users: Users) -> None:
     ui.add_css(_STYLE)
     ui.add_body_html(f"<script>{_SCRIPT}</script>")
     client = ui.context.client
-    client.page = copy.copy(client.page)  # Quasar's own words are in the language of this visitor
-    client.page.language = LOCALES[spoken().code]  # type: ignore[assignment]
-    ui.html(f'<a class="skip" href="#main">{html(say("To the content"))}</a>', sanitize=False)
+    client.page = copy.copy(client.page)  # this visitor's language also for Quasar's own words
+    client.page.language = LOCALES[page_language().code]  # type: ignore[assignment]
+    _add_html(f'<a class="skip" href="#main">{html(translate("To the content"))}</a>')
     with ui.element("header").classes("top"):
-        ui.html(f"<h1>vibrident</h1><p>{html(say(_SUBTITLE))}</p>", sanitize=False)
-        _visitor(client.request.scope.get(ACCOUNT))
-    called = html(say("Contents"))
-    # filled by the script
-    contents = f'<nav class="contents" aria-label="{called}" id="contents" hidden></nav>'
-    ui.html(contents, sanitize=False).classes("w-full")
+        _add_html(f"<h1>vibrident</h1><p>{html(translate(_SUBTITLE))}</p>")
+        _build_visitor_menu(client.request.scope.get(ACCOUNT))
+    contents = html(translate("Contents"))
+    _add_html(  # filled by the script
+        f'<nav class="contents" aria-label="{contents}" id="contents" hidden></nav>'
+    ).classes("w-full")
     main = ui.element("div").classes("steps").props("id=main")  # within the main of NiceGUI
     await client.connected()
     if client.is_deleted:
@@ -68,70 +79,71 @@ async def page(users: Users) -> None:
             frame.show_error(errors, error)
             return
         if user.empty:
-            await _say_if_gone()
-            _offer(user)
-        await _steps(user)
+            await _report_lost_state()
+            _offer_earlier_work(user)
+        await _build_steps(user)
 
 
-def _visitor(account: Any) -> None:
-    """Offer the languages, and to sign out where somebody has signed in."""
-    current = spoken().code
+def _add_html(trusted: str) -> ui.html:
+    """Add HTML whose texts of others are escaped already."""
+    return ui.html(trusted, sanitize=False)
+
+
+def _build_visitor_menu(account: Any) -> None:
+    """Build the choice of language, and the button to sign out for who has signed in."""
+    current = page_language().code
     options = "".join(
         f'<option value="{code}" '
         f'lang="{LOCALES[code]}"{" selected" * (code == current)}>{name}</option>'
         for code, name in LANGUAGES.items()
     )
-    content = f'<select id="language" aria-label="{html(say("Language"))}">{options}</select>'
+    label = html(translate("Language"))
+    content = f'<select id="language" aria-label="{label}">{options}</select>'
     if account:
         content += f"<span>{html(account.name)}</span>"
         if account.hash:
-            button = html(say("Sign out"))
+            button = html(translate("Sign out"))
             content += f'<form method="post" action="{SIGN_OUT}"><button>{button}</button></form>'
-    ui.html(f'<div class="who">{content}</div>', sanitize=False)
+    _add_html(f'<div class="who">{content}</div>')
 
 
-async def _say_if_gone() -> None:
-    """Say that the state of this tab is lost, if the browser remembers that it had one.
+async def _report_lost_state() -> None:
+    """Report that the state of this tab is lost, if the browser remembers that it had one.
 
     To be called before the steps, which tell the browser that the tab is empty.
     """
     try:
-        was_held = await ui.run_javascript("sessionStorage.vibridentHeld === 'yes'", timeout=5.0)
+        had_state = await ui.run_javascript("sessionStorage.vibridentHeld === 'yes'", timeout=5.0)
     except TimeoutError:
         return
-    if was_held:
+    if had_state:
         with ui.element("div").classes("warning").props("role=alert id=gone"):
-            gone = say("The server no longer has the data, the form and the results of this page.")
-            ui.label(gone).classes("problem")
-            ui.label(
-                say(
-                    "It needed the room, or the page was left for longer than it keeps them. Load "
-                    "the files again."
-                )
-            )
+            ui.label(translate(_STATE_LOST)).classes("problem")
+            ui.label(translate(_REASON_OF_LOSS))
 
 
-def _offer(user: User) -> None:
+def _offer_earlier_work(user: User) -> None:
     """Offer the work of this user's closed tabs."""
     if not (closed_tabs := user.users.closed_tabs_of(user.owner)):
         return
 
-    def take(earlier: User) -> None:
+    def take_over(earlier: User) -> None:
         user.users.hand_over(earlier, user)
         ui.navigate.reload()
 
     with ui.element("div").classes("actions").props("id=left-work role=group") as row:
-        row.props["aria-label"] = say("Earlier work")
-        ui.label(say("Go on with earlier work:"))
+        row.props["aria-label"] = translate("Earlier work")
+        ui.label(translate("Go on with earlier work:"))
         for earlier in closed_tabs[:_MAX_OFFERED_TABS]:
-            at = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.seen))
-            files = say_count(len(earlier.session.names), "{count} file", "{count} files")
-            results = say_count(len(earlier.results), "{count} result", "{count} results")
-            named = f"{files}, {results}, {at}"
-            ui.button(named, on_click=partial(take, earlier)).props("outline")
+            last_seen = time.strftime("%Y-%m-%d %H:%M", time.localtime(earlier.seen))
+            files = translate_count(len(earlier.session.names), "{count} file", "{count} files")
+            results = translate_count(len(earlier.results), "{count} result", "{count} results")
+            label = f"{files}, {results}, {last_seen}"
+            frame.add_button(label, partial(take_over, earlier))
 
 
-async def _steps(user: User) -> None:
+async def _build_steps(user: User) -> None:
+    """Build the steps in their order, and show the tab's earlier state."""
     issue = IssueStep(user)
     outcome = OutcomeStep(user, issue)
     compare = CompareStep(user)
@@ -142,8 +154,8 @@ async def _steps(user: User) -> None:
     laboratory = LaboratoryStep(user, fit)
     columns = ColumnsStep(user, data, laboratory, fit)
 
-    async def results(*, go: bool = True) -> None:
-        data.hold()
+    async def show_results(*, go: bool = True) -> None:
+        data.save_state()
         await outcome.show(go=go)
         await compare.show()
         tools.show()
@@ -151,34 +163,27 @@ async def _steps(user: User) -> None:
             laboratory.show()
         await sensors.show()
 
-    async def came() -> None:
+    async def show_data() -> None:
         tools.show()
         await columns.show()
 
-    data.build(on_data=came, on_result=results)
+    data.build(on_data=show_data, on_result=show_results)
     await asyncio.sleep(0)  # yield between the steps
     columns.build()
     laboratory.build()
-    fit.build(on_result=results)
+    fit.build(on_result=show_results)
     await asyncio.sleep(0)
     outcome.build()
     compare.build()
-    tools.build(on_result=results)
+    tools.build(on_result=show_results)
     issue.build()
     sensors.build(on_open=outcome.open)
-    data.hold()
+    data.save_state()
     if not user.empty:
-        await _restore(user, columns, fit, outcome, compare)
+        await columns.restore()  # with the laboratory
+        await fit.restore()
+        if user.results:
+            await outcome.show(go=False)
+            await compare.show()
     await issue.show()  # these two last: they read the store, and meanwhile data may come
     await sensors.show()
-
-
-async def _restore(
-    user: User, columns: ColumnsStep, fit: FitStep, outcome: OutcomeStep, compare: CompareStep
-) -> None:
-    """Show the earlier state of the tab."""
-    await columns.restore()  # with the laboratory
-    await fit.restore()
-    if user.results:
-        await outcome.show(go=False)
-        await compare.show()

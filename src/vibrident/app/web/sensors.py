@@ -10,7 +10,7 @@ from nicegui import ui
 
 from vibrident.app.web import frame, register
 from vibrident.app.web.form.entries import PLAIN
-from vibrident.app.web.language import say, say_count, spoken
+from vibrident.app.web.language import page_language, translate, translate_count
 from vibrident.app.web.outcome import MAX_STORE_BYTES
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
@@ -30,16 +30,16 @@ class SensorsStep:
     def build(self, on_open: Callable[[str], Awaitable[Any]]) -> None:
         """Build the section; ``on_open`` is called with the name of a result of this tab."""
         self.on_open = on_open
-        with frame.add_step(say("Sensors and open work"), "sensors", mark="≡") as self.section:
-            self.serial_input = ui.input(say("Find a serial number")).props(
+        with frame.add_step(
+            translate("Sensors and open work"), "sensors", mark="≡"
+        ) as self.section:
+            self.serial_input = ui.input(translate("Find a serial number")).props(
                 f"{PLAIN} id=serial-wanted"
             )
             self.serial_input.style("max-width: 20rem")
             self.serial_input.on("keydown.enter", lambda: self.show())
             with frame.actions():
-                ui.button(say("Search"), on_click=lambda: self.show()).props(
-                    "outline id=find-serial"
-                )
+                frame.add_button(translate("Search"), lambda: self.show(), "outline id=find-serial")
             self.errors = frame.add_error_area()
             self.words = frame.hint("").props("role=status id=sensors-words")
             self.body = ui.element("div").props("id=sensors-body")
@@ -68,7 +68,7 @@ class SensorsStep:
         summary: dict[str, Any] = {"count": None, "table": ""}
         failed = False
         if store:
-            call = (register.sensors, store, serial_part, spoken().code)
+            call = (register.sensors, store, serial_part, page_language().code)
             read = await frame.run_sandboxed(user, self.errors, *call, file_bytes=MAX_STORE_BYTES)
             failed = read is None
             summary = read or summary
@@ -87,34 +87,35 @@ class SensorsStep:
         ]
         begun = summary["count"] is not None
         self.section.visible = begun or failed or bool(work)
-        drafts_words = say_count(len(open_work), "{count} open draft", "{count} open drafts")
+        drafts_words = translate_count(len(open_work), "{count} open draft", "{count} open drafts")
         words = [drafts_words]
         if begun:
             singular = "{count} sensor in the history"
             plural = "{count} sensors in the history"
-            words.insert(0, say_count(summary["count"], singular, plural))
+            words.insert(0, translate_count(summary["count"], singular, plural))
         self.words.text = ", ".join(words) + "."
         self.body.clear()
         with self.body:
             if open_work:
-                frame.heading(say("Open drafts"))
+                frame.heading(translate("Open drafts"))
                 with ui.element("div").props("role=list") as listing:
-                    listing.props["aria-label"] = say("Open drafts")
+                    listing.props["aria-label"] = translate("Open drafts")
                     for draft, owner, named in open_work:
                         self._draft(draft, owner, named)
             if summary["table"]:
-                frame.heading(say("Sensors"))
+                frame.heading(translate("Sensors"))
                 ui.html(summary["table"], sanitize=False)  # escaped in the process that made it
 
     def _draft(self, draft: register.CertifiableResult, owner: User, named: NamedResult) -> None:
-        lacking = say_count(draft.missing, "{count} entry missing", "{count} entries missing")
-        missing = html(lacking if draft.missing else say("complete"))
-        serial = html(draft.serial_number or say("no serial number"))
+        lacking = translate_count(draft.missing, "{count} entry missing", "{count} entries missing")
+        missing = html(lacking if draft.missing else translate("complete"))
+        serial = html(draft.serial_number or translate("no serial number"))
         with frame.actions().props("role=listitem"):
             ui.html(f"<b>{serial}</b> · {html(named.name)} · {missing}", sanitize=False)
-            name = say("Open {what}", what=f"{draft.serial_number} {named.name}")
-            button = ui.button(say("Open"), on_click=partial(self._open, owner, named))
-            button.props("outline dense").props["aria-label"] = name
+            name = translate("Open {what}", what=f"{draft.serial_number} {named.name}")
+            frame.add_button(
+                translate("Open"), partial(self._open, owner, named), "outline dense", name=name
+            )
 
     async def _open(self, owner: User, named: NamedResult) -> None:
         """Go to a result of this tab, or take over the tab that has it."""

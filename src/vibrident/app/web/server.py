@@ -45,14 +45,15 @@ def serve(
     user_header: str | None = None,
     audit: Path | None = None,
     key: tuple[Path, str] | None = None,
-    say: Callable[[str], None] = print,
+    show_address: Callable[[str], None] = print,
     note: Callable[[str], None] = print,
 ) -> None:
     """Serve the page until interrupted, with the options of ``vibrident serve``.
 
     ``show``: open the browser; ``names``: further host names of the page; ``store``: URL of the
     history that everybody who reaches the page may read and add to; ``key``: file and pass phrase
-    of the key that signs; ``say`` is called with the address, ``note`` with what to know before.
+    of the key that signs; ``show_address`` is called with the address, ``note`` with remarks
+    before it.
     """
     from nicegui import ui
 
@@ -79,7 +80,7 @@ def serve(
                 "Readers of files are not confined: bubblewrap is missing here or not allowed "
                 "(docs/security.md)."
             )
-        say(f"http://{_bracketed(reachable_address(host))}:{free_port}/")
+        show_address(f"http://{_bracketed(reachable_address(host))}:{free_port}/")
         ui.run(
             host=host,
             port=free_port,

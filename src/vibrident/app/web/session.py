@@ -177,6 +177,16 @@ class PageSession:
             self._response_files.add(safe)
         return self.data / safe
 
+    async def save_upload(self, file: Any, *, is_response: bool = False) -> Path:
+        """Save an uploaded file and return its path, as of :meth:`reserve_path`."""
+        path = self.reserve_path(file.name, file.size(), is_response=is_response)
+        try:
+            await file.save(path)
+        except BaseException:
+            self.remove(path.name)
+            raise
+        return path
+
     def remove(self, name: str) -> None:
         """Remove one file."""
         if self._sizes.pop(name, None) is not None:

@@ -102,7 +102,7 @@ def _page_output(output: TaskOutput, speak: Language) -> dict[str, Any]:
 
 
 def _compare(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.comparison import compare
     from vibrident.data.io import read
@@ -113,30 +113,30 @@ def _compare(
         estimators=options.get("estimators") or (),
         models=options.get("models") or (),
         validate=bool(options.get("validate")),
-        tell=tell,
+        progress=progress,
     )
     return output
 
 
 def _predict(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import predict
     from vibrident.data.io import read
 
-    tell.step(phrase("Predicting"))
+    progress.step(phrase("Predicting"))
     return predict(load_result(Path(RESULT_FILE)), read(files[0]), folder)
 
 
 def _correct(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import correct
     from vibrident.data.io import read
 
-    tell.step(phrase("Correcting"))
+    progress.step(phrase("Correcting"))
     return correct(
         load_result(Path(RESULT_FILE)),
         read(files[0]),
@@ -148,12 +148,12 @@ def _correct(
 
 
 def _track(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.tracked import TrackRequest, track
     from vibrident.use.tracking import FALSE_ALARMS_PER_DAY
 
-    tell.step(phrase("Tracking"))
+    progress.step(phrase("Tracking"))
     request = TrackRequest(
         Path(RESULT_FILE),
         Path(files[0]),
@@ -161,19 +161,19 @@ def _track(
         every_s=options.get("every"),
         false_alarms_per_day=options.get("false_alarms_per_day") or FALSE_ALARMS_PER_DAY,
     )
-    output, _ = track(request, tell)
+    output, _ = track(request, progress)
     return output
 
 
 def _plan(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.folder import load_result
     from vibrident.app.workflow.uses import describe_plan, write_plan
     from vibrident.physics.simulation import one_third_octave
     from vibrident.use.planning import plan
 
-    tell.step(phrase("Planning"))
+    progress.step(phrase("Planning"))
     band = _band(options)
     best_plan = plan(
         load_result(Path(RESULT_FILE)),
@@ -186,7 +186,7 @@ def _plan(
 
 
 def _joint(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.app.workflow.identification import IdentifyRequest, result_folders, run
     from vibrident.data.io import read
@@ -196,8 +196,8 @@ def _joint(
     shared = options.get("share")
     request = IdentifyRequest(models=[model] if model else None, share=shared or None)
     request.check(len(files))
-    tell.step(phrase("Identifying together"))
-    results = run(request, [read(file) for file in files], tell)
+    progress.step(phrase("Identifying together"))
+    results = run(request, [read(file) for file in files], progress)
     for result, result_folder in zip(
         results, result_folders([*map(Path, files)], folder), strict=True
     ):
@@ -207,7 +207,7 @@ def _joint(
 
 
 def _fleet(
-    options: dict[str, Any], files: Sequence[str], folder: Path, tell: ProcessProgress
+    options: dict[str, Any], files: Sequence[str], folder: Path, progress: ProcessProgress
 ) -> TaskOutput:
     from vibrident.lab.fleet.parts import load_arrow
     from vibrident.lab.fleet.summary import overview
@@ -216,7 +216,7 @@ def _fleet(
     load_arrow()
     fleet = Fleet([f"./{file}" for file in files], folder, model=options.get("model"))
     outcome = fleet.identify(
-        progress=lambda now: tell.share(
+        progress=lambda now: progress.share(
             phrase("{done} of {total} sensors", done=now.done, total=now.total), now.done, now.total
         )
     )

@@ -3,60 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN
-from vibrident.app.web.language import phrase, say, say_count, spoken
+from vibrident.app.web.language import page_language, phrase, translate, translate_count
+from vibrident.app.web.run_step import RunStep
 from vibrident.app.web.task_run import TaskProgress
 from vibrident.app.web.tasks import TASKS, Field, Task, TaskRequest
 from vibrident.app.web.translated import charts
-from vibrident.app.web.user import User
-from vibrident.app.web.worker import StoppedError
 from vibrident.base.errors import InputError
 from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import ADD_ONS, CORES
 
-_PACE_S = 0.25  # seconds between two looks at the progress
-_LIVE_HEIGHT_PX = 230  # of the growing chart, pixels
 
-
-class ToolsStep:
+class ToolsStep(RunStep):
     """A section that runs one of the tasks and shows what it made."""
 
-    def __init__(self, user: User) -> None:
-        self.user = user
-        self.over: TaskProgress | None = None
+    ids = "task-"
+
+    @property
+    def run(self) -> TaskProgress | None:
+        """Return the latest task."""
+        return self.user.task.progress
+
+    @property
+    def is_busy(self) -> bool:
+        """Return whether a task is under way."""
+        return self.user.task.busy
 
     def build(self, on_result: Callable[..., Awaitable[Any]]) -> None:
         """Build the section, hidden until there are data or results."""
         self.on_result = on_result
-        now = self.user.task.progress
-        with frame.add_step(say("More with these data"), "more", mark="+") as self.section:
-            titles = {name: say(task.title) for name, task in TASKS.items()}
-            first = now.request.task if now else "compare"
-            self.task = ui.select(titles, value=first, label=say("Task"))
+        with frame.add_step(translate("More with these data"), "more", mark="+") as self.section:
+            titles = {name: translate(task.title) for name, task in TASKS.items()}
+            first = self.run.request.task if self.run else "compare"
+            self.task = ui.select(titles, value=first, label=translate("Task"))
             self.task.props("dense outlined stack-label").classes("w-full")
-            self.task.on_value_change(lambda: self._ask())
+            self.task.on_value_change(lambda: self._show_options())
             self.hint = frame.hint("")
             self.fields = ui.element("div").classes("fields wide")
-            with frame.actions():
-                self.start = ui.button(say("Run the task"), on_click=self._run).props("id=run")
-                self.stop = ui.button(say("Cancel"), on_click=self.user.task.worker.cancel)
-                self.stop.props("outline color=negative id=cancel-task")
-                self.spinner = ui.spinner(size="28px")
-                self.status = ui.label("").props("role=status id=task-status")
-            self.share = ui.linear_progress(0.0, show_value=False, size="8px")
-            self.share.props("id=task-share").props["aria-label"] = say("share of the task")
-            self.errors = frame.add_error_area()
-            chart_element = ui.element("div").classes("chart").props("id=task-live")
-            self.live = frame.GrowingChart(chart_element, _LIVE_HEIGHT_PX)
+            self.build_controls(
+                translate("Run the task"),
+                lambda: self._start(self._make_request),
+                self.user.task.worker.cancel,
+                translate("share of the task"),
+            )
             self.body = ui.element("div").props('aria-live=polite id="said"')
-        self.timer = ui.timer(_PACE_S, self._follow, active=now is not None)
-        self._ask()
-        self._renew()
+        if self.run is not None:
+            self.timer.activate()
+        self._show_options()
+        self.update()
         self.show()
 
     def show(self) -> None:
@@ -64,30 +64,30 @@ class ToolsStep:
         self.section.visible = not self.user.empty
         if self.result is not None:
             names = [named.name for named in self.user.results]
-            self.result.set_options(names, value=self.result.value or self._usual())
+            self.result.set_options(names, value=self.result.value or self._latest_name())
 
-    def _usual(self) -> str | None:
+    def _latest_name(self) -> str | None:
         """Return the name of the latest identification, else of the latest result of any origin."""
         results = self.user.results
         names = [named.name for named in (*results, *(named for named in results if named.choices))]
         return names[-1] if names else None
 
-    def _ask(self) -> None:
-        """Ask for the options of the chosen task."""
+    def _show_options(self) -> None:
+        """Build the elements for the options of the chosen task."""
         task = TASKS[self.task.value]
-        self.hint.text = say(task.hint)
+        self.hint.text = translate(task.hint)
         self.option_elements: dict[str, Any] = {}
         self.result = None
         self.fields.clear()
         with self.fields:
             if "result" in task.takes:
                 names = [named.name for named in self.user.results]
-                self.result = ui.select(names, value=self._usual(), label=say("Result"))
+                self.result = ui.select(names, value=self._latest_name(), label=translate("Result"))
                 self.result.props("dense outlined stack-label")
             for name, field in task.fields.items():
                 self.option_elements[name] = _option_element(field)
 
-    def _request(self) -> TaskRequest:
+    def _make_request(self) -> TaskRequest:
         """Return the task with its options; InputError where something is missing."""
         name = self.task.value
         task = TASKS[self.task.value]
@@ -115,85 +115,50 @@ class ToolsStep:
                 continue
             options[option] = _number(field, value) if field.is_number else value
         _require_band(task, options)
-        return TaskRequest(name, options, result, files, spoken().code)
+        return TaskRequest(name, options, result, files, page_language().code)
 
-    async def _run(self) -> None:
-        self._begin(self._request)
+    def _start(self, make_request: Callable[[], TaskRequest]) -> None:
+        """Begin a task, and remove what the one before it made."""
 
-    def _begin(self, make_request: Callable[[], TaskRequest]) -> None:
-        if self.user.task.busy:
-            return
-        self.errors.clear()
-        self.body.clear()
-        self.live.forget()
-        try:
+        def start() -> None:
+            self.body.clear()
             request = make_request()
             self.user.write_form()
             self.user.task.start(request)
-        except Exception as error:
-            frame.show_error(self.errors, error, self.user.session)
-            return
-        self._renew()
-        self.timer.activate()
 
-    def _renew(self) -> None:
-        busy = self.user.task.busy
-        self.start.set_enabled(not busy)
-        self.stop.visible = self.spinner.visible = busy
-        self.share.visible = False
+        self.begin(start)
 
-    async def _follow(self) -> None:
-        """Update from the task."""
-        now = self.user.task.progress
-        if now is None or now is self.over:
-            self.timer.deactivate()
-            return
-        self.status.text = now.status(spoken())
-        self.share.visible = now.share is not None and not now.over
-        self.share.value = now.share or 0.0
-        if not now.over and self.live.grows_to(sum(map(len, now.lines.values()))):
-            self.live.show(live_chart(now.lines, now.across))
-        if not now.over:
-            return
-        self.over = now
-        self.timer.deactivate()
-        self._renew()
-        self.live.forget()
-        self._tell(now)
-        if now.kept_results:
-            now.kept_results = 0
+    def draw(self, run: TaskProgress) -> None:
+        """Draw costs over iterations, or a parameter over time."""
+        if not run.over and self.chart.grows_to(sum(map(len, run.lines.values()))):
+            self.chart.show(live_chart(run.lines, run.across))
+
+    async def finish(self, run: TaskProgress) -> None:
+        """Show what a task made, or why it failed."""
+        self.chart.forget()
+        if run.error is not None:
+            title = translate(TASKS[run.request.task].title)
+            self.report_failure(run.error, title, lambda: self._start(lambda: run.request))
+        if run.output is not None:
+            with self.body:
+                self._show_output(run, run.output)
+        if run.kept_results:
+            run.kept_results = 0
             await self.on_result(go=False)
 
-    def _tell(self, now: TaskProgress) -> None:
-        """Show what a task made, or why it failed."""
-        title = say(TASKS[now.request.task].title)
-        if now.error is not None:
-            frame.show_error(self.errors, now.error, self.user.session)
-            if isinstance(now.error, StoppedError) and not self.errors.is_deleted:
-                with self.errors:
-                    broken_off = say("Broken off: {what}", what=title)
-                    frame.hint(broken_off).props("id=task-broken-off")
-                    again = ui.button(
-                        say("Repeat"), on_click=lambda: self._begin(lambda: now.request)
-                    )
-                    again.props("outline id=repeat-task")
-        if now.output is None:
-            return
-        with self.body:
-            for note in (*now.notes, *now.output["notes"]):
-                ui.label(say(note)).classes("doubt")
-            # escaped in the process
-            ui.html(now.output["tables"], sanitize=False).classes("scroll")
-            for heading, chart, height in now.output["charts"]:
-                frame.heading(heading)
-                frame.ChartView(chart, height)
-            if now.archive is not None:
-                count = len(now.output["files"])
-                archive = now.archive
-                label = say_count(count, "The file (zip)", "All {count} files (zip)")
-                name = f"{now.request.task}.zip"
-                get = ui.button(label, on_click=lambda: ui.download.file(archive, name))
-                get.props("outline id=get-all")
+    def _show_output(self, run: TaskProgress, output: dict[str, Any]) -> None:
+        for note in (*run.notes, *output["notes"]):
+            ui.label(translate(note)).classes("doubt")
+        # escaped in the process
+        ui.html(output["tables"], sanitize=False).classes("scroll")
+        for heading, chart, height in output["charts"]:
+            frame.heading(heading)
+            frame.ChartView(chart, height)
+        if run.archive is not None:
+            download = partial(ui.download.file, run.archive, f"{run.request.task}.zip")
+            count = len(output["files"])
+            label = translate_count(count, "The file (zip)", "All {count} files (zip)")
+            frame.add_button(label, lambda: download(), "outline id=get-all")
 
 
 def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, Any]:
@@ -219,19 +184,19 @@ def live_chart(lines: dict[str, list[list[float]]], across: str) -> dict[str, An
         x_axis = axes.linear(phrase("Time in s"), x)
         y_axis = axes.linear("", y)
     panel = Panel(x_axis, y_axis, series, 1.1)
-    ((_, chart),) = charts(spoken(), Figure("live", "", (Stack((panel,)),)))
+    ((_, chart),) = charts(page_language(), Figure("live", "", (Stack((panel,)),)))
     return chart
 
 
 def _option_element(field: Field) -> Any:
     """Return the element of an option."""
     several = {"models": models(), "estimators": _estimators(), "shared": shared_parameters()}
-    label = say(field.label)
+    label = translate(field.label)
     if field.kind in several:
         element = ui.select(several[field.kind], value=[], multiple=True, label=label)
         return element.props(f"{PLAIN} options-dense use-chips")
     if field.kind == "model":
-        element = ui.select({"": say("that of each"), **models()}, value="", label=label)
+        element = ui.select({"": translate("that of each"), **models()}, value="", label=label)
         return element.props(f"{PLAIN} options-dense")
     if field.kind == "flag":
         return ui.checkbox(label).props("dense")
@@ -249,7 +214,10 @@ def models() -> dict[str, str]:
 
 
 def _estimators() -> dict[str, str]:
-    return {name: f"{name}: {say(estimator.title)}" for name, estimator in ESTIMATORS.all().items()}
+    return {
+        name: f"{name}: {translate(estimator.title)}"
+        for name, estimator in ESTIMATORS.all().items()
+    }
 
 
 def shared_parameters() -> dict[str, str]:
@@ -259,7 +227,7 @@ def shared_parameters() -> dict[str, str]:
     labels: dict[str, str] = {}
     for kind in (*CORES.values(), *ADD_ONS.values()):
         for parameter in kind.parameters:
-            labels[parameter.name] = say(in_words(parameter.name))
+            labels[parameter.name] = translate(in_words(parameter.name))
     return labels
 
 
@@ -269,7 +237,7 @@ def _number(field: Field, value: float) -> float | int:
         least = f"{field.least:g} or above" if field.least else "above 0"
         raise InputError(
             f"“{field.label}” is out of range.",
-            expected=f"a {'is_whole ' if is_whole else ''}number, {least}",
+            expected=f"a {'whole ' if is_whole else ''}number, {least}",
             found=f"{value:g}",
             where=f"“{field.label}”",
             remedy="give another number, or leave the field empty",

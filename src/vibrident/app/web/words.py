@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from vibrident.app.web.language import phrase, say
+from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.tasks import TASKS
 from vibrident.base import memory
 from vibrident.base.settings import Word, plain
@@ -30,7 +30,7 @@ _COMMANDS = {
 _ELSEWHERE = "(in Python or on the command line)"
 
 
-def page_word(labels: Mapping[str, str] = LABELS, speak: Callable[[str], str] = say) -> Word:
+def page_word(labels: Mapping[str, str] = LABELS, speak: Callable[[str], str] = translate) -> Word:
     """Return the words of a form with these labels, by setting or by option.
 
     ``speak``: says a label in the language of the form; by default that of the page being served.

@@ -24,11 +24,11 @@ def compare(
     discretisations: Sequence[str] = (),
     validate: bool = False,
     truth: Mapping[str, float] | None = None,
-    tell: ProgressReporter = SILENT,
+    progress: ProgressReporter = SILENT,
 ) -> tuple[TaskOutput, dict[str, Result]]:
     """Compare methods as :func:`vibrident.compare` does; return output, and results by name.
 
-    ``folder``: for comparison.json and each result; ``tell``: gets the progress.
+    ``folder``: for comparison.json and each result; ``progress``: gets the progress.
     """
     from vibrident.use.methods import compare_methods
 
@@ -39,7 +39,7 @@ def compare(
         discretisations=discretisations,
         cross_validation=validate,
         truth=truth,
-        listener=tell,
+        listener=progress,
     )
     for name, result in comparison.results.items():
         result.save(folder / f"{name.replace(' ', '-').replace('+', '-')}.json")

@@ -22,20 +22,18 @@ class IdentifyRequest:
     """Choices of an identification."""
 
     estimator: str = AUTO  # its name, or ``auto``
-    # of the estimator; None where one is not given
+    # setting of the estimator → its value, None where it is not given
     settings: Mapping[str, Any] = field(default_factory=dict)
     # name of the sensor model: one for all calibrations, or one each; None: the calibrations' own
     models: Sequence[str] | None = None
     uncertainty: Any = "auto"  # what the uncertainties cover
-    # several calibrations: parameters that they share; None: by what the parameters describe
+    # parameters that several calibrations share; None: by what the parameters describe
     share: Sequence[str] | None = None
     posterior: bool = False  # whether the posterior is sampled
-    # that the fit takes; None: as the calibrations state
-    band_hz: tuple[float, float] | None = None
+    band_hz: tuple[float, float] | None = None  # of the fit; None: as the calibrations state
     weights: bool = False  # whether the weights of a network are requested
-    # long records: the Dask scheduler whose workers share them; folder of what is fitted of them
-    scheduler: str | None = None
-    work: Path | None = None
+    scheduler: str | None = None  # Dask scheduler whose workers share long records
+    work: Path | None = None  # folder that keeps the fits of stretches of long records
 
     def check(self, calibrations: int = 1) -> None:
         """Refuse options that exclude each other; nothing is read."""
@@ -77,48 +75,54 @@ def run(
     method = estimator(request.estimator, request.settings)
     models = request.models
     if len(calibrations) == 1:
-        from vibrident.use.identification import identify
-
         if models is not None and len(models) > 1:
             raise several_files_error(
                 "⟦identify.model = [A, B]⟧", f"⟦identify.model = {list(models)!r}⟧"
             )
         model = None if models is None else models[0]
-        sampling = None
-        if request.posterior:
-            from vibrident.fit.uncertainty.posterior import Sampling
-
-            sampling = Sampling()
-        uncertainty = request.uncertainty
-        return [
-            identify(
-                calibrations[0],
-                model,
-                method,
-                band_hz=request.band_hz,
-                uncertainty=uncertainty,
-                posterior=sampling,
-                scheduler=request.scheduler,
-                work=request.work,
-                progress=progress,
-            )
-        ]
+        return [_identify_alone(request, calibrations[0], model, method, progress)]
     from vibrident.data.records import Calibration
     from vibrident.fit.joint import identify_together
 
     in_memory = [
-        each if isinstance(each, Calibration) else each.in_memory() for each in calibrations
+        calibration if isinstance(calibration, Calibration) else calibration.in_memory()
+        for calibration in calibrations
     ]
-    model_choice = models[0] if models is not None and len(models) == 1 else models
-    return list(
-        identify_together(
-            [calibration.within(request.band_hz) for calibration in in_memory],
-            model_choice,
-            method,
-            share=request.share,
-            uncertainty=request.uncertainty,
-            progress=progress,
-        )
+    results = identify_together(
+        [calibration.within(request.band_hz) for calibration in in_memory],
+        models[0] if models is not None and len(models) == 1 else models,
+        method,
+        share=request.share,
+        uncertainty=request.uncertainty,
+        progress=progress,
+    )
+    return list(results)
+
+
+def _identify_alone(
+    request: IdentifyRequest,
+    calibration: Calibration | LongRecords,
+    model: str | None,
+    method: Any,
+    progress: Progress,
+) -> Result:
+    from vibrident.use.identification import identify
+
+    sampling = None
+    if request.posterior:
+        from vibrident.fit.uncertainty.posterior import Sampling
+
+        sampling = Sampling()
+    return identify(
+        calibration,
+        model,
+        method,
+        band_hz=request.band_hz,
+        uncertainty=request.uncertainty,
+        posterior=sampling,
+        scheduler=request.scheduler,
+        work=request.work,
+        progress=progress,
     )
 
 
@@ -137,10 +141,10 @@ def result_folders(files: Sequence[Path], folder: Path) -> list[Path]:
     """Return the folder of each result: the first in ``folder``, others below it by their names."""
     folders = [folder]
     for file in files[1:]:
-        name = file.stem
+        candidate = folder / file.stem
         number = 2
-        while folder / name in folders:
-            name = f"{file.stem}-{number}"
-            number = number + 1
-        folders.append(folder / name)
+        while candidate in folders:
+            candidate = folder / f"{file.stem}-{number}"
+            number += 1
+        folders.append(candidate)
     return folders

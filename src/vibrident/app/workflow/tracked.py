@@ -16,6 +16,7 @@ from vibrident.show.views import Sentence
 from vibrident.use.tracking import DRIFT_PER_YEAR, EVERY_S, FALSE_ALARMS_PER_DAY
 
 if TYPE_CHECKING:
+    from vibrident.data.io.calibration_file import CalibrationFile
     from vibrident.data.records import Calibration
     from vibrident.data.sources.source import Chunk
     from vibrident.result import Result
@@ -37,19 +38,22 @@ class TrackRequest:
     store: str | None = None  # history by whose random walk u grows
 
 
-def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskOutput, list[Path]]:
+def track(
+    request: TrackRequest, progress: ProgressReporter = SILENT
+) -> tuple[TaskOutput, list[Path]]:
     """Track a sensor; return the output, and the written files.
 
-    These are track.csv, track.json and result.json. InputError where no sampling rate is stated, or
-    the samples are in another unit.
+    These are track.csv, track.json and result.json.
+
+    Raises:
+        InputError: no sampling rate is stated, or the samples are in another unit.
     """
     from vibrident.data.io.calibration_file import read_calibration_file
-    from vibrident.data.known import refuse_known
     from vibrident.data.registry import SOURCES
     from vibrident.data.sources.kinds.calibration_records import chunks_of
     from vibrident.data.sources.source import SourceRequest
     from vibrident.use.tracking.following import interval_of_records
-    from vibrident.use.tracking.known import known_effects, without_known
+    from vibrident.use.tracking.known import known_effects
     from vibrident.use.tracking.outcome import tracked_result
     from vibrident.use.tracking.session import TrackingSession
     from vibrident.use.tracking.state import TrackerSettings
@@ -58,29 +62,12 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
     folder = request.folder
     described = read_calibration_file(request.calibration)
     kind = SOURCES[request.source]
-    rates = [described.sampling.rate_hz, *(entry.rate_hz for entry in described.records)]
-    rate_hz = next(filter(None, rates), None)
-    length_s = 0.0
-    data: Calibration | None = None
-    if request.source == RECORDS:
-        data = without_known(_data(request.calibration, calibrated))
-        rate_hz = data.records[0].sampling_rate_hz
-        length_s = sum(record.duration_s for record in data.records)
-    else:
-        channels = ("reference", "response")
-        by_channel = {name: getattr(described, name).known_response for name in channels}
-        refuse_known(by_channel, "Tracking of samples as they come", str(request.calibration))
-    if rate_hz is None:
-        raise InputError(
-            "The sampling rate is not given.",
-            expected="rate_hz under [sampling], or under [[records]] beside a time_column",
-            found="none",
-            where=str(request.calibration),
-            remedy="add rate_hz = … (samples per second)",
-        )
+    data = _read_records(request, described, calibrated)
+    rate_hz = _sampling_rate_hz(request, described, data)
+    length_s = 0.0 if data is None else sum(record.duration_s for record in data.records)
     settings = TrackerSettings(
         request.false_alarms_per_day,
-        _walks(request.store, calibrated, tell),
+        _walks(request.store, calibrated, progress),
         described.reference.standard_uncertainty,
     )
     every_s = request.every_s or (interval_of_records(rate_hz, length_s) if length_s else EVERY_S)
@@ -94,26 +81,60 @@ def track(request: TrackRequest, tell: ProgressReporter = SILENT) -> tuple[TaskO
         "result": calibrated.to_json(),
         "file": request.calibration.read_text(encoding="utf-8"),
         "source": [request.source, request.address],
+        "settings": vars(settings),
+        "every": every_s,
     }
-    files = TrackingFiles(folder, session, {**key, "settings": vars(settings), "every": every_s})
+    files = TrackingFiles(folder, session, key)
     position = files.begin(resumable=kind.resumable)
     source_request = SourceRequest(
         described, request.calibration, rate_hz, request.address, position, request.idle_s
     )
     with files.rows:
-        chunks = (
-            chunks_of(data)
-            if data is not None and data.known_responses
-            else kind.open(source_request)
-        )
-        _run(chunks, session, files, tell, resumable=kind.resumable, length_s=length_s)
+        if data is not None and data.known_responses:
+            chunks = chunks_of(data)
+        else:
+            chunks = kind.open(source_request)
+        _run(chunks, session, files, progress, resumable=kind.resumable, length_s=length_s)
         document = files.end()
     result = tracked_result(calibrated, session).save(folder / "result.json")
-    return _describe(document, folder, dict(calibrated.sensor)), [
-        folder / "track.csv",
-        folder / "track.json",
-        result,
-    ]
+    written = [folder / "track.csv", folder / "track.json", result]
+    return _describe(document, folder, dict(calibrated.sensor)), written
+
+
+def _read_records(
+    request: TrackRequest, described: CalibrationFile, calibrated: Result
+) -> Calibration | None:
+    """Return the records without known responses; None where samples come from elsewhere."""
+    from vibrident.data.io import read_guarded
+    from vibrident.data.known import refuse_known
+    from vibrident.use.tracking.known import without_known
+
+    if request.source == RECORDS:
+        data = read_guarded(request.calibration)
+        unit = calibrated.response_unit
+        data.require_response(unit, "A table has no samples to track a sensor by.")
+        return without_known(data)
+    channels = ("reference", "response")
+    by_channel = {name: getattr(described, name).known_response for name in channels}
+    refuse_known(by_channel, "Tracking of samples as they come", str(request.calibration))
+    return None
+
+
+def _sampling_rate_hz(
+    request: TrackRequest, described: CalibrationFile, data: Calibration | None
+) -> float:
+    if data is not None:
+        return data.records[0].sampling_rate_hz
+    for entry in (described.sampling, *described.records):
+        if entry.rate_hz:
+            return entry.rate_hz
+    raise InputError(
+        "The sampling rate is not given.",
+        expected="rate_hz under [sampling], or under [[records]] beside a time_column",
+        found="none",
+        where=str(request.calibration),
+        remedy="add rate_hz = … (samples per second)",
+    )
 
 
 def parameter_rows(
@@ -130,7 +151,7 @@ def parameter_rows(
 
 
 def _walks(
-    store: str | None, calibrated: Result, tell: ProgressReporter
+    store: str | None, calibrated: Result, progress: ProgressReporter
 ) -> float | tuple[float, ...]:
     """Return the relative random walk of each parameter in a year, from the history."""
     if store is None:
@@ -143,24 +164,15 @@ def _walks(
     names = calibrated.to_sensor().model.parameter_names
     if untold := [name for name in names if name not in walks]:
         walk = f"{DRIFT_PER_YEAR:.0%} a year is taken."
-        tell.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
+        progress.note(f"The history tells no random walk of {', '.join(untold)}: {walk}")
     return tuple(walks.get(name, DRIFT_PER_YEAR) for name in names)
-
-
-def _data(calibration: Path, calibrated: Result) -> Calibration:
-    """Return the calibration, whose records must be in the unit of the result."""
-    from vibrident.data.io import read_guarded
-
-    data = read_guarded(calibration)
-    data.require_response(calibrated.response_unit, "A table has no samples to track a sensor by.")
-    return data
 
 
 def _run(
     chunks: Iterator[Chunk],
     session: TrackingSession,
     files: TrackingFiles,
-    tell: ProgressReporter,
+    progress: ProgressReporter,
     *,
     resumable: bool,
     length_s: float,
@@ -173,24 +185,24 @@ def _run(
         files.write(rows)
         if session.changing not in (changing, None):
             changing = session.changing
-            tell.note(
+            progress.note(
                 f"Something changed at {changing[0]:.12g} s; what it was is said when it is "
                 "learned."
             )
         for alarm in session.alarms[reported[0] :]:
             change = f"{alarm.parameter} {alarm.before:.6g} → {alarm.after:.6g}"
-            tell.note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
+            progress.note(f"Alarm at {alarm.time_s:.12g} s: {change}: {alarm.what}")
         for trouble in session.troubles[reported[1] :]:
-            tell.note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.12g} s")
+            progress.note(f"{trouble.samples} samples {trouble.what} at {trouble.time_s:.12g} s")
         reported = len(session.alarms), len(session.troubles)
         if resumable and chunk.position:
             files.keep(chunk.position)
         for row in rows:
-            tell.estimate(row, session.units)
+            progress.estimate(row, session.units)
         if rows and length_s:
             start_s = rows[0].time_s if start_s is None else start_s
             done_s = min(rows[-1].time_s - start_s, length_s)
-            tell.share(
+            progress.share(
                 f"Tracking, {done_s:.4g} of {length_s:.4g} s",
                 round(1000 * done_s),
                 round(1000 * length_s),

@@ -7,8 +7,6 @@ around the numbers (templates/sensor*) ``@N@`` is the name, ``@S@`` the suffix o
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +15,14 @@ import numpy as np
 from vibrident.base.escaping import c_comment
 from vibrident.data.records import FloatArray
 from vibrident.export.discrete import HoldCell, SecondOrderSections
-from vibrident.export.filters import BELOW, Filter, checked_rate, correction_filter, model_filter
-from vibrident.export.form import Format, Options, template
+from vibrident.export.filters import (
+    HIGH_PASS_OVER_BAND,
+    Filter,
+    checked_rate,
+    correction_filter,
+    model_filter,
+)
+from vibrident.export.form import Format, Options, fill_template, write_c_comment
 from vibrident.export.poles_zeros import poles_zeros
 from vibrident.export.sensor import ExportedSensor, identity
 
@@ -50,19 +54,16 @@ def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
 
         return write_tracker(sensor, folder, options)
     code = firmware(sensor, options.rate_hz)
-    about = "\n".join(f" * {c_comment(line)}".rstrip() for line in description(code))
-    common = _common(code, options.name, about)
+    common = _common_values(code, options.name, write_c_comment(description(code)))
     paths = []
-    for ending in ("h", "c"):
-        sensor_template = template(f"sensor_part.{ending}")
+    for suffix in ("h", "c"):
         body = "".join(
-            _filled(sensor_template, {**common, **_numbers(code, single)})
+            fill_template(f"sensor_part.{suffix}", {**common, **_coefficients(code, single)})
             for single in (False, True)
         )
-        path = folder / f"{options.name}.{ending}"
-        path.write_text(
-            _filled(template(f"sensor.{ending}"), {**common, "BODY": body}), encoding="utf-8"
-        )
+        path = folder / f"{options.name}.{suffix}"
+        text = fill_template(f"sensor.{suffix}", {**common, "BODY": body})
+        path.write_text(text, encoding="utf-8")
         paths.append(path)
     return paths
 
@@ -144,8 +145,8 @@ def description(code: Firmware) -> list[str]:
         )
     if np.any(poles_zeros(sensor).zeros == 0):
         lines.append(
-            f"  below the band a high-pass at {BELOW * low:.4g} Hz replaces the integrator and "
-            "settles slowly"
+            f"  below the band a high-pass at {HIGH_PASS_OVER_BAND * low:.4g} Hz replaces the "
+            "integrator and settles slowly"
         )
     lines += [
         (
@@ -175,7 +176,7 @@ def _single_cmsis(sections: SecondOrderSections, f: FloatArray) -> np.ndarray:
     return value
 
 
-def _common(code: Firmware, name: str, about: str) -> dict[str, str]:
+def _common_values(code: Firmware, name: str, about: str) -> dict[str, str]:
     filters = {"MODEL": code.model, "CORRECTION": code.correction}
     common = {
         "N": name,
@@ -197,7 +198,7 @@ def _common(code: Firmware, name: str, about: str) -> dict[str, str]:
     return common
 
 
-def _numbers(code: Firmware, single: bool) -> dict[str, str]:
+def _coefficients(code: Firmware, single: bool) -> dict[str, str]:
     """Return coefficients as text of one precision, and that precision's names."""
 
     def text(values: np.ndarray | float) -> str:
@@ -228,11 +229,6 @@ def _single(value: float) -> str:
     """Return a float literal that reads back to the nearest float."""
     text = f"{float(np.float32(value)):.9g}"
     return (text if any(c in text for c in ".e") else text + ".0") + "f"
-
-
-def _filled(text: str, values: Mapping[str, str]) -> str:
-    """Fill a template in one pass, so that inserted text is no template."""
-    return re.sub("@(\\w+)@", lambda match: values[match[1]], text)
 
 
 C = Format(

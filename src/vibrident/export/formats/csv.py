@@ -1,4 +1,4 @@
-"""CSV: all numbers of the result that fit a table, with uncertainties, unrounded."""
+"""Write all numbers of a result that fit a table as CSV, unrounded, with uncertainties."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _COLUMNS = {
     "magnitude_uncertainty": "magnitude_standard_uncertainty ({per})",
     "phase_deg_uncertainty": "phase_standard_uncertainty_deg",
 }
-#: Of the measured one alone.
-_MEASURED = {
+#: Field of the measured curve alone → heading.
+_MEASURED_COLUMNS = {
     "deviation_percent": "model_deviation_percent",
     "deviation_phase_deg": "model_deviation_phase_deg",
     "record": "record",
@@ -37,10 +37,10 @@ _U_HEADINGS = {"magnitude": "u ({per})", "phase_deg": "u (deg)"}
 
 
 def write(sensor: ExportedSensor, folder: Path, options: Options) -> list[Path]:
-    """Write a table for each of :func:`sheets`, ``NAME_parameters.csv`` and so on."""
+    """Write a file for each of :func:`sheets`: ``NAME_parameters.csv`` and so on."""
     return [
-        _table(folder / f"{options.name}_{name}.csv", *table)
-        for name, table in sheets(sensor.result).items()
+        _write_table(folder / f"{options.name}_{name}.csv", *sheet)
+        for name, sheet in sheets(sensor.result).items()
     ]
 
 
@@ -48,22 +48,18 @@ Sheet = tuple[Sequence[str], Sequence[Sequence[object]]]  # a heading for each c
 
 
 def sheets(result: Result) -> dict[str, Sheet]:
-    """Return the tables of a result by name, with its numbers.
-
-    Levels in dB and budgets are there if the result has any.
-    """
+    """Return the tables of a result by name; levels in dB and budgets only if it has any."""
     per = f"{result.response_unit} per {per_unit(result)}"
     tables: dict[str, Sheet] = {
         "parameters": _parameters(result),
         "correlation": _correlation(result),
         "response": _curve(result.response, _COLUMNS, per),
-        "measured": _curve(result.measured, _COLUMNS | _MEASURED, per),
+        "measured": _curve(result.measured, _COLUMNS | _MEASURED_COLUMNS, per),
     }
     if result.measured.frequency_hz.size:
         tables["level"] = _level(result, per)
     rows = result.settings.get("uncertainty_budget") or ()
-    budget = [row for row in rows if isinstance(row, Mapping)]
-    if budget:
+    if budget := [row for row in rows if isinstance(row, Mapping)]:
         tables["budget"] = _budget(budget)
     points = result.settings.get("point_budget")
     if isinstance(points, Mapping):
@@ -89,8 +85,8 @@ def _parameters(result: Result) -> Sheet:
             p.unit,
             p.standard_uncertainty,
             *p.interval_95,
-            _word(p.identifiable),
-            _word(p.derived),
+            _yes_or_no(p.identifiable),
+            _yes_or_no(p.derived),
         )
         for name, p in result.parameters.items()
     ]
@@ -106,7 +102,7 @@ def _correlation(result: Result) -> Sheet:
 def _curve(curve: Curve, columns: Mapping[str, str], per: str) -> Sheet:
     """Return the columns of a curve, filled up to the number of its frequencies."""
     count = len(curve.frequency_hz)
-    values = [_padded(getattr(curve, field), count) for field in columns]
+    values = [_pad(getattr(curve, field), count) for field in columns]
     return [heading.format(per=per) for heading in columns.values()], list(
         zip(*values, strict=True)
     )
@@ -134,24 +130,23 @@ def _point_budget(points: Mapping[str, Any], per: str) -> Sheet:
 def _level(result: Result, per: str) -> Sheet:
     """Return measured points and the model in dB: 20 lg of the magnitude over one unit."""
     points = result.measured
-    factor = 20.0 / math.log(10.0)
+    decibel = 20.0 / math.log(10.0)
     rows = []
-    for f, size, u, off in zip(
+    for f, magnitude, u, deviation in zip(
         points.frequency_hz,
         points.magnitude,
         points.magnitude_uncertainty,
         points.deviation_percent,
         strict=True,
     ):
-        is_finite = size > 0 and off > -100.0
-        values = (
-            (f, math.log(size) * factor, u / size * factor, math.log1p(off / 100.0) * factor)
-            if is_finite
-            else (f,)
-        )
-        rows.append(
-            [None if math.isnan(v) else float(v) for v in values] + [None] * (4 - len(values))
-        )
+        levels = (math.nan, math.nan, math.nan)
+        if magnitude > 0 and deviation > -100.0:
+            levels = (
+                math.log(magnitude) * decibel,
+                u / magnitude * decibel,
+                math.log1p(deviation / 100.0) * decibel,
+            )
+        rows.append([None if math.isnan(v) else float(v) for v in (f, *levels)])
     heads = (
         "frequency_hz",
         f"level_db (re 1 {per})",
@@ -161,17 +156,17 @@ def _level(result: Result, per: str) -> Sheet:
     return heads, rows
 
 
-def _padded(values: Sequence[object], size: int) -> Sequence[object]:
+def _pad(values: Sequence[object], size: int) -> Sequence[object]:
     if len(values) != size:
         return (None,) * size
     return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
-def _word(value: bool) -> str:
+def _yes_or_no(value: bool) -> str:
     return "yes" if value else "no"
 
 
-def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
+def _write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
     """Write a table; floats by ``repr``, which reads back to the same number; blank if absent."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")

@@ -32,7 +32,7 @@ from vibrident.physics.naming import parameter_name
 from vibrident.result import Result
 from vibrident.show.certified import certified, describe_raised, stated_parameters
 from vibrident.show.coverage import coverage, interval_text, not_certified, unstated
-from vibrident.show.language import Say
+from vibrident.show.language import Translator
 from vibrident.show.points import reference_value
 from vibrident.show.tables import small_signals
 from vibrident.show.views import Sentence
@@ -239,8 +239,8 @@ def _statements(
     yield "adequacy", ours(f"The model {verdict} the data within their uncertainties.")
     for warning in result.warnings:
         yield f"limitation: {explain(warning.code).title}", ours(warning.message)
-    yield "reproduction", ours(Say(LANGUAGE)("text", "no_reproduction"))
-    for raised in describe_raised(result, Say(LANGUAGE)):
+    yield "reproduction", ours(Translator(LANGUAGE)("text", "no_reproduction"))
+    for raised in describe_raised(result, Translator(LANGUAGE)):
         yield "least uncertainty", ours(raised)
     yield from _conformity(tree, result)
     if result.certificate.get("replaces"):
@@ -273,7 +273,7 @@ def _conformity(tree: Tree, result: Result) -> Iterable[tuple[str, *tuple[Any, .
         return
     point = reference_value(result)
     reference_point = None if point is None else (point.magnitude, point.magnitude_uncertainty)
-    rule = Say(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
+    rule = Translator(LANGUAGE)("text", result.certificate.get("decision_rule") or "simple")
     for row in judge_requirements(
         result, None if point is None else point.frequency_hz, reference_point
     ):

@@ -197,7 +197,7 @@ def _control(chart: Mapping[str, Any], document: Mapping[str, Any]) -> Panel:
 
 def _dates(document: Mapping[str, Any]) -> Axis:
     rows = [*document["calibrations"], *(document["drift"].get("curve") or ())]
-    return axes.of_dates("Date", [datetime.date.fromisoformat(row["date"][:10]) for row in rows])
+    return axes.dates("Date", [datetime.date.fromisoformat(row["date"][:10]) for row in rows])
 
 
 def _day(date: str) -> float:

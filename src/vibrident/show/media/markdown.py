@@ -40,17 +40,10 @@ def render(document: Document, pictures: Mapping[str, str] | None = None) -> str
     return "\n\n".join(blocks) + "\n"
 
 
-def links(
-    names: Iterable[str], pictures: str | os.PathLike[str], relative_to: str | os.PathLike[str]
-) -> dict[str, str]:
-    """Name of each figure to the link to its file in ``pictures``, as far as there is one."""
-    # SVG where both are
-    files = [Path(pictures) / f"{name}.{suffix}" for suffix in ("png", "svg") for name in names]
-    return {
-        file.stem: quote(Path(os.path.relpath(file, relative_to)).as_posix())
-        for file in files
-        if file.is_file()
-    }
+def links(names: Iterable[str], folder: str | os.PathLike[str]) -> dict[str, str]:
+    """Return figure name → link to its file in the report's folder; SVG before PNG."""
+    files = [Path(folder) / f"{name}.{suffix}" for suffix in ("png", "svg") for name in names]
+    return {file.stem: quote(file.name) for file in files if file.is_file()}
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Iterable[int] = ()) -> str:

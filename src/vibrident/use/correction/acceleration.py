@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from vibrident.base.memory import in_one_thread
 from vibrident.data.io import GivenCalibration, as_calibration
 from vibrident.data.records import Calibration, FloatArray, Quantity, Record
 from vibrident.data.screening import ScreeningFinding
+from vibrident.physics.models.slopes import ComplexArray
 from vibrident.result.loading import GivenResult, as_result
 from vibrident.use.correction.background import (
     check_ends,
@@ -177,15 +179,17 @@ def correct(
         noise=noise,
         unit=unit,
     )
-    corrections = [_correct_from_rest(record, correction) for record in usable]
-    calibrated = tuple(result.response.frequency_hz.tolist())
-    doubtful = [w for w in result.warnings if w.code in INHERITED_WARNINGS]
-    inherited = [
-        ScreeningFinding(w.code, f"The result carries a warning: {w.message}") for w in doubtful
+    corrections = tuple(_correct_from_rest(record, correction) for record in usable)
+    calibrated_hz = tuple(result.response.frequency_hz.tolist())
+    all_findings = [
+        ScreeningFinding(warning.code, f"The result carries a warning: {warning.message}")
+        for warning in result.warnings
+        if warning.code in INHERITED_WARNINGS
     ]
-    more = [finding for each in corrections for finding in _findings(each, findings, calibrated)]
-    findings = (*inherited, *findings, *more)
-    return Corrections(tuple(corrections), findings, unit, result.model, sensor.quantity)
+    all_findings += findings
+    for corrected in corrections:
+        all_findings += _findings(corrected, findings, calibrated_hz)
+    return Corrections(corrections, tuple(all_findings), unit, result.model, sensor.quantity)
 
 
 def _correct_from_rest(record: Record, correction: Callable[[Record], Correction]) -> Correction:
@@ -219,6 +223,72 @@ def _correct_record(
 ) -> Correction:
     baseline = estimate_baseline(record, noise)
     values = bridged_response(record) - baseline.offset
+    restored = _restore(record, values, baseline, chain, band_hz)
+    compensation = restored.compensation
+    band = compensation.band
+    components = uncertainty_components(
+        values, record.mask, restored.spectrum, compensation, restored.content
+    )
+    background = measure_background(
+        record, values, restored.acceleration, components, band, baseline, unit
+    )
+    components["background"] = background.deviation
+    findings = [*check_ends(record, values, baseline), *background.findings]
+    unknown = unknown_samples(record, compensation)
+    hidden = float(np.max(np.abs(restored.acceleration[unknown]), initial=0.0))
+    acceleration = np.where(unknown, np.nan, restored.acceleration)
+    components = {name: np.where(unknown, np.nan, series) for name, series in components.items()}
+    u = np.sqrt(sum(series**2 for series in components.values()))
+    integrated = restored.spectrum * compensation.after_integration
+    peak = find_peak(acceleration, integrated, compensation, components)
+    if peak is not None and hidden > abs(peak.value):
+        peak = None
+    reference = reference_in_band(record, motion, compensation)
+    agreement = None
+    if reference is not None:
+        agreement = compare_with_reference(record, motion, acceleration, components, reference)
+    elif record.reference is not None and motion.response is not None:
+        text = (
+            f"{record.name}: the motion is not compared with the reference, whose known response "
+            f"does not cover {0.5 * band.low_hz:.4g} to {band.stop_hz:.4g} Hz."
+        )
+        findings.append(ScreeningFinding("band_sensitive", text))
+    return Correction(
+        record,
+        acceleration,
+        np.asarray(u),
+        components,
+        band,
+        restored.content.bound(band),
+        baseline,
+        peak,
+        reference,
+        agreement,
+        compensation.integrations,
+        tuple(findings),
+    )
+
+
+class _Restoration(NamedTuple):
+    """A record's acceleration in a band."""
+
+    compensation: Compensation
+    content: AccelerationSpectrum  # of the motion
+    spectrum: ComplexArray  # of the response, at the lines of the compensation
+    acceleration: FloatArray  # shape (samples,)
+
+
+def _restore(
+    record: Record,
+    values: FloatArray,
+    baseline: Baseline,
+    chain: MeasuringChain,
+    band_hz: tuple[float, float] | None,
+) -> _Restoration:
+    """Restore the acceleration; the band is chosen by it in a few rounds, unless it is stated.
+
+    ``values``: response without offset, shape (samples,).
+    """
     rate = record.sampling_rate_hz
     highest, why = highest_frequency(chain, rate)
     known_from_hz = chain.known_from_hz
@@ -237,55 +307,13 @@ def _correct_record(
         acceleration = compensation.restored(spectrum)
         event = motion_share(acceleration)
     if band_hz is None and record.excitation == "shock":
-        compensation = _narrowed_for_peak(values, acceleration, compensation, content)
-        band = compensation.band
+        compensation = _narrow_for_peak(values, acceleration, compensation, content)
         spectrum = compensation.spectrum(values)
         acceleration = compensation.restored(spectrum)
-    components = uncertainty_components(values, record.mask, spectrum, compensation, content)
-    background = measure_background(
-        record, values, acceleration, components, compensation.band, baseline, unit
-    )
-    components["background"] = background.deviation
-    findings = [*check_ends(record, values, baseline), *background.findings]
-    unknown = unknown_samples(record, compensation)
-    hidden = float(np.max(np.abs(acceleration[unknown]), initial=0.0))
-    acceleration = np.where(unknown, np.nan, acceleration)
-    components = {name: np.where(unknown, np.nan, series) for name, series in components.items()}
-    u = np.sqrt(sum(series**2 for series in components.values()))
-    peak = find_peak(
-        acceleration, spectrum * compensation.after_integration, compensation, components
-    )
-    if peak is not None and hidden > abs(peak.value):
-        peak = None
-    reference = reference_in_band(record, motion, compensation)
-    if reference is None and record.reference is not None and motion.response is not None:
-        text = (
-            f"{record.name}: the motion is not compared with the reference, whose known response "
-            f"does not cover {0.5 * band.low_hz:.4g} to {band.stop_hz:.4g} Hz."
-        )
-        findings.append(ScreeningFinding("band_sensitive", text))
-    agreement = (
-        None
-        if reference is None
-        else compare_with_reference(record, motion, acceleration, components, reference)
-    )
-    return Correction(
-        record,
-        acceleration,
-        np.asarray(u),
-        components,
-        band,
-        content.bound(band),
-        baseline,
-        peak,
-        reference,
-        agreement,
-        compensation.integrations,
-        tuple(findings),
-    )
+    return _Restoration(compensation, content, spectrum, acceleration)
 
 
-def _narrowed_for_peak(
+def _narrow_for_peak(
     values: FloatArray, acceleration: FloatArray, wide: Compensation, content: AccelerationSpectrum
 ) -> Compensation:
     """Return a narrower band if the peak of a shock has a smaller uncertainty in it.

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from vibrident.base.errors import InputError
@@ -89,51 +90,63 @@ def estimate_baseline(record: Record, noise: float | None = None) -> Baseline:
     """
     values = bridged_response(record)
     rest_samples = _count_rest(values) if record.excitation in BEGINS_AT_REST else 0
-    ends = rest_samples > 0 and _ends_at_rest(values, rest_samples)
-    half = 0.5 * record.sampling_rate_hz
-    quantum = resolution(values) ** 2 / 12.0
+    quiet_values = values[:rest_samples]
+    frequency = np.array([0.0, 0.5 * record.sampling_rate_hz])
     if noise is not None:
-        frequency = np.array([0.0, half])
         spectrum = np.full(2, noise**2 + np.finfo(float).tiny)
-        words = "stated by the user, assumed white"
+        noise_from = "stated by the user, assumed white"
         freedom = np.inf
         spread = 0.0
     elif rest_samples >= MIN_SPECTRUM_SAMPLES:
-        frequency, spectrum = _spectrum_at_rest(values[:rest_samples], record.sampling_rate_hz)
+        frequency, spectrum = _spectrum_at_rest(quiet_values, record.sampling_rate_hz)
         freedom = REST_FREEDOM_SHARE * rest_samples
         spread = 1.0 / WELCH_AVERAGES
-        words = (
+        noise_from = (
             f"spectrum of the first {rest_samples} samples, before the motion; assumed stationary"
         )
     else:
-        level = _plateau(values)
-        frequency = np.array([0.0, half])
-        spectrum = np.full(2, level)
+        spectrum = np.full(2, _plateau(values))
         freedom = float(PLATEAU_LINES)
         spread = 2.0 / PLATEAU_LINES
-        words = (
+        noise_from = (
             "least level of the response's own spectrum, assumed white: there is no rest before "
             "the motion"
         )
-    spectrum = np.maximum(spectrum, max(quantum, np.finfo(float).tiny))
+    quantisation = resolution(values) ** 2 / 12.0
+    spectrum = np.maximum(spectrum, max(quantisation, np.finfo(float).tiny))
     if rest_samples > 0:
-        offset = float(np.mean(values[:rest_samples]))
+        offset = float(np.mean(quiet_values))
         low = float(np.mean(spectrum[: max(1, len(spectrum) // 16)]))
-        uncertainty = float(np.sqrt(low / rest_samples))
-        origin = f"mean of the first {rest_samples} samples, at rest"
+        offset_uncertainty = float(np.sqrt(low / rest_samples))
+        offset_from = f"mean of the first {rest_samples} samples, at rest"
     else:
-        weights = np.hanning(values.size)
-        offset = float(np.average(values, weights=weights))
-        # A motion of few periods has a mean itself. The second line above zero is the first that
-        # the offset does not reach.
-        slow = np.sum(
-            (values - offset) * weights * np.exp(-4j * np.pi * np.arange(values.size) / values.size)
-        )
-        uncertainty = float(np.sqrt(2.0) * np.abs(slow) / np.sum(weights))
-        origin = "mean of the record: the acceleration's constant part is removed with it"
+        offset, offset_uncertainty = _offset_in_motion(values)
+        offset_from = "mean of the record: the acceleration's constant part is removed with it"
     return Baseline(
-        rest_samples, ends, offset, uncertainty, origin, frequency, spectrum, spread, words, freedom
+        rest_samples,
+        rest_samples > 0 and _ends_at_rest(values, rest_samples),
+        offset,
+        offset_uncertainty,
+        offset_from,
+        frequency,
+        spectrum,
+        spread,
+        noise_from,
+        freedom,
     )
+
+
+def _offset_in_motion(values: FloatArray) -> tuple[float, float]:
+    """Return the mean of a record behind a Hann window, and its standard uncertainty.
+
+    A motion of few periods has a mean itself. The uncertainty is the size of the second line above
+    zero, the first that the offset does not reach.
+    """
+    weights = np.hanning(values.size)
+    offset = float(np.average(values, weights=weights))
+    turns = np.exp(-4j * np.pi * np.arange(values.size) / values.size)
+    line = np.sum((values - offset) * weights * turns)
+    return offset, float(np.sqrt(2.0) * np.abs(line) / np.sum(weights))
 
 
 def screened_by_response(
@@ -148,39 +161,48 @@ def screened_by_response(
     """
     usable = []
     findings = []
-    refused = None
+    refusal = None
     for record in records:
         try:
-            (by_response,), remarks = screen(
-                [replace(record, reference=None, excitation="decay")], {"response": unit}
-            )
+            screened, remarks = _screen_response(record, unit)
         except InputError as error:
-            refused = error
-            findings.append(ScreeningFinding("dead_channel", f"{error.found}"))
-            continue
-        valid = by_response.mask
-        reference_valid = np.zeros(record.samples, dtype=bool)
-        if record.reference is not None:
-            with suppress(InputError):
-                (both,), of_both = screen([record], {"response": unit})
-                # Where the reference moves as oddly, the response's oddity is motion.
-                valid = by_response.mask | both.mask
-                reference_valid = both.reference_mask
-                lost_time = [f for f in of_both if f.code == "clock_suspect"]  # of both channels
-                if lost_time:
-                    for edge in np.flatnonzero(np.diff(both.mask.astype(int))).tolist():
-                        valid[max(edge - MAX_BRIDGED_SAMPLES, 0) : edge + MAX_BRIDGED_SAMPLES] = (
-                            False
-                        )
-                    cause = lost_time[0].message.split(";")[0]
-                    text = f"{cause}; the samples beside that are left out."
-                    lost_time = [ScreeningFinding("clock_suspect", text)]
-                remarks = (*(f for f in remarks if f in of_both), *lost_time)
-        usable.append(replace(record, valid=valid, reference_valid=reference_valid))
+            refusal = error
+            remarks = [ScreeningFinding("dead_channel", f"{error.found}")]
+        else:
+            usable.append(screened)
         findings += remarks
-    if refused is not None and not usable:
-        raise refused
+    if refusal is not None and not usable:
+        raise refusal
     return usable, findings
+
+
+def _screen_response(record: Record, unit: str) -> tuple[Record, list[ScreeningFinding]]:
+    """Return a record with its valid samples marked, and the findings of its response.
+
+    Raises:
+        InputError: it has no usable response.
+    """
+    units = {"response": unit}
+    (by_response,), findings = screen([replace(record, reference=None, excitation="decay")], units)
+    by_both = None
+    if record.reference is not None:
+        with suppress(InputError):
+            (by_both,), findings_of_both = screen([record], units)
+    if by_both is None:
+        reference_valid = np.zeros(record.samples, dtype=bool)
+        screened = replace(record, valid=by_response.mask, reference_valid=reference_valid)
+        return screened, list(findings)
+    # Where the reference moves as oddly, the response's oddity is motion.
+    valid = by_response.mask | by_both.mask
+    findings = [finding for finding in findings if finding in findings_of_both]
+    lost_times = [f for f in findings_of_both if f.code == "clock_suspect"]  # of both channels
+    if lost_times:
+        for edge in np.flatnonzero(np.diff(by_both.mask.astype(int))).tolist():
+            valid[max(edge - MAX_BRIDGED_SAMPLES, 0) : edge + MAX_BRIDGED_SAMPLES] = False
+        cause = lost_times[0].message.split(";")[0]
+        message = f"{cause}; the samples beside that are left out."
+        findings.append(ScreeningFinding("clock_suspect", message))
+    return replace(record, valid=valid, reference_valid=by_both.reference_mask), findings
 
 
 def bridged_response(record: Record) -> FloatArray:
@@ -232,14 +254,10 @@ def _count_rest(values: FloatArray) -> int:
     if count < 8:
         return 0
     for _ in range(2):  # a longer part improves the noise, and thereby the end of the rest
-        level = float(np.mean(values[:count]))
-        swing = float(np.std(values[:count]))
-        away = np.abs(values - level)
-        largest = float(np.max(away))
-        if swing > MAX_REST_DEVIATION * largest:
+        moving = _find_motion(values, values[:count])
+        if moving is None:
             return 0
-        beyond = np.flatnonzero(away > _rest_limit(values, swing, largest))
-        onset = int(beyond[0]) if beyond.size else values.size
+        onset = int(moving[0]) if moving.size else values.size
         if onset < count // 2:
             return 0
         count = max(8, int(USED_REST_SHARE * onset))
@@ -249,10 +267,7 @@ def _count_rest(values: FloatArray) -> int:
 
 
 def _departs(values: FloatArray) -> bool:
-    """Return whether the last of several parts differs from the others.
-
-    So does a motion that begins gradually.
-    """
+    """Return whether the last of several parts differs from the others, as in a gradual motion."""
     length = values.size // REST_PARTS
     means = values[: length * REST_PARTS].reshape(REST_PARTS, length).mean(axis=1)
     return bool(abs(means[-1] - means[:-1].mean()) > MAX_PART_DEVIATIONS * means[:-1].std(ddof=1))
@@ -270,29 +285,32 @@ def rest_to_borrow(record: Record) -> int:
     count = _rest_test_samples(values)
     if count < 8:
         return 0
-    last = values[-count:]
-    level = float(np.mean(last))
-    swing = float(np.std(last))
-    away = np.abs(values - level)
-    largest = float(np.max(away))
-    if swing > MAX_REST_DEVIATION * largest or away[0] > max(
-        ONSET_DEVIATIONS * swing, 0.5 * MAX_REST_DEVIATION * largest
+    quiet_values = values[-count:]
+    moving = _find_motion(values, quiet_values)
+    if moving is None:
+        return 0
+    distance = np.abs(values - np.mean(quiet_values))
+    if distance[0] > max(
+        ONSET_DEVIATIONS * np.std(quiet_values), 0.5 * MAX_REST_DEVIATION * np.max(distance)
     ):
         return 0
-    moving = np.flatnonzero(away > _rest_limit(values, swing, largest))
     still = values.size - 1 - int(moving[-1]) if moving.size else 0
     return min(int(USED_REST_SHARE * still), values.size // 3)
 
 
-def _rest_limit(values: FloatArray, deviation: float, largest: float) -> float:
-    """Return how far a channel at rest may be from its level.
+def _find_motion(values: FloatArray, quiet_values: FloatArray) -> NDArray[np.intp] | None:
+    """Return the indices of samples in motion; None if the part of a record is not quiet.
 
-    Args:
-        values: of the channel.
-        deviation: standard deviation at rest.
-        largest: distance of a value from the level, for what rounding leaves.
+    A sample at rest is near the level of ``quiet_values``: within their noise, the steps of the
+    converter, and what rounding leaves.
     """
-    return max(ONSET_DEVIATIONS * deviation, MIN_ONSET_STEPS * resolution(values), 1e-9 * largest)
+    deviation = float(np.std(quiet_values))
+    distance = np.abs(values - float(np.mean(quiet_values)))
+    largest = float(np.max(distance))
+    if deviation > MAX_REST_DEVIATION * largest:
+        return None
+    limit = max(ONSET_DEVIATIONS * deviation, MIN_ONSET_STEPS * resolution(values), 1e-9 * largest)
+    return np.flatnonzero(distance > limit)
 
 
 def _ends_at_rest(values: FloatArray, rest_samples: int) -> bool:

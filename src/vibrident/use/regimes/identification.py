@@ -124,7 +124,7 @@ class _Regimes:
     @property
     def pieces(self) -> list[PieceEstimate]:
         """Return the parameters of each."""
-        return [PieceEstimate.of_fit(*pair) for pair in zip(self.spans, self.fits, strict=True)]
+        return [PieceEstimate.from_fit(*pair) for pair in zip(self.spans, self.fits, strict=True)]
 
     @property
     def explain_the_record(self) -> bool:

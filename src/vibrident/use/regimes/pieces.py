@@ -62,7 +62,7 @@ class PieceEstimate:
         return dict(zip(self.model.parameter_names, self.values.tolist(), strict=True))
 
     @classmethod
-    def of_fit(cls, span: slice, fitted: Fitted) -> PieceEstimate:
+    def from_fit(cls, span: slice, fitted: Fitted) -> PieceEstimate:
         """Return the parameters of a fit."""
         slopes = fitted.estimate.coordinates.slopes(fitted.estimate.z)
         covariance = fitted.estimate.covariance * np.outer(slopes, slopes)
@@ -166,7 +166,7 @@ def _explained_pieces(
             continue
         if fitted.adequate:
             explained_count += 1
-            yield PieceEstimate.of_fit(span, fitted)
+            yield PieceEstimate.from_fit(span, fitted)
 
 
 def joined(pieces: Iterable[PieceEstimate]) -> Iterator[PieceEstimate]:

@@ -165,7 +165,9 @@ def _identify_stretches(
     store = None
     if sharing.work is not None:
         store = EstimateStore(Path(sharing.work), records.digest(), order, stretches)
-    fitted_before: dict[int, StretchOutcome] = {number: StretchFit.of(stretches[number], fitted)}
+    fitted_before: dict[int, StretchOutcome] = {
+        number: StretchFit.from_fit(stretches[number], fitted)
+    }
     fits: list[StretchOutcome] = []
     for each in _fits(records, stretches, fitted_before, order, store, sharing.scheduler):
         fits.append(each)

@@ -59,7 +59,7 @@ class PooledEstimate:
     worst: tuple[int, int]
 
     @classmethod
-    def of(cls, estimates: FloatArray, covariances: FloatArray) -> PooledEstimate:
+    def from_stretches(cls, estimates: FloatArray, covariances: FloatArray) -> PooledEstimate:
         """Return the estimate by those of stretches.
 
         Args:
@@ -108,7 +108,7 @@ def pooled_result(
         uncertainty: what the uncertainties cover.
     """
     used = [each for each in outcomes if isinstance(each, StretchFit)]
-    pooled = PooledEstimate.of(*_estimates(first, used))
+    pooled = PooledEstimate.from_stretches(*_estimates(first, used))
     widened = 1.0 if pooled.is_one_sensor or uncertainty == "noise" else pooled.birge
     estimate = replace(
         first.estimate,

@@ -99,7 +99,7 @@ class StretchFit:
     files: tuple[tuple[str, str, tuple[str, ...]], ...]
 
     @classmethod
-    def of(cls, stretch: Stretch, fitted: Fitted) -> StretchFit:
+    def from_fit(cls, stretch: Stretch, fitted: Fitted) -> StretchFit:
         """Return the summands of a fit."""
         records = fitted.evidence.records
         estimate = fitted.estimate
@@ -181,7 +181,7 @@ def fit_stretch(
         calibration = calibration.within(order.band_hz)
         model = model_of(calibration, order.model)
         fitted = fit_near(calibration, model, order.estimator, order.start)
-        return StretchFit.of(stretch, fitted)
+        return StretchFit.from_fit(stretch, fitted)
     except VibridentError as error:
         return RefusedStretch(stretch, str(error).partition("\n")[0])
     finally:

@@ -1,4 +1,4 @@
-"""Tracking session: chunks of a source in, estimates and alarms out; faulty chunks are counted."""
+"""Track a sensor at a source: chunks in, estimates and alarms out; faulty chunks are counted."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ MAX_CHUNK_OFFSET_INTERVALS = 0.5
 
 @dataclass(frozen=True)
 class Trouble:
-    """Samples with a fault: ``lost``, ``late`` or ``doubled``; their time and number."""
+    """Samples with a fault."""
 
-    what: str
+    what: str  # ``lost``, ``late`` or ``doubled``
     time_s: float
     samples: int
 
 
 @dataclass(eq=False)
 class TrackingSession:
-    """Track a sensor at a source."""
+    """A sensor that is tracked at a source."""
 
     tracker: Tracker
     every: int  # samples a row
@@ -96,7 +96,7 @@ class TrackingSession:
 
     def take(self, chunk: Chunk) -> list[TrackedEstimate]:
         """Take samples and return the rows that they complete."""
-        reference, response = self._placed(chunk)
+        reference, response = self._align(chunk)
         rows = []
         while len(response):
             count = min(self.samples_to_row, len(response))
@@ -117,12 +117,12 @@ class TrackingSession:
         return [self.read()]
 
     def _keep_samples(self, reference: FloatArray, response: FloatArray) -> None:
-        """Keep samples after an alarm until they are enough to tell its cause."""
+        """Keep the samples after an alarm until they suffice to find its cause."""
         if self.waiting_alarms:
             self.samples_after.append(np.stack([reference, response]))
         self._collect_alarms()
-        if sum(each.shape[1] for each in self.samples_after) >= CAUSE_SAMPLES:
-            self._explain()
+        if sum(samples.shape[1] for samples in self.samples_after) >= CAUSE_SAMPLES:
+            self._report_alarms()
 
     def _collect_alarms(self) -> None:
         self.waiting_alarms += self.tracker.alarms
@@ -134,10 +134,10 @@ class TrackingSession:
         """End the run of samples."""
         self.tracker.finish()
         self._collect_alarms()
-        self._explain()
+        self._report_alarms()
 
-    def _explain(self) -> None:
-        """Look for a cause of the waiting alarms; report it once, and the others as they are."""
+    def _report_alarms(self) -> None:
+        """Report the cause of the waiting alarms once, and alarms without a cause as they are."""
         net = self.tracker.network
         cause = None
         alarms = self.waiting_alarms
@@ -162,32 +162,31 @@ class TrackingSession:
                 if alarm.parameter in self.cause.values:
                     self.cause.values[alarm.parameter] = alarm.after
 
-    def _placed(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
+    def _align(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
         """Return the new samples of a chunk; begin a run where it does not follow the last."""
-        net = self.tracker.network
-        reference = chunk.reference
-        response = chunk.response
-        expected = self.tracker.next_sample_s
-        start = expected if chunk.start_s is None else chunk.start_s
-        off = (start - expected) / net.interval_s
-        slack = MAX_CHUNK_OFFSET_INTERVALS + CERTAIN_IN_U * chunk.clock_s / net.interval_s
+        interval_s = self.tracker.network.interval_s
+        expected_s = self.tracker.next_sample_s
+        start_s = expected_s if chunk.start_s is None else chunk.start_s
+        offset = (start_s - expected_s) / interval_s  # samples
+        tolerance = MAX_CHUNK_OFFSET_INTERVALS + CERTAIN_IN_U * chunk.clock_s / interval_s
+        repeated = 0
         if not self.started or chunk.separate:
-            begin = start if not self.started or off > 0.0 else expected
-            self._end_run()
-            self.tracker.begin(begin, self._tone_hz(chunk))
+            self._begin_run(start_s if not self.started or offset > 0.0 else expected_s, chunk)
             self.started = True
-        elif off > slack:
-            self.troubles.append(Trouble("lost", expected, round(off)))
-            self._end_run()
-            self.tracker.begin(start, self._tone_hz(chunk))
-        elif off < -slack:
-            repeated = min(round(-off), len(response))
-            self.troubles.append(
-                Trouble("late" if repeated == len(response) else "doubled", start, repeated)
-            )
-            reference = reference[repeated:]
-            response = response[repeated:]
-        return np.asarray(reference, dtype=float), np.asarray(response, dtype=float)
+        elif offset > tolerance:
+            self.troubles.append(Trouble("lost", expected_s, round(offset)))
+            self._begin_run(start_s, chunk)
+        elif offset < -tolerance:
+            repeated = min(round(-offset), len(chunk.response))
+            fault = "late" if repeated == len(chunk.response) else "doubled"
+            self.troubles.append(Trouble(fault, start_s, repeated))
+        reference = np.asarray(chunk.reference[repeated:], dtype=float)
+        return reference, np.asarray(chunk.response[repeated:], dtype=float)
+
+    def _begin_run(self, start_s: float, chunk: Chunk) -> None:
+        """End the run of samples, and begin one with a chunk."""
+        self._end_run()
+        self.tracker.begin(start_s, self._tone_hz(chunk))
 
     def _tone_hz(self, chunk: Chunk) -> float | None:
         """Return the frequency of a sine, from its samples where it is not stated."""
@@ -256,14 +255,13 @@ class TrackingSession:
         return noise if noise and noise.certain else None
 
     def _noise_document(self, read: TrackedEstimate) -> dict[str, Any] | None:
-        """Return the reference's noise as it stands in ``track.json``, or None.
+        """Return the entry on the reference's noise in ``track.json``, or None.
 
-        Its members: rms and u, the shifts of parameters above their u, and whether they are
-        corrected.
+        It has rms and u, the shifts of parameters above their u, and whether they are corrected.
         """
         if not (noise := self.reference_noise):
             return None
-        by_name = zip(read.values, noise.shift.tolist(), strict=True)
-        moves = {name: shift for name, shift in by_name if abs(shift) > read.uncertainty[name]}
+        shifts = zip(read.values, noise.shift.tolist(), strict=True)
+        moves = {name: shift for name, shift in shifts if abs(shift) > read.uncertainty[name]}
         rms = noise.variance**0.5
         return {"value": rms, "u": 0.5 * noise.u / rms, "moves": moves, "corrected": noise.corrects}

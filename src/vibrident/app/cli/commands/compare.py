@@ -62,7 +62,7 @@ def compare(
             from vibrident.data.io import read_guarded
 
             calibration = read_guarded(files[0])
-            with ProgressBar("Identifying") as tell:
+            with ProgressBar("Identifying") as progress:
                 comparison, _ = run(
                     calibration,
                     output.path,
@@ -71,7 +71,7 @@ def compare(
                     discretisations=steps or (),
                     validate=validate,
                     truth=truth_values,
-                    tell=tell,
+                    progress=progress,
                 )
         else:
             for option_name, value in {

@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibrident.app.cli.console import output_console, say, show
+from vibrident.app.cli.console import output_console, print_line, show
 from vibrident.app.cli.options import option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import written_whole
@@ -28,7 +28,7 @@ def demo(
     with written_whole(folder) as output:
         _steps(output.path, folder)
     file, truth = (shlex.quote(str(folder / name)) for name in ("calibration.toml", "truth.json"))
-    say(
+    print_line(
         f"\nNext: vibrident inspect {file}\n      vibrident compare {file} --truth {truth}\n      "
         "vibrident --help"
     )
@@ -137,6 +137,6 @@ def _finish(
 def _print_chapter(title: str, *lines: str) -> None:
     from rich.padding import Padding
 
-    say(f"\n{title}", style="bold")
+    print_line(f"\n{title}", style="bold")
     for line in lines:
         output_console().print(Padding(printable(line), (0, 0, 0, 3), expand=False))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from vibrident.app.cli.console import BAD_INPUT, error_console, output_console, say
+from vibrident.app.cli.console import BAD_INPUT, error_console, output_console, print_line
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.base.escaping import terminal as printable
 
@@ -37,4 +37,4 @@ truth."""
         error_console().print(f"Not fit for use: {', '.join(failed)}.", style="bold red")
         raise typer.Exit(BAD_INPUT)
     without = [check.subject for check in checks if check.verdict == "cannot be used"]
-    say(f"Fit for use, without: {', '.join(without)}." if without else "Fit for use.")
+    print_line(f"Fit for use, without: {', '.join(without)}." if without else "Fit for use.")

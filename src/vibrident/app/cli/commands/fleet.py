@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from vibrident.app.cli.console import DOUBTFUL, note, output_console, say
+from vibrident.app.cli.console import DOUBTFUL, note, output_console, print_line
 from vibrident.app.cli.options import argument, between, choice, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.estimators import AUTO, estimator_names
@@ -126,8 +126,8 @@ def _run(
     with ProgressBar("Identifying") as bar:
         last_line_s = time.monotonic()
 
-        def tell(progress: RunProgress) -> None:
-            """Move the bar, or say it in a line now and then where there is none."""
+        def report(progress: RunProgress) -> None:
+            """Move the bar; where there is none, print a line now and then."""
             nonlocal last_line_s
             text = _progress_text(progress)
             bar.share(f"Identifying: {text}", progress.done, progress.total)
@@ -135,7 +135,9 @@ def _run(
                 last_line_s = time.monotonic()
                 note(text)
 
-        return request.identify(workers=workers, scheduler=scheduler, resume=resume, progress=tell)
+        return request.identify(
+            workers=workers, scheduler=scheduler, resume=resume, progress=report
+        )
 
 
 def _require_store(store: str, *, results: bool) -> None:
@@ -176,7 +178,7 @@ def _add(store: str, outcome: Outcome, *, quiet: bool) -> None:
     with ProgressBar("Adding to the history"):
         new = history.add(store, named())
     if not quiet:
-        say(f"Added to the history: {count(new, 'new result')}.")
+        print_line(f"Added to the history: {count(new, 'new result')}.")
     if nameless:
         clause = (
             "result states no serial number and was"

@@ -10,22 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from vibrident.app.cli.console import note, say, show, show_written
-from vibrident.app.cli.history_options import build_question, read_date, read_tolerance
+from vibrident.app.cli.console import note, print_line, show, show_written
+from vibrident.app.cli.history_options import (
+    build_question,
+    open_store,
+    read_date,
+    read_tolerance,
+)
 from vibrident.app.cli.options import (
     CERTIFICATE_FILES,
     RESULT_FILES,
     argument,
     between,
     choice,
-    one_of,
     option,
+    require_choice,
 )
 from vibrident.app.workflow.folder import load_result, write_json, written_whole
 from vibrident.base.errors import InputError
 
 if TYPE_CHECKING:
-    from vibrident.lab.history.store import Store
     from vibrident.result import Result
     from vibrident.show.views import Block
 
@@ -103,13 +107,13 @@ event."""
             rows_of(loaded, serial, day)
         except InputError as error:
             raise error.within(str(path)) from error
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         added = list(add_all(opened, map(read, results), serial_number=serial, date=day))
         for path, entry in zip(results, added, strict=True):
             stored = "" if entry.new else ", already stored"
             if entry.former_date is not None:
                 stored += f"; its date is now {day}, it was {entry.former_date}"
-            say(f"{path}: calibration {entry.number}{stored}")
+            print_line(f"{path}: calibration {entry.number}{stored}")
         new_ones = sum(entry.new for entry in added)
         note(f"{new_ones} of {count(len(added), 'result')} new in {opened.printed}")
 
@@ -124,7 +128,7 @@ the last."""
     from vibrident.lab.history.document import listed
     from vibrident.show.views import count
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         rows = listed(query.overviews(opened, type_name))
     _print(form, rows, lambda: [replace(tables.listed(rows), title=count(len(rows), "sensor"))])
 
@@ -156,7 +160,7 @@ charts."""
     from vibrident.lab.history.document import of_sensor
 
     if target is not None:
-        one_of("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
+        require_choice("--out", target.suffix.lower(), (".html", *PICTURES, ".json"))
     question = build_question(
         quantity,
         frequency,
@@ -165,7 +169,7 @@ charts."""
         interval,
         read_date(until, "--at"),
     )
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         document = of_sensor(opened, query.find(opened, serial, type_name, axis, maker), question)
     _print(form, document, lambda: page.printed(document))
     if target is not None:
@@ -203,7 +207,7 @@ interval, and the staircase."""
     from vibrident.show.views import count
 
     question = build_question(quantity, frequency, given_tolerance, limits, interval)
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         if serial is not None:
             sensor = query.find(opened, serial, type_name, axis, maker)
             document = of_sensor(opened, sensor, question)
@@ -230,11 +234,11 @@ def approve(
     """Approve a calibration. Other evaluations of the same data are superseded."""
     from vibrident.lab.history import approval
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         superseded = approval.approve(opened, number, by=by, note=note_text)
-    say(f"Calibration {number} is approved.")
+    print_line(f"Calibration {number} is approved.")
     for number_superseded in superseded:
-        say(f"Calibration {number_superseded}, of the same data, is superseded.")
+        print_line(f"Calibration {number_superseded}, of the same data, is superseded.")
 
 
 @history.command("event")
@@ -263,13 +267,13 @@ def event(
     day = read_date(date, "--date")
     from vibrident.lab.history import entry, query
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         sensor = query.find(opened, serial, type_name, axis, maker)
         entry.add_event(
             opened, sensor, kind, date=day, calibration_id=calibration, by=by, note=note_text
         )
     subject = sensor.name if calibration is None else f"Calibration {calibration} of {sensor.name}"
-    say(f"{subject}: {kind}, {day or datetime.date.today()}")
+    print_line(f"{subject}: {kind}, {day or datetime.date.today()}")
 
 
 @history.command("result")
@@ -281,7 +285,7 @@ def result(
     """Write a stored result to a file."""
     from vibrident.lab.history import query
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         stored = query.result(opened, number)
     with written_whole(target.parent) as output:
         stored.save(output.path / target.name)
@@ -295,8 +299,8 @@ def export(
     """Write one row a calibration, with every parameter and its standard uncertainty."""
     from vibrident.lab.history import query, table_file
 
-    one_of("FILE", target.suffix.lower(), (".parquet", ".csv"))
-    with _opened(store) as opened:
+    require_choice("FILE", target.suffix.lower(), (".parquet", ".csv"))
+    with open_store(store) as opened:
         rows = list(query.rows(opened))
     with written_whole(target.parent) as output:
         table_file.write(rows, output.path / target.name)
@@ -306,22 +310,13 @@ def export(
 @history.command("upgrade")
 def upgrade(store: str | None = _STORE) -> None:
     """Upgrade a store of an older version, with its data; or create a new one."""
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         before, after = opened.upgrade()
-        what = (
-            "is new"
-            if before is None
-            else "was up to date"
-            if before == after
-            else f"was at schema {before}"
-        )
-        say(f"{opened.printed} {what}; schema {after}")
-
-
-def _opened(url: str | None) -> Store:
-    from vibrident.lab.history.store import Store
-
-    return Store(url)
+        if before is None:
+            state = "is new"
+        else:
+            state = "was up to date" if before == after else f"was at schema {before}"
+        print_line(f"{opened.printed} {state}; schema {after}")
 
 
 def _print(form: str, content: Any, blocks: Callable[[], Iterable[Block | None]]) -> None:

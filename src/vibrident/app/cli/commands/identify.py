@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import DOUBTFUL, note, output_console, say, show, warn
+from vibrident.app.cli.console import DOUBTFUL, note, output_console, print_line, show, warn
 from vibrident.app.cli.options import argument, choice, flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.cli.words import shell_word
@@ -138,19 +138,21 @@ def identify(
     Exit codes: 0 identified; 2 bad input; 3 with --strict, a result with a warning (it is written
     all the same).
     """
-    values = (discretisation, optimiser, steps, learning_rate, weighting, residual or None)
-    settings: dict[str, Any] = dict(zip(options.SETTINGS, values, strict=True)) | options.settings(
-        set_values or ()
-    )
-    shared = options.listed("--share")(share)
-    # one may serve several files
-    models = None if model is None else [name.strip() for name in model.split(",")]
+    settings: dict[str, Any] = {
+        "discretisation": discretisation,
+        "optimiser": optimiser,
+        "steps": steps,
+        "learning_rate": learning_rate,
+        "weighting": weighting,
+        "residual": residual or None,
+        **options.settings(set_values or ()),
+    }
     request = IdentifyRequest(
         estimator_name,
         settings,
-        models,
+        None if model is None else [name.strip() for name in model.split(",")],
         uncertainty,
-        shared,
+        options.listed("--share")(share),
         posterior,
         options.band(band),
         weights,
@@ -159,7 +161,7 @@ def identify(
     )
     request.check(len(calibrations))
     with written_whole(folder) as output:
-        results = _identified(request, calibrations, output.path, pictures, excerpts)
+        results = _identify(request, calibrations, output.path, pictures, excerpts)
     _show(results, output.files, context, quiet=quiet, weights=weights)
     codes = dict.fromkeys(code for result in results for code in result.warning_codes)
     if strict and codes:
@@ -167,14 +169,15 @@ def identify(
         raise typer.Exit(DOUBTFUL)
 
 
-def _identified(
+def _identify(
     request: IdentifyRequest, files: list[Path], output_folder: Path, plots: bool, excerpts: bool
 ) -> list[Any]:
+    """Identify the sensor, and write results and pictures into the folder."""
     from vibrident.data.io import read_guarded
     from vibrident.data.io.long_records import long_records_of
 
-    in_parts = len(files) == 1 and not request.posterior
-    long = long_records_of(files[0], guarded=True) if in_parts else None
+    can_be_long = len(files) == 1 and not request.posterior
+    long = long_records_of(files[0], guarded=True) if can_be_long else None
     calibrations = [read_guarded(file) for file in files] if long is None else [long]
     # From here on it takes seconds; a bad file has been refused before the slow imports.
     from vibrident.app.cli.drawing import painter
@@ -182,12 +185,10 @@ def _identified(
     with painter(is_needed=plots) as artist:
         with ProgressBar("Identifying") as progress:
             results = run(request, calibrations, progress)
-        options_given = [
-            name for name in ("scheduler", "work") if getattr(request, name) is not None
-        ]
-        if options_given and "stretches" not in results[0].settings:
-            options = " and ".join(f"--{name}" for name in options_given)
-            note(f"Note: the records were fitted as a whole; {options} had no effect.")
+        unused = [f"--{name}" for name in ("scheduler", "work") if getattr(request, name)]
+        if unused and "stretches" not in results[0].settings:
+            names = " and ".join(unused)
+            note(f"Note: the records were fitted as a whole; {names} had no effect.")
         for result, folder in zip(results, result_folders(files, output_folder), strict=True):
             saved = result.save(folder / "result.json")
             if plots:
@@ -201,43 +202,51 @@ def _identified(
 def _show(
     results: list[Any], files: list[Path], context: typer.Context, *, quiet: bool, weights: bool
 ) -> None:
+    """Print the results and the written files; with ``quiet``, only remarks and warnings."""
     from vibrident.show import terminal
 
-    if len(results) > 1 and not quiet:
+    is_joint = len(results) > 1
+    if is_joint and not quiet:
         from vibrident.show import methods
         from vibrident.show.views import Sentence
 
         show(*methods.joint(results[0]), Sentence(""))
-    from vibrident.data.screening.copies import notes_of_copies
-
     word = shell_word(context.find_root().command, "identify")
     for result in results:
-        for text in notes_of_copies(
-            (file["file"], file["history"]) for file in result.provenance.get("files", ())
-        ):
-            note(text)
-        for row in result.settings.get("known_responses", ()):
-            low, high = row["band_hz"]
-            words = f"{row['source']}, known response of the {row['channel']}, is taken out"
-            note(f"Note: {words}; the fit takes {low:.4g} to {high:.4g} Hz.")
-        written = files if result is results[-1] else []
+        _note_remarks(result)
         if quiet:
             warn(result.warnings)
         else:
-            if len(results) > 1:
+            if is_joint:
                 joint = result.settings["joint"]
-                say(joint["calibrations"][joint["position"]]["file"])
+                print_line(joint["calibrations"][joint["position"]]["file"])
+            written = files if result is results[-1] else []
             # paths are not cropped
             output_console().print(terminal.summary(result, written, word), crop=False)
             if residual := result.settings.get("residual_network"):
-                say(_residual_line(residual))
+                print_line(_residual_line(residual))
             if sampled := result.settings.get("posterior"):
                 output_console().print(terminal.posterior_table(result), crop=False)
-                say(_posterior_line(sampled))
+                print_line(_posterior_line(sampled))
         if weights and result.weights:
             output_console().print(terminal.weights_table(result))
         elif weights:
             note(f"No weights: {result.estimator} trains no network.")
+
+
+def _note_remarks(result: Any) -> None:
+    """Print remarks on copied records and on known responses of the channels."""
+    from vibrident.data.screening.copies import notes_of_copies
+
+    files = result.provenance.get("files", ())
+    for text in notes_of_copies((file["file"], file["history"]) for file in files):
+        note(text)
+    for row in result.settings.get("known_responses", ()):
+        low, high = row["band_hz"]
+        note(
+            f"Note: {row['source']}, known response of the {row['channel']}, is taken out; the fit "
+            f"takes {low:.4g} to {high:.4g} Hz."
+        )
 
 
 def _residual_line(residual: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import note, output_console, say, show_rows, show_written
+from vibrident.app.cli.console import note, output_console, print_line, show_rows, show_written
 from vibrident.app.cli.options import option
 from vibrident.app.workflow.folder import written_whole
 from vibrident.base.escaping import terminal as printable
@@ -90,7 +90,9 @@ def _show(
             if finding.code == code:
                 console.print(Padding(Text(printable(finding.message)), (0, 0, 0, 2), expand=False))
     if not findings and calibration.records:
-        say("No findings: no clipped samples, no channel without signal, no sign of aliasing.")
+        print_line(
+            "No findings: no clipped samples, no channel without signal, no sign of aliasing."
+        )
     show_written(files)
 
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from vibrident.app.cli.console import say, show, show_written
+from vibrident.app.cli.console import print_line, show, show_written
+from vibrident.app.cli.history_options import open_store
 from vibrident.app.cli.options import CERTIFICATE_FILES, RESULT_FILE, argument, flag, option
 from vibrident.app.workflow.folder import load_result, written_whole
 
 if TYPE_CHECKING:
-    from vibrident.lab.history.store import Store
     from vibrident.lab.issue.documents import Documents
 
 issue = typer.Typer(
@@ -44,12 +44,12 @@ issue."""
     from vibrident.show.issue import issued
 
     certified, belongings = issued(load_result(result), certificate or [])
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         number = drafts.hand_in(opened, certified, belongings, by=by)
     unused = [key for key in drafts.DRAWN if certified.certificate.get(key)]
-    say(f"Draft {number} waits for a review by another account.")
+    print_line(f"Draft {number} waits for a review by another account.")
     if unused:
-        say(f"Its {' and '.join(unused)} are not used: issuing gives number and date.")
+        print_line(f"Its {' and '.join(unused)} are not used: issuing gives number and date.")
 
 
 @issue.command("review")
@@ -63,9 +63,9 @@ def review(
     """Accept a draft that another account handed in, or return it."""
     from vibrident.lab.issue import drafts
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         drafts.review_draft(opened, number, accepted=not returned, by=by, note=note)
-    say(f"Draft {number} is {'returned' if returned else 'reviewed: it can be issued'}.")
+    print_line(f"Draft {number} is {'returned' if returned else 'reviewed: it can be issued'}.")
 
 
 @issue.command("sign")
@@ -84,9 +84,9 @@ def sign(
     from vibrident.lab.issue.keys import load_key, passphrase
 
     signing_key = load_key(key, passphrase(passphrase_file))
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         numbered, documents = issue_draft(opened, number, signing_key, by=by)
-    say(f"Draft {number} is certificate {numbered.number} of {numbered.date}.")
+    print_line(f"Draft {number} is certificate {numbered.number} of {numbered.date}.")
     _write(documents, folder)
 
 
@@ -97,7 +97,7 @@ def files(number: int = _DRAFT, folder: Path = _FOLDER, store: str | None = _STO
     from vibrident.lab.issue.drafts import content
     from vibrident.lab.issue.issuing import issued_documents
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         issued = issued_documents(opened, number)
         if issued is not None:
             _write(issued[1], folder)
@@ -114,7 +114,7 @@ def list_drafts(store: str | None = _STORE) -> None:
     from vibrident.lab.issue.drafts import drafts
     from vibrident.lab.issue.tables import listed
 
-    with _opened(store) as opened:
+    with open_store(store) as opened:
         show(listed(drafts(opened)))
 
 
@@ -124,9 +124,3 @@ def _write(documents: Documents, folder: Path) -> None:
     with written_whole(folder) as output:
         documents.write(output.path, stem(documents.certified))
     show_written(output.files)
-
-
-def _opened(url: str | None) -> Store:
-    from vibrident.lab.history.store import Store
-
-    return Store(url)

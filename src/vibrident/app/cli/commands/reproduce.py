@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from vibrident.app.cli.console import note, say
+from vibrident.app.cli.console import note, print_line
 from vibrident.app.cli.options import flag, option
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import written_whole
@@ -57,10 +57,10 @@ HTML).
         into.write_text(text, encoding="utf-8")
     for table in tables:
         if table.name in ("claims", "own"):
-            say(f"\n{table.title}", style="bold")
+            print_line(f"\n{table.title}", style="bold")
             for claim, our_value, verdict, _ in table.rows:
-                say(f"  {verdict:3}  {claim}: {our_value}")
-    say(
+                print_line(f"  {verdict:3}  {claim}: {our_value}")
+    print_line(
         f"\nWritten in {done.seconds / 60:.1f} min: {folder / 'paper.html'}, paper.md, paper.json, "
         "pictures"
     )

@@ -91,27 +91,26 @@ Ctrl-C ends it.
             "Use a proxy with TLS."
         )
 
-    def say(address: str) -> None:
+    def show_address(address: str) -> None:
         output_console().print(f"vibrident is at {address}  (Ctrl-C ends it)")
 
-    # others have no business in one's own
+    # the user's own history is for pages on this machine alone
     history_url = store_url(store) if store is not None or host in LOOPBACK else None
-    team = {"auth": auth, "proxy": proxy, "user_header": user_header, "audit": audit}
-    files = {
-        "limit_mb": limit_mb,
-        "store": history_url,
-        "keep_h": keep,
-        "key": _key(key, passphrase_file, auth or user_header),
-    }
     context.obj(
         host=host,
         port=port,
         show=not no_browser,
+        limit_mb=limit_mb,
         names=name or (),
-        say=say,
+        store=history_url,
+        keep_h=keep,
+        auth=auth,
+        proxy=proxy,
+        user_header=user_header,
+        audit=audit,
+        key=_key(key, passphrase_file, auth or user_header),
+        show_address=show_address,
         note=note,
-        **files,
-        **team,
     )
 
 

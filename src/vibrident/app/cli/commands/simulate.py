@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibrident.app.cli import options
-from vibrident.app.cli.console import say, show_written
+from vibrident.app.cli.console import print_line, show_written
 from vibrident.app.cli.options import choice, flag, option, unreadable_error
 from vibrident.app.cli.progress import ProgressBar
 from vibrident.app.workflow.folder import refuse_filled_folder, written_whole
@@ -140,7 +140,9 @@ def simulate(
         if file.suffix in (".csv", ".h5") and "_optical" not in file.name
     ]
     other_files = [file for file in output.files if file.suffix not in (".csv", ".h5")]
-    say(f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}.")
+    print_line(
+        f"Simulated: sensor {sensor}, {excitation}, {count(len(records), 'record')}, seed {seed}."
+    )
     show_written([*other_files, folder / ("*.csv" if interferometer is None else "*.h5")])
 
 

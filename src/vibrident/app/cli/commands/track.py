@@ -75,8 +75,8 @@ changes.
     from vibrident.app.workflow.tracked import track as run
 
     request = TrackRequest(result, calibration, folder, name, address, idle, every, rate, store)
-    with _live_table() as tell:
-        output, written = run(request, tell)
+    with _live_table() as progress:
+        output, written = run(request, progress)
     show_output(output)
     if pictures:
         from vibrident.show import plots

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vibrident.app.cli.console import note, say
+from vibrident.app.cli.console import note, print_line
 from vibrident.app.cli.options import argument, option
 
 
@@ -23,8 +23,8 @@ def verify(
         if signed.time is None
         else f"at {signed.time:%Y-%m-%d %H:%M:%S %Z}"
     )
-    say(f"{file.name} is valid: signed by {signed.signer} {when}, by the signer's clock.")
-    say(f"Certificate of the signer, SHA-256: {signed.fingerprint}")
+    print_line(f"{file.name} is valid: signed by {signed.signer} {when}, by the signer's clock.")
+    print_line(f"Certificate of the signer, SHA-256: {signed.fingerprint}")
     if signed.trusted is None:
         note(
             "Whether that is the laboratory's was not asked: compare the SHA-256 with the one that "

@@ -13,7 +13,7 @@ from nicegui import ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
 from vibrident.app.web.laboratories import LABORATORY_FILES
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.state import NamedResult
 from vibrident.app.web.user import User
 from vibrident.app.web.words import LABELS
@@ -40,9 +40,9 @@ _SENSOR = [key for name, key in keys_of(SensorSection).items() if name != "model
 
 
 class CertificateForm:
-    """The form of one result, with which what is stated is kept.
+    """The form of one result's certificate.
 
-    ``known`` is what the result itself states: ``certificate``, ``sensor``, and the names of its
+    ``states``: what the result itself states: ``certificate``, ``sensor``, and the names of its
     ``parameters``.
     """
 
@@ -50,28 +50,28 @@ class CertificateForm:
         self.user = user
         self.named = named
         self.states = states
-        self._begin()
+        self._apply_profile()
         self.entries: dict[str, Any] = {}
-        self.of_sensor: dict[str, Any] = {}
+        self.sensor_entries: dict[str, Any] = {}
 
-    def _begin(self) -> None:
-        """Begin with what the chosen profile states, for a result that was made here."""
+    def _apply_profile(self) -> None:
+        """State what the chosen profile states, for a result that was made here."""
         if self.named.stated is None and self.named.choices is not None and self.user.profile:
             result_keys = self.states["certificate"]
             from_profile = {
-                key: v for key, v in self._laboratory().items() if key not in result_keys
+                key: v for key, v in self._read_profile().items() if key not in result_keys
             }
             self.named.stated = CertificateData(from_profile)
             self.user.changed()
 
     def build(self) -> None:
-        """Build a line that says what is missing, and the form, which is made when it is opened."""
+        """Build the list of missing entries, and the form, whose entries are built when opened."""
         self.lacking = frame.hint("").props("role=status id=lacking")
-        self._say()
+        self._show_missing()
         if not self.user.may("identify"):
             return
         self.expansion = (
-            ui.expansion(say(LABELS["export.certificate"]))
+            ui.expansion(translate(LABELS["export.certificate"]))
             .classes("w-full")
             .props("id=certificate")
         )
@@ -99,48 +99,51 @@ class CertificateForm:
             **statements.sensor,
         }
 
-    def _say(self) -> None:
+    def _show_missing(self) -> None:
         missing = lacking(*self._statements())
-        names = ", ".join(say(str(ENGLISH("label", key))) for key in missing)
+        names = ", ".join(translate(str(ENGLISH("label", key))) for key in missing)
         self.lacking.text = (
-            say("The PDF is a draft until these are stated: {names}.", names=names)
+            translate("The PDF is a draft until these are stated: {names}.", names=names)
             if missing
-            else say("Nothing is missing in the PDF.")
+            else translate("Nothing is missing in the PDF.")
         )
 
     async def _open(self) -> None:
         if not self.expansion.value or self.entries:
             return
         entries, sensor = self._statements()
-        entries = self._laboratory() | {
+        entries = self._read_profile() | {
             key: value for key, value in entries.items() if value is not None
         }
         with self.expansion:
-            ui.label(
-                say(
+            frame.hint(
+                translate(
                     "* is asked for by ISO/IEC 17025:2017, 7.8. What is the same on each of the "
                     "laboratory's certificates comes from its profile."
                 )
-            ).classes("hint")
-            fields = form(spoken().code)
-            with frame.add_group(say("Object"), 4):
+            )
+            fields = form(page_language().code)
+            with frame.add_group(translate("Object"), 4):
                 for key in _SENSOR:
-                    label = say(key.label) + (" *" if key.name == "serial_number" else "")
-                    self.of_sensor[key.name] = entry(key, sensor.get(key.name), label=label)
+                    label = translate(key.label) + (" *" if key.name == "serial_number" else "")
+                    self.sensor_entries[key.name] = entry(key, sensor.get(key.name), label=label)
             for title in dict.fromkeys(field.group for field in fields):
-                self._group(title, [field for field in fields if field.group == title], entries)
-            self._more()
+                self._build_group(
+                    title, [field for field in fields if field.group == title], entries
+                )
+            self._build_adjustment()
             with frame.actions():
-                ui.button(say("Save"), on_click=self._save).props("id=save-certificate")
-                file = ui.button(say("Save as a file"), on_click=self._file)
-                file.props("outline id=get-certificate-toml")
+                frame.add_button(translate("Save"), self._save, "id=save-certificate")
+                frame.add_button(
+                    translate("Save as a file"), self._save_file, "outline id=get-certificate-toml"
+                )
             self.status = frame.hint("").props("role=status")
             self.errors = frame.add_error_area()
 
-    def _group(
+    def _build_group(
         self, title: str, fields: Sequence[FormField], given_values: Mapping[str, Any]
     ) -> None:
-        """Ask for the keys below a heading of the certificate."""
+        """Build the entries below a heading of the certificate."""
         lists = {field.key: field for field in fields if _KEYS[field.key].kind == "entries"}
         with frame.add_group(title, 4):
             for field in fields:
@@ -151,8 +154,8 @@ class CertificateForm:
         for name in lists:
             section = _KEYS[name].section
             values = given_values.get(name) or []
-            names = {name: say(in_words(name)) for name in self.states["parameters"]}
-            words = {"sensitivity_deviation": say("deviation of the sensitivity"), **names}
+            names = {name: translate(in_words(name)) for name in self.states["parameters"]}
+            words = {"sensitivity_deviation": translate("deviation of the sensitivity"), **names}
             self.entries[name] = RowEntries(
                 ENTRY_NAMES[name],
                 [*keys_of(section).values()] if section else [],
@@ -160,31 +163,28 @@ class CertificateForm:
                 options={"quantity": words},
             )
 
-    def _more(self) -> None:
-        """Ask for the result before an adjustment."""
+    def _build_adjustment(self) -> None:
+        """Build the choice of the result before an adjustment."""
         other_results = {
             str(named.path): named.name
             for named in self.user.results
             if named.path != self.named.path
         }
         statements = self.named.stated
-        value = (
-            str(statements.before)
-            if statements and str(statements.before) in other_results
-            else None
-        )
-        with frame.add_group(say("Adjustment"), 4):
-            choices = {None: say("none"), **other_results}
-            label = say("Before adjustment")
+        before = str(statements.before) if statements else ""
+        value = before if before in other_results else None
+        with frame.add_group(translate("Adjustment"), 4):
+            choices = {None: translate("none"), **other_results}
+            label = translate("Before adjustment")
             self.before = ui.select(choices, value=value, label=label).props(PLAIN)
 
-    def _laboratory(self) -> dict[str, Any]:
+    def _read_profile(self) -> dict[str, Any]:
         """Return what the chosen profile states."""
         with suppress(InputError):  # said where the profile is chosen
             return dict(self.user.users.laboratories.read(self.user.profile)["certificate"])
         return {}
 
-    def _read(self) -> CertificateData:
+    def _read_form(self) -> CertificateData:
         """Return the checked form; None for entries of the result that the form leaves empty."""
         entered_values = entered(self.entries, _KEYS)
         if len(json.dumps(entered_values)) > _MAX_ENTRY_CHARACTERS:
@@ -197,7 +197,9 @@ class CertificateForm:
             )
         section = certificate_section(entered_values, "what the certificate states")
         sensor_keys = self.states["sensor"]
-        texts = {name: element.value.strip() or None for name, element in self.of_sensor.items()}
+        texts = {
+            name: element.value.strip() or None for name, element in self.sensor_entries.items()
+        }
         sensor: Any = {
             name: text for name, text in texts.items() if text != (sensor_keys.get(name) or None)
         }
@@ -212,15 +214,15 @@ class CertificateForm:
         self.status.text = ""
         try:
             self.user.require("identify", "state what a certificate says")
-            self.named.stated = self._read()
+            self.named.stated = self._read_form()
         except Exception as error:
             frame.show_error(self.errors, error, self.user.session)
             return False
         self.user.changed()
-        self._say()
-        self.status.text = say("Saved: reports and exports of this result state it.")
+        self._show_missing()
+        self.status.text = translate("Saved: reports and exports of this result state it.")
         return True
 
-    async def _file(self) -> None:
+    async def _save_file(self) -> None:
         if await self._save():
             ui.download.content(certificate_text(self.stated_data()), "certificate.toml")

@@ -1,10 +1,10 @@
-"""Build the second step: the meaning of the columns, guessed and drawn, for the user to confirm."""
+"""Build the second step: the user confirms the guessed meaning of the columns."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -27,7 +27,7 @@ from vibrident.app.web.form.entries import PLAIN, RowEntries, entry, filled
 from vibrident.app.web.form.known import KnownResponses
 from vibrident.app.web.form.laboratory import LaboratoryStep
 from vibrident.app.web.form.written import edit_as_text
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.preview import CHART_HEIGHT_PX
 from vibrident.app.web.sandboxed import (
     MAX_TEXT_LENGTH,
@@ -40,10 +40,9 @@ from vibrident.app.web.session import CALIBRATION
 from vibrident.app.web.state import ConfirmedCalibration, Form
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
-from vibrident.data.io.keys import Key
 from vibrident.physics.models import ADD_ONS, CORES
 
-#: Sections that are asked for below one heading, the first one's.
+#: Sections that share the heading of the first one.
 _GROUPS = (
     ("reference", "interferometer"),
     ("response",),
@@ -52,6 +51,14 @@ _GROUPS = (
     ("sensor", "mounting"),
 )
 _NAME_PART = phrase("Reference files: more in names")
+_GUESSED = "Guessed from the names in {file} and the motion. Please check."
+_GUESSED_AGAIN = (
+    "Guessed from the names in {file} and the motion; your settings are kept. Please check."
+)
+_TOO_MANY_COLUMNS = (
+    "The file has {number} columns: enter the name or number of each that is needed. The first are "
+    "{names}."
+)
 
 
 class _Outdated(Exception):
@@ -68,11 +75,11 @@ class ColumnsStep:
         self.data = data
         self.laboratory = laboratory
         self.fit = fit
-        self.turn = 0
+        self.version = 0  # of the content; increases whenever it is replaced
 
     def build(self) -> None:
         """Build the section, hidden until there are data."""
-        self.section = frame.add_step(say("Columns, units and model"), "columns")
+        self.section = frame.add_step(translate("Columns, units and model"), "columns")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -81,23 +88,23 @@ class ColumnsStep:
         """Guess again after the files have changed, or use the uploaded calibration file."""
         self.fit.withdraw_confirmation()
         self.user.session.forget_calibration()
-        if await self._look(again=True):
+        if await self._update(guess_again=True):
             frame.scroll_to(self.section)
 
     async def restore(self) -> None:
         """Show the user's earlier state."""
-        await self._look(again=False)
+        await self._update(guess_again=False)
 
-    async def _look(self, *, again: bool) -> bool:
-        """Update the form and the sources; return whether there is something to confirm."""
-        confirmable = await self._guess(again=again)
+    async def _update(self, *, guess_again: bool) -> bool:
+        """Replace the content and the sources; return whether there is something to confirm."""
+        confirmable = await self._update_content(guess_again=guess_again)
         if not self.body.is_deleted:
             self.laboratory.show()
         return confirmable
 
-    async def _guess(self, *, again: bool) -> bool:
-        self.turn += 1
-        turn = self.turn
+    async def _update_content(self, *, guess_again: bool) -> bool:
+        self.version += 1
+        version = self.version
         session = self.user.session
         self.body.clear()
         self.section.visible = bool(session.names)
@@ -106,71 +113,81 @@ class ColumnsStep:
             return False
         with self.body, frame.actions():
             ui.spinner(size="28px")
-            ui.label(say("Looking at the files …")).props("role=status")
+            ui.label(translate("Looking at the files …")).props("role=status")
+        name = session.calibration
         try:
-            if not session.files:
-                raise InputError(
-                    "There is a calibration file, but no data.",
-                    expected="the files that it names",
-                    found="none",
-                    where="upload",
-                    remedy="add them",
-                )
-            name = session.calibration
-            look = self.user.run_sandboxed
-            text = "" if name is None else await look(read_calibration_text, session.data, name)
-            if name is None and (again or self.user.form is None):
-                guessed = await look(guess, session.data, session.files, spoken().code)
-                if turn == self.turn:
-                    self.user.form = merge_guess(self.user.form, guessed)
-                    self.user.changed()
+            text = await self._read_files(guess_again=guess_again)
         except Exception as error:
-            if turn == self.turn:
+            if version == self.version:
                 frame.show_error(self.body, error, session)
             return False
-        if turn != self.turn or self.body.is_deleted:  # the files changed, or the page was left
+        if self._is_outdated(version):
             return False
         self.body.clear()
-        with self.body:
-            if name is not None:
-                self._as_it_stands(name, text)
+        with self.body, contextlib.suppress(_Outdated):
+            if name is None:
+                await self._build_form()
+            else:
+                self._show_calibration_file(name, text)
                 await frame.run_sandboxed(
                     self.user, self.errors, require_readable, session.data, name
                 )
-                return True
-            with contextlib.suppress(_Outdated):
-                await self._ask()
-                return True
+            return True
         return False
 
-    def _as_it_stands(self, name: str, text: str) -> None:
-        """Show the uploaded calibration file."""
-        came = say("{file} came with the data and describes the columns:", file=name)
-        frame.hint(came)
-        frame.Text("calibration-came", say("Calibration file"), text)
+    def _is_outdated(self, version: int) -> bool:
+        """Return whether the content was replaced since this version, or the page was left."""
+        return version != self.version or self.body.is_deleted
+
+    async def _read_files(self, *, guess_again: bool) -> str:
+        """Return the text of the calibration file; without one, guess the columns for the form."""
+        session = self.user.session
+        version = self.version
+        if not session.files:
+            raise InputError(
+                "There is a calibration file, but no data.",
+                expected="the files that it names",
+                found="none",
+                where="upload",
+                remedy="add them",
+            )
+        if session.calibration is not None:
+            return await self.user.run_sandboxed(
+                read_calibration_text, session.data, session.calibration
+            )
+        if guess_again or self.user.form is None:
+            guessed = await self.user.run_sandboxed(
+                guess, session.data, session.files, page_language().code
+            )
+            if version == self.version:
+                self.user.form = merge_guess(self.user.form, guessed)
+                self.user.changed()
+        return ""
+
+    def _show_calibration_file(self, name: str, text: str) -> None:
+        frame.hint(translate("{file} came with the data and describes the columns:", file=name))
+        frame.Text("calibration-came", translate("Calibration file"), text)
         self.errors = frame.add_error_area()
         with frame.actions():
-            confirm = ui.button(
-                say("Confirm"), on_click=lambda: self.fit.show(ConfirmedCalibration(name, False))
-            )
-            confirm.props("id=confirm")
+            confirmed = ConfirmedCalibration(name, from_form=False)
+            frame.add_button(translate("Confirm"), lambda: self.fit.show(confirmed), "id=confirm")
             if len(text) <= MAX_TEXT_LENGTH:
-                edit = ui.button(say("Edit"), on_click=lambda: self._write(name, text))
-                edit.props("outline id=edit-text")
+                frame.add_button(
+                    translate("Edit"), lambda: self._show_editor(name, text), "outline id=edit-text"
+                )
 
     def _edit_as_text(self) -> None:
-        """Edit the form as a calibration file, for what the form does not ask."""
+        """Edit the form as a calibration file, which can state more than the form asks."""
         self.errors.clear()
         try:
-            assert self.user.form is not None
-            text = calibration_text(self.user.form.description, self.user.session.files)
-            self._write(CALIBRATION, text)
+            text = calibration_text(self.form.description, self.user.session.files)
+            self._show_editor(CALIBRATION, text)
         except Exception as error:
             frame.show_error(self.errors, error, self.user.session)
 
-    def _write(self, name: str, text: str) -> None:
-        """Offer a calibration file to be edited, in place of what is shown."""
-        self.turn += 1
+    def _show_editor(self, name: str, text: str) -> None:
+        """Replace the content by an editor of a calibration file."""
+        self.version += 1
         self.body.clear()
         with self.body:
             edit_as_text(self.user, name, text, self._on_text_used, self.restore)
@@ -179,190 +196,194 @@ class ColumnsStep:
         self.data.show()
         await self.show()
 
-    async def _ask(self) -> None:
+    async def _build_form(self) -> None:
         assert self.user.form is not None
         self.form = form = self.user.form
         self.elements: dict[str, Any] = {}
         self.groups: list[tuple[ui.element, list[str]]] = []
-        first = self.user.session.files[0]
-        guessed = "Guessed from the names in {file} and the motion. Please check."
-        guessed_around_settings = (
-            "Guessed from the names in {file} and the motion; your settings are kept. Please check."
-        )
-        ui.label(say(guessed_around_settings if form.touched else guessed, file=first)).classes(
-            "hint"
-        )
-        if form.guess.all_columns > len(form.guess.columns.columns):
-            many = (
-                "The file has {number} columns: enter the name or number of each that is needed. "
-                "The first are {names}."
-            )
-            names = frame.list_names(form.guess.columns.labels)
-            frame.hint(say(many, number=form.guess.all_columns, names=names))
-        kinds = {False: say("Records in time"), True: say("Table of a response")}
+        first_file = self.user.session.files[0]
+        frame.hint(translate(_GUESSED_AGAIN if form.touched else _GUESSED, file=first_file))
+        guessed = form.guess
+        if guessed.all_columns > len(guessed.columns.columns):
+            names = frame.list_names(guessed.columns.labels)
+            frame.hint(translate(_TOO_MANY_COLUMNS, number=guessed.all_columns, names=names))
+        kinds = {False: translate("Records in time"), True: translate("Table of a response")}
         kind = ui.toggle(kinds, value=form.description.table).props("no-caps")
-        kind.on_value_change(lambda event: self._edited("table", event.value))
+        kind.on_value_change(lambda event: self._set("table", event.value))
         for sections in _GROUPS:
-            await self._group(sections, "basic", 3)
-        self.more = ui.expansion(say("More that a calibration file can state")).classes("w-full")
-        self.more.props("id=more-keys").on_value_change(self._open)
+            await self._build_group(sections, "basic", heading_level=3)
+        self.rare_keys = ui.expansion(translate("More that a calibration file can state"))
+        self.rare_keys.classes("w-full").props("id=more-keys").on_value_change(self._open_rare_keys)
         with frame.actions():
-            ui.button(say("Draw these columns"), on_click=self._plot).props("outline id=show")
+            frame.add_button(translate("Draw these columns"), self._draw_columns, "outline id=show")
         self.plot = ui.element("div").classes("chart")
-        self.chart = None
+        self.chart: frame.ChartView | None = None
         self.faults = ui.element("div").props("aria-live=polite id=faults")
         self.errors = frame.add_error_area()
         with frame.actions():
-            ui.button(say("Confirm"), on_click=self._confirm).props("id=confirm")
-            ui.button(say("Edit as text"), on_click=self._edit_as_text).props(
-                "outline id=edit-text"
-            )
-        if form.guess.chart and not form.touched:
-            self._draw(form.guess.chart)
-            await self._examine()
+            frame.add_button(translate("Confirm"), self._confirm, "id=confirm")
+            frame.add_button(translate("Edit as text"), self._edit_as_text, "outline id=edit-text")
+        if guessed.chart and not form.touched:
+            self._show_chart(guessed.chart)
+            await self._show_faults()
         else:
-            await self._plot()
+            await self._draw_columns()
 
-    def _draw(self, drawn: bytes) -> None:
+    def _show_chart(self, figure: bytes) -> None:
         if self.chart is not None:
-            self.chart.show(drawn)
+            self.chart.show(figure)
             return
         with self.plot:
-            self.chart = frame.ChartView(drawn, CHART_HEIGHT_PX)
-            first = self.user.session.files[0]
-            caption = say("{file}, the beginning of the file as it is.", file=first)
-            frame.hint(caption)
+            self.chart = frame.ChartView(figure, CHART_HEIGHT_PX)
+            first_file = self.user.session.files[0]
+            frame.hint(translate("{file}, the beginning of the file as it is.", file=first_file))
 
-    async def _open(self) -> None:
-        """Build what is asked for less often."""
-        if not self.more.value or self.more.default_slot.children:
+    async def _open_rare_keys(self) -> None:
+        """Build the entries for rare keys when they are opened for the first time."""
+        if not self.rare_keys.value or self.rare_keys.default_slot.children:
             return
-        with self.more, contextlib.suppress(_Outdated):
-            await self._group([section for each in _GROUPS for section in each], "more", 4)
-            self._rows()
-            known_responses = KnownResponses(self.user, self._edited, self.data.show)
+        with self.rare_keys, contextlib.suppress(_Outdated):
+            sections = [section for group in _GROUPS for section in group]
+            await self._build_group(sections, "more", heading_level=4)
+            self._build_record_entries()
+            known_responses = KnownResponses(self.user, self._set, self.data.show)
             self.groups += [
                 (container, [path]) for path, container in known_responses.elements.items()
             ]
-            self._visible()
+            self._update_visibility()
 
-    async def _group(self, sections: Sequence[str], level: str, heading: int) -> None:
-        """Ask for the keys of sections that are of a level."""
-        mine = [path for path in KEYS if path.partition(".")[0] in sections]
-        paths = [path for path in mine if KEYS[path].level == level]
+    async def _build_group(
+        self, sections: Sequence[str], level: str, *, heading_level: int
+    ) -> None:
+        """Build the entries for the keys of ``level`` in some sections."""
+        paths = [
+            path
+            for path, key in KEYS.items()
+            if path.partition(".")[0] in sections and key.level == level
+        ]
         if not paths:
             return
-        basic = say(SECTIONS[sections[0]].label)
-        title = basic if level == "basic" else say("Channels and records")
-        with ui.element("div").classes("w-full") as container, frame.add_group(title, heading):
+        title = SECTIONS[sections[0]].label if level == "basic" else phrase("Channels and records")
+        with (
+            ui.element("div").classes("w-full") as container,
+            frame.add_group(translate(title), heading_level),
+        ):
             self.groups.append((container, paths))
-            self._visible()
+            self._update_visibility()
             for path in paths:
                 if path == "sensor.model":
-                    await self._model()
+                    self._build_model_choice()
                 else:
-                    choices = self._choices(path) if path in ROLES else None
-                    element = entry(KEYS[path], self.form.get(path), options=choices)
-                    await self._placed(path, element, KEYS[path])
+                    await self._build_entry(path)
             if "records.excitation" in paths and len(self.user.session.files) > 1:
                 value = self.form.description.optical_part
-                hint = say("such as _ref")
-                part_input = ui.input(say(_NAME_PART), value=value, placeholder=hint).props(PLAIN)
-                part_input.on_value_change(
-                    lambda event: self._edited("optical_part", event.value or "")
+                example = translate("such as _ref")
+                part = ui.input(translate(_NAME_PART), value=value, placeholder=example)
+                part.props(PLAIN).on_value_change(
+                    lambda event: self._set("optical_part", event.value or "")
                 )
 
-    async def _placed(self, path: str, element: Any, key: Key) -> None:
-        """Have an element set its key.
+    async def _build_entry(self, path: str) -> None:
+        """Build the entry of a key.
 
-        Other users get a turn in between, because a form has many elements.
+        Other users get a turn after it, because a form has many entries.
         """
+        key = KEYS[path]
+        options = self._column_options(path) if path in ROLES else None
+        element = entry(key, self.form.get(path), options=options)
         element.props(f"id={path.replace('.', '-')}")
-        element.on_value_change(lambda event: self._edited(path, filled(key, event.value)))
+        element.on_value_change(lambda event: self._set(path, filled(key, event.value)))
         element.visible = self.form.description.applies(path)
         self.elements[path] = element
-        turn = self.turn
+        version = self.version
         await asyncio.sleep(0)
-        if turn != self.turn or self.body.is_deleted:
+        if self._is_outdated(version):
             raise _Outdated
 
-    def _edited(self, path: str, value: Any) -> None:
+    def _set(self, path: str, value: Any) -> None:
+        """Set a field of the form to the user's value."""
         form = self.user.form
         if form is None or form.get(path) == value:
             return
         form.set(path, value)
         self.user.changed()
-        self._visible()
+        self._update_visibility()
         self.fit.refresh()
 
-    def _visible(self) -> None:
+    def _update_visibility(self) -> None:
         applies = self.form.description.applies
         for path, element in self.elements.items():
             element.visible = applies(path)
         for container, paths in self.groups:
             container.visible = any(map(applies, paths))
 
-    def _choices(self, path: str) -> dict[Any, str] | None:
-        """Return the columns to choose from; None if they are too many, and are written."""
+    def _column_options(self, path: str) -> dict[Any, str] | None:
+        """Return the columns to choose from, column → label; None if there are too many."""
         columns = self.form.guess.columns
         if self.form.guess.all_columns > len(columns.columns):
             return None
-        optional = path not in NEEDED and KEYS[path].default is not ...
-        listed = dict(zip(columns.columns, columns.labels, strict=True))
-        return {None: say("none"), **listed} if optional else listed
+        options: dict[Any, str] = dict(zip(columns.columns, columns.labels, strict=True))
+        if path in NEEDED or KEYS[path].default is ...:
+            return options
+        return {None: translate("none"), **options}
 
-    async def _model(self) -> None:
-        """Ask for the model's core and its add-ons, which are one key."""
+    def _build_model_choice(self) -> None:
+        """Build the choices of the model's core and its add-ons, which are one key."""
         core, *add_ons = (self.form.get("sensor.model") or "").split("+")
-        cores = ui.select([*CORES], value=core, label=say("Model"))
-        cores.props(f"{PLAIN} options-dense id=core")
-        numbered = [name for name in add_ons if ":" in name]
-        listed = [*ADD_ONS, *numbered]
-        more = ui.select(listed, value=add_ons, label=say("Add-ons"), multiple=True)
-        more.props(f"{PLAIN} options-dense use-chips id=add-ons")
-        for element in (cores, more):
-            element.on_value_change(
-                lambda: self._edited("sensor.model", "+".join((cores.value, *more.value)))
-            )
+        core_choice = ui.select([*CORES], value=core, label=translate("Model"))
+        core_choice.props(f"{PLAIN} options-dense id=core")
+        add_on_names = [*ADD_ONS, *(name for name in add_ons if ":" in name)]
+        add_on_choice = ui.select(
+            add_on_names, value=add_ons, label=translate("Add-ons"), multiple=True
+        )
+        add_on_choice.props(f"{PLAIN} options-dense use-chips id=add-ons")
 
-    def _rows(self) -> None:
-        """Ask for entries of single files."""
+        def set_model() -> None:
+            self._set("sensor.model", "+".join((core_choice.value, *add_on_choice.value)))
+
+        core_choice.on_value_change(set_model)
+        add_on_choice.on_value_change(set_model)
+
+    def _build_record_entries(self) -> None:
+        """Build the entries for files that differ from the others."""
         files = {file: file for file in self.user.session.files}
         keys = [key for key in ENTRIES["records"] if key.name != "reference_file"]
         values = self.form.get("different") or []
         with ui.element("div").classes("w-full") as container:
-            frame.heading(say("Records that differ"), 4)
+            frame.heading(translate("Records that differ"), 4)
             rows = RowEntries(ENTRY_NAMES["records"], keys, values, options={"file": files})
-            rows.on_change = lambda: self._edited("different", rows.value)
+            rows.on_change = lambda: self._set("different", rows.value)
         self.groups.append((container, ["records"]))
-        self._visible()
+        self._update_visibility()
 
-    async def _plot(self) -> None:
-        form = self.user.form
-        session = self.user.session
-        if form is None:
-            return
+    async def _draw_columns(self) -> None:
         self.errors.clear()
         container = self.plot
-        errors = self.errors
-        arguments = form.description, session.data, session.files, spoken().code
-        drawn = await frame.run_sandboxed(self.user, errors, draw_chart, *arguments)
-        if drawn is not None and container is self.plot and not container.is_deleted:
-            self._draw(drawn)
-            await self._examine()
+        figure = await self._run_on_form(draw_chart, self.errors, page_language().code)
+        if figure is not None and container is self.plot and not container.is_deleted:
+            self._show_chart(figure)
+            await self._show_faults()
 
-    async def _examine(self) -> None:
+    async def _show_faults(self) -> None:
         """Show what an identification would refuse in each file."""
+        container = self.faults
+        container.clear()
+        faults = await self._run_on_form(find_faults, container)
+        if faults and not container.is_deleted:
+            errors = [InputError(**fields) for fields in faults]
+            frame.show_faults(container, errors, self.user.session)
+
+    async def _run_on_form(
+        self, function: Callable[..., Any], errors: ui.element, *arguments: Any
+    ) -> Any:
+        """Run a sandboxed function of form and files; None after an error or without a form."""
         form = self.user.form
         session = self.user.session
-        container = self.faults
         if form is None:
-            return
-        container.clear()
-        arguments = form.description, session.data, session.files
-        refused = await frame.run_sandboxed(self.user, container, find_faults, *arguments)
-        if refused and not container.is_deleted:
-            frame.show_faults(container, [InputError(**fields) for fields in refused], session)
+            return None
+        return await frame.run_sandboxed(
+            self.user, errors, function, form.description, session.data, session.files, *arguments
+        )
 
     async def _confirm(self) -> None:
         self.errors.clear()
@@ -375,7 +396,7 @@ class ColumnsStep:
         except InputError as error:
             frame.show_error(self.errors, error, session)
             return
-        await self.fit.show(ConfirmedCalibration(CALIBRATION, True))
+        await self.fit.show(ConfirmedCalibration(CALIBRATION, from_form=True))
         if self.laboratory.states_nothing:
             frame.scroll_to(self.laboratory.section)
 

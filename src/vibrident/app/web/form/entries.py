@@ -10,7 +10,7 @@ from nicegui import events, ui
 
 from vibrident.app.web import frame
 from vibrident.app.web.form.sources import BANDS, bands_of, table_of
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.data.io.keys import Key
 
 PLAIN = "dense outlined stack-label"  # the style of all entries
@@ -30,16 +30,19 @@ def entry(
     it here. ``value``: what is in it, None for nothing; ``options``: value → words; ``unit``: as
     ``in_form`` of a key.
     """
-    label = label or spoken().label(key.label)
+    label = label or page_language().label(key.label)
     kind = key.kind
     usual = key.default
     if options is None and kind == "choice":
-        options = {choice: say(words) for choice, words in key.options.items()}
+        options = {choice: translate(words) for choice, words in key.options.items()}
     if options is not None:
         is_given = value is not None or None in options or usual not in options
         selected = value if is_given else usual
         if selected is not None and selected not in options:
-            options = {**options, selected: say("{column} (not in this file)", column=selected)}
+            options = {
+                **options,
+                selected: translate("{column} (not in this file)", column=selected),
+            }
         element = ui.select(dict(options), value=selected, label=label)
         return element.props(f"{PLAIN} options-dense")
     if kind == "flag":
@@ -52,7 +55,7 @@ def entry(
     text = "\n".join(value) if isinstance(value, list) else "" if value is None else str(value)
     if kind in ("lines", "paragraphs"):
         return ui.textarea(label, value=text).props(f"{PLAIN} autogrow rows=1")
-    hint = say("name, or number from 1") if kind == "column" else ""
+    hint = translate("name, or number from 1") if kind == "column" else ""
     element = ui.input(label, value=text, placeholder=hint)
     return element.props(f"{PLAIN} type=date" if kind == "date" else PLAIN)
 
@@ -104,7 +107,7 @@ class RowEntries:
         self.name = name
         self.options = options or {}
         self.on_change = on_change
-        noun = say(name.lower())
+        noun = translate(name.lower())
         self.to_form = to_form
         self.to_file = to_file
         self.keys = {key.name: key for key in keys}
@@ -115,11 +118,11 @@ class RowEntries:
         for value in values:
             self.add(self.to_form(value))
         with frame.actions():
-            ui.button(
-                say("Add {thing}", thing=noun), on_click=lambda: self.add(self.to_form({}))
-            ).props("outline")
+            frame.add_button(
+                translate("Add {thing}", thing=noun), lambda: self.add(self.to_form({}))
+            )
             if self.rare and not self.with_all:
-                ui.checkbox(say("By temperature"), on_change=self._reveal).props("dense")
+                ui.checkbox(translate("By temperature"), on_change=self._reveal).props("dense")
 
     def offer(self, name: str, options: Mapping[Any, str]) -> None:
         """Offer other choices of a key, in all rows."""
@@ -138,7 +141,7 @@ class RowEntries:
         row: dict[str, Any] = {}
         number = len(self.rows) + 1
         usual = {name: key.default for name, key in self.keys.items() if key.default is not ...}
-        with self.rows_element, frame.add_group(f"{say(self.name)} {number}", 0) as group:
+        with self.rows_element, frame.add_group(f"{translate(self.name)} {number}", 0) as group:
             group.classes(remove="fields", add="entries-row")
             for name, key in self.keys.items():
                 unit = key.asked_in({**usual, **value})
@@ -150,11 +153,8 @@ class RowEntries:
                 row[name] = entry(key, value.get(name), options=options, unit=unit)
                 row[name].classes("long" if key.kind == "text" else "")
                 row[name].on_value_change(lambda: self._edited(row))
-            button = ui.button(icon="close", on_click=partial(self._remove, row))
-            row_name = f"{say(self.name.lower())} {number}"
-            button.props("flat round size=sm").props["aria-label"] = say(
-                "remove {thing}", thing=row_name
-            )
+            row_name = f"{translate(self.name.lower())} {number}"
+            frame.add_remove_button(partial(self._remove, row), row_name)
         self.rows.append(row)
         self._fit(row)
 

@@ -5,7 +5,6 @@ Their files are uploaded here, apart from the records, or are results of this pa
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from nicegui import events, ui
 from vibrident.app.web import frame
 from vibrident.app.web.form.description import ENTRY_NAMES, KNOWN_RESPONSES
 from vibrident.app.web.form.entries import RowEntries
-from vibrident.app.web.language import phrase, say
+from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.session import MEGABYTE, RESPONSE_ENDINGS
 from vibrident.app.web.user import User
 from vibrident.data.io.keys import Key
@@ -55,12 +54,8 @@ def _keys() -> list[Key]:
     def column(name: str, title: str) -> Key:
         return KnownKey(name, None, "column", {}, None, "", title, way=_FILE, of_tables=True)
 
-    def number(name: str, title: str, way: str = "", **more: Any) -> Key:
-        tables = bool(more.pop("of_tables", False))
-        usual = more.pop("usual", None)
-        return KnownKey(
-            name, usual, "number", {}, None, "", title, way=way, of_tables=tables, **more
-        )
+    def number(name: str, title: str, way: str = "", usual: Any = None, **fields: Any) -> Key:
+        return KnownKey(name, usual, "number", {}, None, "", title, way=way, **fields)
 
     hz: dict[str, Any] = {"in_form": ("Hz", 1.0)}
     percent: dict[str, Any] = {"in_form": _UNIT}
@@ -84,7 +79,7 @@ def _keys() -> list[Key]:
         ),
         column("magnitude_uncertainty", phrase("U of the magnitude: column")),
         column("phase_uncertainty", phrase("U of the phase: column")),
-        number("coverage_factor", phrase("k of these U"), _FILE, of_tables=True, usual=_K),
+        number("coverage_factor", phrase("k of these U"), _FILE, _K, of_tables=True),
         number("highpass_hz", phrase("High-pass corner"), _CORNERS, **hz),
         number("lowpass_hz", phrase("Low-pass corner"), _CORNERS, **hz),
         number("gain", phrase("Gain between the corners"), _CORNERS),
@@ -118,26 +113,29 @@ class KnownResponses:
     def __init__(
         self,
         user: User,
-        edited: Callable[[str, Any], None],
+        set_value: Callable[[str, Any], None],
         list_files: Callable[[], None],
     ) -> None:
-        """Build the rows; ``edited`` takes a path and its value, ``list_files`` shows the files."""
+        """Build the rows.
+
+        ``set_value`` takes a path of the form and its value; ``list_files`` shows the files.
+        """
         self.user = user
-        self.edited = edited
+        self.set_value = set_value
         self.list_files = list_files
         self.rows: dict[str, RowEntries] = {}
-        hint = say(
+        hint = translate(
             "A sensor beside another one, or behind an amplifier: state what is known of each "
             "channel. Several are a chain, from the recorder to the motion."
         )
         frame.hint(hint)
-        self._upload()
+        self._build_upload()
         self.errors = frame.add_error_area()
         self.elements: dict[str, ui.element] = {}
         for path in KNOWN_RESPONSES:
             channel = path.partition(".")[0]
             with ui.element("div").classes("w-full").props(f"id=known-{channel}") as element:
-                frame.heading(say(_TITLES[channel]), 4)
+                frame.heading(translate(_TITLES[channel]), 4)
                 self._build_rows(path)
             self.elements[path] = element
 
@@ -152,7 +150,7 @@ class KnownResponses:
             to_form=row_of_entry,
             to_file=entry_of_row,
         )
-        rows.on_change = lambda: self._changed(path, rows)
+        rows.on_change = lambda: self._take_rows(path, rows)
         self.rows[path] = rows
 
     @property
@@ -161,10 +159,10 @@ class KnownResponses:
         session = self.user.session
         names = [*session.known_files, *session.files]
         results = {_result_file(each.path): each.name for each in self.user.results}
-        return {None: say("none"), **{name: name for name in names}, **results}
+        return {None: translate("none"), **{name: name for name in names}, **results}
 
-    def _changed(self, path: str, rows: RowEntries) -> None:
-        """Take the rows over; a result that is chosen becomes a file beside the records."""
+    def _take_rows(self, path: str, rows: RowEntries) -> None:
+        """Set the form's entries to the rows; copy a chosen result beside the records."""
         self.errors.clear()
         entries = rows.value
         session = self.user.session
@@ -179,35 +177,29 @@ class KnownResponses:
                     self.list_files()
         except Exception as error:
             frame.show_error(self.errors, error, session)
-        self.edited(path, entries)
+        self.set_value(path, entries)
 
-    def _upload(self) -> None:
+    def _build_upload(self) -> None:
         limit = int(self.user.session.limit_mb * MEGABYTE)
-        label = say("Files of known responses: a table, StationXML, RESP, SACPZ, result.json")
+        label = translate("Files of known responses: a table, StationXML, RESP, SACPZ, result.json")
         with ui.element("div").classes("w-full").props("id=known-files"):
             upload = ui.upload(
                 label=label,
                 multiple=True,
                 auto_upload=True,
                 max_total_size=limit,
-                on_upload=self._arrived,
+                on_upload=self._take_file,
             )
-        upload.classes("uploader").props("flat bordered")
-        upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
-        names = json.dumps([say("Choose files of known responses"), label.partition(":")[0]])
-        ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
+        frame.style_upload(upload)
+        choose = translate("Choose files of known responses")
+        frame.name_upload(upload, choose, label.partition(":")[0])
 
-    async def _arrived(self, event: events.UploadEventArguments) -> None:
+    async def _take_file(self, event: events.UploadEventArguments) -> None:
         session = self.user.session
         self.errors.clear()
         try:
             self.user.require("identify", "upload data")
-            copy_path = session.reserve_path(event.file.name, event.file.size(), is_response=True)
-            try:
-                await event.file.save(copy_path)
-            except BaseException:
-                session.remove(copy_path.name)
-                raise
+            await session.save_upload(event.file, is_response=True)
         except Exception as error:
             frame.show_error(self.errors, error, session)
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ from vibrident.app.web.form.description import ENTRIES, ENTRY_NAMES, SECTIONS
 from vibrident.app.web.form.entries import PLAIN, RowEntries, entered, entry
 from vibrident.app.web.form.sources import entry_in_file, entry_in_form, source_keys
 from vibrident.app.web.laboratories import LABORATORY_FILES, MAX_LABORATORY_FILE_BYTES
-from vibrident.app.web.language import phrase, say, spoken
+from vibrident.app.web.language import page_language, phrase, translate
 from vibrident.app.web.user import User
 from vibrident.data.io.certificate import CertificateSection
 from vibrident.data.io.keys import keys_of
@@ -66,7 +65,7 @@ class LaboratoryStep:
 
     def build(self) -> None:
         """Build the section, hidden until there are data or results."""
-        self.section = frame.add_step(say("Laboratory and uncertainty"), "laboratory")
+        self.section = frame.add_step(translate("Laboratory and uncertainty"), "laboratory")
         with self.section:
             self.body = ui.element("div")
         self.section.visible = False
@@ -88,15 +87,15 @@ class LaboratoryStep:
             return
         with self.body:
             self.errors = frame.add_error_area()
-            profile = self._profile()
-            self._state(profile)
-            self._choice()
-            self._due(profile["certificate"].get("instruments") or ())
-            self._sources(profile)
-            self._laboratory(profile["certificate"])
-            self._keeping()
+            profile = self._read_profile()
+            self._apply_profile(profile)
+            self._build_choice()
+            self._show_due_instruments(profile["certificate"].get("instruments") or ())
+            self._build_sources(profile)
+            self._build_laboratory(profile["certificate"])
+            self._build_buttons()
 
-    def _profile(self) -> dict[str, Any]:
+    def _read_profile(self) -> dict[str, Any]:
         laboratories = self.user.users.laboratories
         try:
             return laboratories.read(self.user.profile)
@@ -104,8 +103,8 @@ class LaboratoryStep:
             frame.show_error(self.errors, error, self.user.session)
             return laboratories.read("")
 
-    def _state(self, profile: Mapping[str, Any]) -> None:
-        """Put the profile's lists into a form where nobody has stated others."""
+    def _apply_profile(self, profile: Mapping[str, Any]) -> None:
+        """Set the form's lists to the profile's, unless the user has changed them."""
         if (columns_form := self.user.applicable_form) is None or not self.user.profile:
             return
         for name in _LISTS:
@@ -113,21 +112,24 @@ class LaboratoryStep:
                 columns_form.description.set(name, profile[name])
                 self.fit.refresh()
 
-    def _choice(self) -> None:
-        names = {"": say("none"), **{name: name for name in self.user.users.laboratories.names}}
+    def _build_choice(self) -> None:
+        names = {
+            "": translate("none"),
+            **{name: name for name in self.user.users.laboratories.names},
+        }
         selected = self.user.profile if self.user.profile in names else ""
         with ui.element("div").classes("fields wide"):
-            choice = ui.select(names, value=selected, label=say("Laboratory profile"))
+            choice = ui.select(names, value=selected, label=translate("Laboratory profile"))
             choice.props(f"{PLAIN} id=profile").on_value_change(self._select)
-        ui.label(
-            say(
+        frame.hint(
+            translate(
                 "A profile keeps what is the same on each calibration: sources of uncertainty, "
                 "name and address, instruments. It lies on the server, for all who use this page."
             )
-        ).classes("hint")
+        )
 
     def _select(self, event: events.ValueChangeEventArguments) -> None:
-        """Take the sources and files of a profile in place of those that there are."""
+        """Replace sources and files by those of a profile."""
         user = self.user
         name = str(event.value or "")
         user.profile = name
@@ -140,7 +142,7 @@ class LaboratoryStep:
         user.changed()
         self.show()
 
-    def _due(self, instruments: Any) -> None:
+    def _show_due_instruments(self, instruments: Any) -> None:
         """Name the instruments whose calibration has ended, or ends soon."""
         today = datetime.date.today()
         dates = [
@@ -152,64 +154,66 @@ class LaboratoryStep:
             days = (date - today).days
             if days < 0:
                 label = ui.label(
-                    say("{name}: its calibration ended on {date}.", name=name, date=date)
+                    translate("{name}: its calibration ended on {date}.", name=name, date=date)
                 )
                 label.classes("warning").props("role=status")
             elif days <= _SOON_DAYS:
-                due = say("{name}: to be calibrated by {date}.", name=name, date=date)
+                due = translate("{name}: to be calibrated by {date}.", name=name, date=date)
                 frame.hint(due)
 
-    def _sources(self, profile: Mapping[str, Any]) -> None:
-        """Ask for the lists of a calibration file, of the data that there are or of the profile."""
+    def _build_sources(self, profile: Mapping[str, Any]) -> None:
+        """Build the lists of the form; without one, those of the profile."""
         columns_form = self.user.applicable_form
         if self.user.session.names and columns_form is None:
-            ui.label(say("The sources are those of the calibration file that came with the data."))
+            ui.label(
+                translate("The sources are those of the calibration file that came with the data.")
+            )
         self.lists: dict[str, RowEntries] = {}
         for name in _LISTS:
             values = profile[name] if columns_form is None else columns_form.get(name) or []
             with ui.element("div").classes("w-full").props(f"id={name}"):
-                frame.heading(say(SECTIONS[name].label))
-                ways: dict[str, Any] = {}
+                frame.heading(translate(SECTIONS[name].label))
+                keys = ENTRIES[name]
+                conversion: dict[str, Any] = {}
                 if name == "uncertainty":
-                    ways = {
-                        "to_form": entry_in_form,
-                        "to_file": entry_in_file,
-                        "rare": ("from_c", "to_c"),
-                    }
-                keys = source_keys() if name == "uncertainty" else ENTRIES[name]
-                rows = RowEntries(ENTRY_NAMES[name], keys, values, **ways)
-                rows.on_change = lambda name=name, rows=rows: self._edited(name, rows.value)
+                    keys = source_keys()
+                    conversion = {"to_form": entry_in_form, "to_file": entry_in_file}
+                    conversion["rare"] = ("from_c", "to_c")
+                rows = RowEntries(ENTRY_NAMES[name], keys, values, **conversion)
+                rows.on_change = lambda name=name, rows=rows: self._set_list(name, rows.value)
             self.lists[name] = rows
 
-    def _edited(self, name: str, value: Any) -> None:
+    def _set_list(self, name: str, value: Any) -> None:
         if (columns_form := self.user.applicable_form) is None or columns_form.get(name) == value:
             return
         columns_form.set(name, value)
         self.user.changed()
         self.fit.refresh()
 
-    def _laboratory(self, values: Mapping[str, Any]) -> None:
-        """Ask for what the certificates of a laboratory have in common."""
+    def _build_laboratory(self, values: Mapping[str, Any]) -> None:
+        """Build the entries that all certificates of a laboratory share."""
         self.entries: dict[str, Any] = {}
-        expansion = ui.expansion(say("Name, address, instruments, logo")).classes("w-full")
+        expansion = ui.expansion(translate("Name, address, instruments, logo")).classes("w-full")
         expansion.props("id=laboratory-data")
-        fields = {field.key: field for field in form(spoken().code) if field.key in LABORATORY_KEYS}
+        fields = {
+            field.key: field for field in form(page_language().code) if field.key in LABORATORY_KEYS
+        }
         with expansion:
-            with frame.add_group(say("Name and address")):
+            with frame.add_group(translate("Name and address")):
                 for name in (name for name in fields if _KEYS[name].kind != "entries"):
                     key = replace(_KEYS[name], title=fields[name].label)
                     self.entries[name] = entry(key, values.get(name), label=key.label)
             section = _KEYS["instruments"].section
             assert section is not None
-            frame.heading(say("Instruments"))
+            frame.heading(translate("Instruments"))
             instruments = values.get("instruments") or []
             rows = RowEntries("Instrument", [*keys_of(section).values()], instruments)
             self.entries["instruments"] = rows
             for kind in LABORATORY_FILES:
-                self._file_choice(kind)
+                self._build_file_choice(kind)
 
-    def _file_choice(self, kind: str) -> None:
-        """Let one of the laboratory's own files be chosen and removed."""
+    def _build_file_choice(self, kind: str) -> None:
+        """Build the upload of one of the laboratory's own files, and a button to remove it."""
         words = _FILE_LABELS[kind]
 
         async def keep(event: events.UploadEventArguments) -> None:
@@ -222,27 +226,28 @@ class LaboratoryStep:
 
         with ui.element("div"):
             upload = ui.upload(
-                label=say(words.label),
+                label=translate(words.label),
                 auto_upload=True,
                 max_file_size=MAX_LABORATORY_FILE_BYTES,
                 on_upload=keep,
             )
-            upload.classes("uploader").props(f'flat bordered accept="{words.endings}"')
-            upload.on("uploaded", js_handler=f"() => vibrident.sent({upload.id})")
+            frame.style_upload(upload).props(f'accept="{words.endings}"')
             with frame.actions() as stored_row:
-                frame.hint(say(words.stored)).props("role=status")
-                ui.button(say(words.remove), on_click=remove).props("flat")
+                frame.hint(translate(words.stored)).props("role=status")
+                frame.add_button(translate(words.remove), remove, "flat")
             stored_row.visible = self.user.session.laboratory_file(kind) is not None
-        names = json.dumps([say(words.choose), say(words.label).partition(":")[0]])
-        ui.run_javascript(f"vibrident.name({upload.id}, ...{names})")
+        frame.name_upload(upload, translate(words.choose), translate(words.label).partition(":")[0])
 
-    def _keeping(self) -> None:
+    def _build_buttons(self) -> None:
         with frame.actions():
-            self.name = ui.input(say("Name of the profile"), value=self.user.profile).props(PLAIN)
-            ui.button(say("Save the profile"), on_click=self._save).props("outline id=save-profile")
+            self.name = ui.input(translate("Name of the profile"), value=self.user.profile).props(
+                PLAIN
+            )
+            frame.add_button(translate("Save the profile"), self._save, "outline id=save-profile")
             if self.user.profile:
-                remove = ui.button(say("Remove the profile"), on_click=self._remove)
-                remove.props("flat id=remove-profile")
+                frame.add_button(
+                    translate("Remove the profile"), self._remove, "flat id=remove-profile"
+                )
         self.status = frame.hint("").props("role=status id=profile-said")
 
     async def _save(self) -> None:
@@ -269,7 +274,7 @@ class LaboratoryStep:
         name = user.profile
         self.show()
         message = "Saved as “{name}”: new calibrations and certificates begin with it."
-        self.status.text = say(message, name=name)
+        self.status.text = translate(message, name=name)
 
     async def _remove(self) -> None:
         try:

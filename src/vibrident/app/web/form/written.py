@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from vibrident.app.web import frame
-from vibrident.app.web.language import phrase, say
+from vibrident.app.web.language import phrase, translate
 from vibrident.app.web.sandboxed import read_calibration_text, require_readable
 from vibrident.app.web.user import User
 from vibrident.base.errors import InputError
@@ -28,8 +28,8 @@ def edit_as_text(
     on_back: Callable[[], Awaitable[Any]],
 ) -> None:
     """Show a text to be edited; once used, it is a file of the user like an uploaded one."""
-    frame.hint(say(_HINT))
-    written = ui.textarea(say("Calibration file"), value=text).classes("written w-full")
+    frame.hint(translate(_HINT))
+    written = ui.textarea(translate("Calibration file"), value=text).classes("written w-full")
     written.props("dense outlined stack-label autogrow")
     errors = frame.add_error_area()
 
@@ -58,5 +58,5 @@ def edit_as_text(
             trial.unlink(missing_ok=True)
 
     with frame.actions():
-        ui.button(say("Use this file"), on_click=take).props("id=use-text")
-        ui.button(say("Back"), on_click=on_back).props("outline")
+        frame.add_button(translate("Use this file"), take, "id=use-text")
+        frame.add_button(translate("Back"), on_back)
