@@ -8,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records.basis import extend_flags
 
 #: Order of the autoregression: how many samples predict the next.
 ORDER = 16
@@ -108,9 +109,3 @@ class PredictionSamples:
             if np.sum(clean) > 0.5 * np.sum(self.clean)
             else self
         )
-
-
-def extend_flags(flags: BoolArray, reach: int) -> BoolArray:
-    """Return which samples have a flag within reach, shape (samples,)."""
-    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
-    return count[2 * reach + 1 :] > count[: -2 * reach - 1]

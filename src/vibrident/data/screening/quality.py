@@ -16,7 +16,7 @@ from vibrident.data.records import STATIONARY_EXCITATIONS, BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.answers import PredictedResponse
 from vibrident.data.screening.channel import ChannelSamples
-from vibrident.data.screening.clipping import clipped
+from vibrident.data.screening.clipping import find_clipped
 from vibrident.data.screening.decays import is_sustained
 from vibrident.data.screening.gaps import lost_samples
 from vibrident.data.screening.held import is_stairs
@@ -178,7 +178,7 @@ def _mask_spoilt_samples(
             # It was computed: the optical signals show the converter's limits and losses.
             continue
         samples = _samples_by_channel(record, samples)
-        bad, rails = clipped(samples[label], full_scale)
+        bad, rails = find_clipped(samples[label], full_scale)
         if bad.any():
             levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
             observation = f"the {label} channel is clipped at {levels}"

@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.data.records.basis import runs_of_true
+from vibrident.data.records.basis import extend_flags, runs_of_true
 from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.prediction import (
     MAX_NOISE_SIGMA,
@@ -27,7 +27,6 @@ from vibrident.data.screening.prediction import (
     ORDER,
     LinearPrediction,
     PredictionSamples,
-    extend_flags,
 )
 from vibrident.data.screening.steps import converter_step
 
