@@ -17,7 +17,7 @@ from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.data.screening import gaps, screen
 from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.clipping import find_clipped
-from vibrident.data.screening.gaps import lost_samples
+from vibrident.data.screening.gaps import find_lost_samples
 from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.prediction import ORDER
 from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, PredictedChannel, find_breaks
@@ -110,7 +110,7 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
         values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
         found += (
             bool(find_clipped(ChannelSamples(values, ALL))[0].any())
-            + bool(lost_samples(ChannelSamples(values, ALL)).any())
+            + bool(find_lost_samples(ChannelSamples(values, ALL)).any())
             + bool(PredictedChannel.from_samples(ChannelSamples(values, ALL)).wild.any())
         )
     assert found <= (1 if motion == "sine" else 0)
@@ -136,7 +136,7 @@ def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Gen
     for _ in range(draws):
         values = of_few_digits(rng)
         assert not find_clipped(ChannelSamples(values, ALL))[0].any()
-        assert not lost_samples(ChannelSamples(values, ALL)).any()
+        assert not find_lost_samples(ChannelSamples(values, ALL)).any()
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "shock"])
@@ -173,7 +173,7 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved[begin : begin + 1800] = 0.0
             moved += noise * rng.standard_normal(N)
             assert not find_clipped(ChannelSamples(moved, ALL))[0].any()
-            assert not lost_samples(ChannelSamples(moved, ALL)).any()
+            assert not find_lost_samples(ChannelSamples(moved, ALL)).any()
             assert not PredictedChannel.from_samples(ChannelSamples(moved, ALL)).wild.any()
 
 
@@ -205,7 +205,7 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
     for values in (held, np.sign(np.sin(0.0431 * T)), square + 1e-3 * rng.standard_normal(N)):
         valid = np.ones(values.size, dtype=bool)
         assert not find_clipped(ChannelSamples(values, valid))[0].any()
-        assert not lost_samples(ChannelSamples(values, valid)).any()
+        assert not find_lost_samples(ChannelSamples(values, valid)).any()
         assert not PredictedChannel.from_samples(ChannelSamples(values, valid)).wild.any()
 
 
@@ -254,7 +254,7 @@ def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool
         begins = 13 + (N // count) * np.arange(count) + rng.integers(0, N // count - length - 20, count)
         for at in begins:
             values[at : at + length] = values[at - 1] if held else 0.0
-        bad = lost_samples(ChannelSamples(values, ALL))
+        bad = find_lost_samples(ChannelSamples(values, ALL))
         assert np.all(bad[values != kept])
         assert np.sum(bad & (values == kept)) <= 3 * count
 
@@ -266,7 +266,7 @@ def test_what_held_samples_look_like_is_counted_once(
     """Where most values return at once, no run of them needs a look at its neighbours."""
     looks: list[int] = []
     monkeypatch.setattr(gaps, "_chance_of_equal", lambda *_: looks.append(1) or 1.0)
-    assert not lost_samples(
+    assert not find_lost_samples(
         ChannelSamples(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps])
     ).any()
     assert not looks
@@ -443,7 +443,7 @@ def test_a_converter_that_flickers_before_the_motion_has_lost_nothing(draws: int
     for _ in range(draws):
         codes = np.rint(moved - 234.7 + 0.15 * rng.standard_normal(N))
         for values in (codes, codes[::-1]):
-            assert not lost_samples(ChannelSamples(values, ALL)).any()
+            assert not find_lost_samples(ChannelSamples(values, ALL)).any()
 
 
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:
