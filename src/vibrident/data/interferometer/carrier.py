@@ -31,7 +31,7 @@ USABLE_ROOM = 0.8  # usable share of the room beside the carrier
 
 
 def mix_down(
-    raw: SampledSignals, near_hz: float, response_hz: float, where: str, most: float
+    raw: SampledSignals, near_hz: float, response_hz: float, where: str, max_band: float
 ) -> tuple[SampledSignals, float]:
     """Mix a heterodyne signal down to two signals in quadrature; return these and its carrier, Hz.
 
@@ -40,7 +40,7 @@ def mix_down(
         near_hz: its carrier, approximately.
         response_hz: sampling rate of the sensor's response.
         where: place in the calibration file, for messages.
-        most: largest value of the least band on either side, over the signal's rate.
+        max_band: largest value of the least band on either side, over the signal's rate.
 
     Raises:
         InputError: no carrier is found, or the band beside it is too narrow.
@@ -69,7 +69,7 @@ def mix_down(
     low, high = _carrier_band_hz(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
     least = max(
         16.0 * raw.rate_hz / PIECE_SAMPLES,
-        min(MIN_BAND_TO_RESPONSE_RATE * response_hz, most * raw.rate_hz),
+        min(MIN_BAND_TO_RESPONSE_RATE * response_hz, max_band * raw.rate_hz),
     )
     full = min(0.5 * FULL_BAND_RATIO * (high - low), _clear_band_hz(np.mean(power, axis=0), half))
     kept_band = min(max(0.5 * MIN_BAND_RATIO * (high - low), full, least), room)
