@@ -168,7 +168,7 @@ def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
 
 
 class _RecordScreening:
-    """One record under screening: it loses samples, and each loss is a finding.
+    """Record under screening: it loses samples, and each loss is a finding.
 
     Attributes:
         record: the record without the samples that were masked so far.

@@ -233,7 +233,7 @@ def named(model: GivenModel | None) -> str | None:
             where="model",
             remedy="give a name or a Model",
         )
-    MODELS.give(core)
+    MODELS.register(core)
     return model.name
 
 
