@@ -53,7 +53,7 @@ class UnsupportedVariable:
 
 
 @dataclass(frozen=True)
-class _Header:
+class _ArrayHeader:
     """Header of an array, in front of its contents."""
 
     name: str
@@ -192,7 +192,7 @@ def _elements(path: Path) -> Iterator[tuple[Element, int, int]]:
             stream.seek(begin)
 
 
-def _read_header(element: Element, offset: int) -> _Header:
+def _read_header(element: Element, offset: int) -> _ArrayHeader:
     """Return the header of the array at an offset of an element."""
     flags, offset = element.numbers(offset)
     array_class = int(flags[0]) & 0xFF
@@ -203,7 +203,7 @@ def _read_header(element: Element, offset: int) -> _Header:
     if len(shape) > _MAX_AXES or min(shape, default=0) < 0:
         raise ValueError(f"an array of shape {shape}")
     name, offset = element.text(offset)
-    return _Header(name, array_class, shape, bool(flags[0] & _IS_COMPLEX), offset)
+    return _ArrayHeader(name, array_class, shape, bool(flags[0] & _IS_COMPLEX), offset)
 
 
 def _read_array(element: Element, offset: int, depth: int = 0) -> Any:
