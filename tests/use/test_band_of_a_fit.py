@@ -96,8 +96,8 @@ def test_a_table_in_a_file_states_its_band(tmp_path):
 @pytest.mark.parametrize(
     ("band", "sentence"),
     [
-        ((700.0, 60.0), "This is no band"),
-        ((0.0, 60.0), "This is no band"),
+        ((700.0, 60.0), "The limits of the band are not usable"),
+        ((0.0, 60.0), "The limits of the band are not usable"),
         ((1600.0, 1700.0), "No data are in the band"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The one door to Dask: connect to a cluster, and share independent calls over its workers."""
+"""Connect to a Dask cluster, and share independent calls over its workers."""
 
 from __future__ import annotations
 
@@ -35,16 +35,13 @@ def connect(where: str, setting: str, patience_s: float = PATIENCE_S) -> Any:
         InputError: Dask is not installed, or no scheduler answers there.
     """
     distributed = _distributed(where, setting)
-    in_file = where.endswith(".json")
-    if in_file and not Path(where).is_file():
-        raise _unreachable(where, setting, "no file of that name")
-    if (
-        not in_file
-        and "/" not in where.partition("://")[2]
-        and not where.rpartition(":")[2].isdigit()
-    ):
+    scheduler = {"address": where}
+    if where.endswith(".json"):
+        scheduler = {"scheduler_file": where}
+        if not Path(where).is_file():
+            raise _unreachable(where, setting, "no file of that name")
+    elif "/" not in where.partition("://")[2] and not where.rpartition(":")[2].isdigit():
         raise _unreachable(where, setting, "no port")  # Dask would wait for it at the end
-    scheduler = {"scheduler_file": where} if in_file else {"address": where}
     try:
         return distributed.Client(**scheduler, timeout=patience_s, set_as_default=False)
     except (OSError, ValueError, TimeoutError, KeyError, ImportError) as error:
@@ -52,7 +49,7 @@ def connect(where: str, setting: str, patience_s: float = PATIENCE_S) -> Any:
 
 
 class Cluster:
-    """Workers that compute as this process does, to the last bit.
+    """Workers whose results equal those of this process to the last bit.
 
     Args:
         where: ``local``, or as of :func:`connect`.
@@ -88,9 +85,9 @@ class Cluster:
     def results(
         self, function: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]
     ) -> Iterator[Any]:
-        """Yield what a function returns for each tuple of arguments, in their order.
+        """Yield the results of calling a function with each tuple of arguments, in their order.
 
-        A few calls a thread are under way, so that neither calls nor results pile up.
+        Only a few calls a thread are submitted ahead, so that neither calls nor results pile up.
 
         Args:
             function: importable on the workers.
@@ -140,7 +137,7 @@ class Cluster:
         )
 
     def _check_workers(self) -> None:
-        """Refuse workers that could compute other digits."""
+        """Refuse workers with other versions, whose results could differ in the last digits."""
         with contextlib.suppress(Exception):
             self._client.wait_for_workers(1, timeout=PATIENCE_S)
         needed = versions()

@@ -39,8 +39,8 @@ def use_one_thread() -> None:
         os.environ.setdefault(name, number)
 
 
-_limited = threading.Lock()
-_inside = 0
+_lock = threading.Lock()
+_callers = 0  # within a block of ``_one_thread``
 _limit = contextlib.ExitStack()
 
 
@@ -50,22 +50,22 @@ def _one_thread() -> Iterator[None]:
 
     The first caller sets the limit, and the last one removes it.
     """
-    global _inside
+    global _callers
     if any(name in os.environ for name in ONE_THREAD):
         yield
         return
     from threadpoolctl import threadpool_limits
 
-    with _limited:
-        if _inside == 0:
+    with _lock:
+        if _callers == 0:
             _limit.enter_context(threadpool_limits(1, "blas"))
-        _inside += 1
+        _callers += 1
     try:
         yield
     finally:
-        with _limited:
-            _inside -= 1
-            if _inside == 0:
+        with _lock:
+            _callers -= 1
+            if _callers == 0:
                 _limit.close()
 
 
@@ -88,7 +88,7 @@ def keep_freed() -> None:
 
 
 def return_freed() -> None:
-    """Return freed memory to the system (glibc), after a compiler or a large file left much."""
+    """Return freed memory to the system (glibc), as after a compilation or a large file."""
     with contextlib.suppress(AttributeError, OSError, TypeError):  # not glibc
         ctypes.CDLL(None).malloc_trim(0)
 

@@ -11,11 +11,10 @@ NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of one decade,
 #: Relative distance within which two frequencies are the same: far above a tone's uncertainty, far
 #: below the distance of nominal and exact values.
 SAME = 1e-4
-# defaults: of accelerometers (ISO 16063-21), of seismometers and geophones
-REFERENCES_HZ = (
-    160.0,
-    1.0,
-)
+#: Usual reference frequency of accelerometers (ISO 16063-21).
+ACCELEROMETER_REFERENCE_HZ = 160.0
+#: Usual reference frequency of seismometers and geophones.
+SEISMOMETER_REFERENCE_HZ = 1.0
 
 
 @dataclass(frozen=True)
@@ -113,31 +112,26 @@ def choose_reference(
         holds no nominal one.
     """
     available = nominal_frequencies(low_hz, high_hz, measured_hz)
+    by_name = {item.nominal_hz: item for item in available}
     if stated_hz is not None:
-        at_nominal = next(
-            (item for item in available if is_same_frequency(item.nominal_hz, stated_hz)), None
-        )
-        if at_nominal is not None:
-            return at_nominal, "as stated"
+        for item in available:
+            if is_same_frequency(item.nominal_hz, stated_hz):
+                return item, "as stated"
         if low_hz * (1 - SAME) <= stated_hz <= high_hz * (1 + SAME):
             return Nominal(stated_hz, stated_hz), "as stated"
-        return (
-            None,
-            f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band",
-        )
-    for number, usual_hz in enumerate(REFERENCES_HZ):
-        for item in available:
-            if item.nominal_hz == usual_hz:
-                outside = (
-                    f"{REFERENCES_HZ[0]:g} Hz lies outside the measured band; chosen as usual "
-                    "for seismometers"
-                )
-                return item, outside if number else "the default"
+        reason = f"the stated reference frequency {stated_hz:.6g} Hz lies outside the measured band"
+        return None, reason
+    default = f"{ACCELEROMETER_REFERENCE_HZ:g} Hz"
+    if ACCELEROMETER_REFERENCE_HZ in by_name:
+        return by_name[ACCELEROMETER_REFERENCE_HZ], "the default"
+    if SEISMOMETER_REFERENCE_HZ in by_name:
+        reason = f"{default} lies outside the measured band; chosen as usual for seismometers"
+        return by_name[SEISMOMETER_REFERENCE_HZ], reason
     if not available and is_same_frequency(low_hz, high_hz):
         return Nominal(low_hz, low_hz), "the only frequency that was measured"
     if not available:
         return None, "the measured band holds no nominal frequency"
     centre = math.sqrt(low_hz * high_hz)
     nearest = min(available, key=lambda item: abs(math.log(item.frequency_hz / centre)))
-    usual = " and ".join(f"{f:g} Hz" for f in REFERENCES_HZ)
+    usual = f"{default} and {SEISMOMETER_REFERENCE_HZ:g} Hz"
     return nearest, f"{usual} lie outside the measured band; chosen nearest to its middle"

@@ -1,7 +1,7 @@
-"""Send values through a pipe without pickle: a sender can create no other objects than these.
+"""Send values through a pipe without pickle, so that a sender can create only harmless objects.
 
-Numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses of this
-package. Each value is one line of JSON; the raw bytes of its arrays follow the line.
+These are numbers, text, bytes, paths, lists, tuples, mappings, arrays of numbers, and dataclasses
+of this package. Each value is one line of JSON; the raw bytes of its arrays follow the line.
 """
 
 from __future__ import annotations
@@ -32,15 +32,18 @@ def send(stream: IO[bytes] | io.RawIOBase, value: Any) -> None:
         TypeError: the value holds an object of another type; nothing is written.
     """
     buffers: list[memoryview] = []
-    tree = _plain(value, buffers)
-    line = json.dumps(
-        [sum(len(buffer) + -len(buffer) % _ALIGNMENT_BYTES for buffer in buffers), tree]
-    )
-    stream.write(line.encode() + b"\n")
+    tree = _encoded(value, buffers)
+    length = sum(len(buffer) + _padding(len(buffer)) for buffer in buffers)
+    stream.write(json.dumps([length, tree]).encode() + b"\n")
     for buffer in buffers:
         stream.write(buffer)
-        stream.write(bytes(-len(buffer) % _ALIGNMENT_BYTES))
+        stream.write(bytes(_padding(len(buffer))))
     stream.flush()
+
+
+def _padding(length: int) -> int:
+    """Return how many bytes follow an array of ``length`` bytes, so that the next is aligned."""
+    return -length % _ALIGNMENT_BYTES
 
 
 def sha256(value: Any) -> str:
@@ -49,37 +52,37 @@ def sha256(value: Any) -> str:
     Raises:
         TypeError: the value holds an object of another type.
     """
-    total = hashlib.sha256()
+    digest = hashlib.sha256()
 
-    class Stream(io.RawIOBase):
+    class DigestStream(io.RawIOBase):
         def write(self, content: Any) -> int:
-            total.update(content)
+            digest.update(content)
             return len(content)
 
-    send(Stream(), value)
-    return total.hexdigest()
+    send(DigestStream(), value)
+    return digest.hexdigest()
 
 
-def receive(stream: IO[bytes], most_bytes: int) -> Any:
+def receive(stream: IO[bytes], max_bytes: int) -> Any:
     """Read the next value; its arrays may be written to.
 
     Raises:
         EOFError: the stream ended before the value did.
-        TooLong: the value takes more than ``most_bytes``.
+        TooLong: the value takes more than ``max_bytes``.
         ValueError, TypeError, KeyError, RecursionError: the bytes were not written by :func:`send`.
     """
-    line = stream.readline(most_bytes + 1)
-    if len(line) > most_bytes:
-        raise TooLong(f"a message of more than {most_bytes} bytes")
+    line = stream.readline(max_bytes + 1)
+    if len(line) > max_bytes:
+        raise TooLong(f"a message of more than {max_bytes} bytes")
     if not line.endswith(b"\n"):
         raise EOFError
     length, tree = json.loads(line)
-    if not 0 <= length <= most_bytes - len(line):
-        raise TooLong(f"a message of more than {most_bytes} bytes")
+    if not 0 <= length <= max_bytes - len(line):
+        raise TooLong(f"a message of more than {max_bytes} bytes")
     content = bytearray(length)
     if stream.readinto(content) != length:  # type: ignore[attr-defined]
         raise EOFError
-    return _value(tree, _Buffers(memoryview(content)))
+    return _decoded(tree, _Buffers(memoryview(content)))
 
 
 class _Buffers:
@@ -89,30 +92,27 @@ class _Buffers:
         self._content = content
         self._offset = 0
 
-    def take(self, length: int) -> memoryview:
-        piece = self._content[self._offset : self._offset + length]
-        if length < 0 or len(piece) != length:
+    def next(self, length: int) -> memoryview:
+        """Return the next ``length`` bytes; ValueError where there are not as many."""
+        buffer = self._content[self._offset : self._offset + length]
+        if length < 0 or len(buffer) != length:
             raise ValueError("an array without its bytes")
-        self._offset += length + -length % _ALIGNMENT_BYTES
-        return piece
+        self._offset += length + _padding(length)
+        return buffer
 
 
-def _plain(value: Any, buffers: list[memoryview]) -> Any:
+def _encoded(value: Any, buffers: list[memoryview]) -> Any:
     """Return the value in JSON's types: scalars as they are, anything else as [kind, …]."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, list | tuple):
-        return [
-            "list" if isinstance(value, list) else "tuple",
-            *(_plain(item, buffers) for item in value),
-        ]
+        name = "list" if isinstance(value, list) else "tuple"
+        return [name, *(_encoded(item, buffers) for item in value)]
     if isinstance(value, Mapping):
-        return [
-            "mapping",
-            *([_plain(key, buffers), _plain(item, buffers)] for key, item in value.items()),
-        ]
+        pairs = ([_encoded(key, buffers), _encoded(item, buffers)] for key, item in value.items())
+        return ["mapping", *pairs]
     if isinstance(value, PurePath):
         return ["path", str(value)]
     if isinstance(value, bytes | bytearray):
@@ -124,28 +124,28 @@ def _plain(value: Any, buffers: list[memoryview]) -> Any:
         return ["array", contiguous.dtype.str, list(value.shape), contiguous.nbytes]
     kind = type(value)
     if is_dataclass(value) and kind.__module__.startswith(_PACKAGE):
-        filled = [
-            [f.name, _plain(getattr(value, f.name), buffers)] for f in fields(value) if f.init
+        contents = [
+            [f.name, _encoded(getattr(value, f.name), buffers)] for f in fields(value) if f.init
         ]
-        return ["dataclass", kind.__module__, kind.__qualname__, filled]
+        return ["dataclass", kind.__module__, kind.__qualname__, contents]
     raise TypeError(f"a {kind.__module__}.{kind.__qualname__} cannot be sent")
 
 
-def _value(tree: Any, buffers: _Buffers) -> Any:
+def _decoded(tree: Any, buffers: _Buffers) -> Any:
     if not isinstance(tree, list):
         return tree
     kind, *items = tree
     match kind:
         case "list":
-            return [_value(item, buffers) for item in items]
+            return [_decoded(item, buffers) for item in items]
         case "tuple":
-            return tuple(_value(item, buffers) for item in items)
+            return tuple(_decoded(item, buffers) for item in items)
         case "mapping":
-            return {_value(key, buffers): _value(item, buffers) for key, item in items}
+            return {_decoded(key, buffers): _decoded(item, buffers) for key, item in items}
         case "path":
             return Path(items[0])
         case "bytes":
-            return bytes(buffers.take(items[0]))
+            return bytes(buffers.next(items[0]))
         case "array":
             return _array(items, buffers)
         case "dataclass":
@@ -158,14 +158,14 @@ def _array(description: list[Any], buffers: _Buffers) -> Any:
     kind = np.dtype(dtype)
     if kind.kind not in "iufcb":
         raise ValueError(f"an array of {dtype}")
-    return np.frombuffer(buffers.take(length), kind).reshape(shape)
+    return np.frombuffer(buffers.next(length), kind).reshape(shape)
 
 
 def _dataclass(description: list[Any], buffers: _Buffers) -> Any:
-    module, name, filled = description
+    module, name, contents = description
     if not module.startswith(_PACKAGE):
         raise ValueError(f"a class of {module}")
     loaded = getattr(importlib.import_module(module), name, None)
     if not (isinstance(loaded, type) and is_dataclass(loaded) and loaded.__module__ == module):
         raise ValueError(f"no dataclass {module}.{name}")
-    return loaded(**{key: _value(item, buffers) for key, item in filled})
+    return loaded(**{key: _decoded(item, buffers) for key, item in contents})

@@ -45,7 +45,7 @@ _UNREADABLE_ERRORS = (ValueError, TypeError, KeyError, RecursionError)
 _T = TypeVar("_T")
 
 
-def _signal(number: int) -> str:
+def _signal_text(number: int) -> str:
     """Return a signal's number and name: ``signal 9, SIGKILL``."""
     try:
         return f"signal {number}, {signal.Signals(number).name}"
@@ -84,8 +84,7 @@ class Limits:
     """Limits of a call; None for no limit."""
 
     seconds: float | None = None  # elapsed time
-    # memory beside the process's code, where the system can limit it (Linux)
-    memory_bytes: int | None = None
+    memory_bytes: int | None = None  # memory for data, where the system can limit it (Linux)
     file_bytes: int | None = None  # size of a file that the process writes
     answer_bytes: int = _MAX_ANSWER_BYTES  # length of a message from the process
 
@@ -113,7 +112,10 @@ class Process:
         idle_s: float | None = None,
         wrapper: Sequence[str] = (),
     ) -> None:
-        self._arguments = (_name(prepare) if prepare else "", "" if idle_s is None else str(idle_s))
+        self._arguments = [
+            "" if prepare is None else _address(prepare),
+            "" if idle_s is None else str(idle_s),
+        ]
         self._folder = folder
         self._wrapper = wrapper
         self._child: _Child | None = None
@@ -168,7 +170,7 @@ class Process:
             OSError: no process can be started.
         """
         call = {
-            "name": _name(function),
+            "name": _address(function),
             "args": args,
             "limits": limits,
             "progress": progress is not None,
@@ -253,7 +255,7 @@ class _Child:
         """Send a call; return the last message about it.
 
         Raises:
-            ProcessDied: there is no such message.
+            ProcessDied: the process ended without one.
         """
         overdue = threading.Event()
         alarm = threading.Timer(limits.seconds or 0.0, lambda: (overdue.set(), self.kill()))
@@ -273,6 +275,7 @@ class _Child:
             alarm.cancel()
 
     def _death(self, overdue: threading.Event) -> ProcessDied:
+        """Return how the process ended; ``overdue``: whether it ran out of time."""
         try:
             code = self.popen.wait(_ENDING_TIMEOUT_S)
         except subprocess.TimeoutExpired:  # it has closed its output, and goes on
@@ -282,7 +285,8 @@ class _Child:
         if overdue.is_set() or code == _OUT_OF_TIME_CODE:
             return ProcessDied("time", "a process that was still at work")
         self._listener.join(_ENDING_TIMEOUT_S)
-        ending = f"a process that ended with {_signal(-code) if code < 0 else f'status {code}'}"
+        cause = _signal_text(-code) if code < 0 else f"status {code}"
+        ending = f"a process that ended with {cause}"
         return ProcessDied("crash", ending, self._printed.decode(errors="replace").strip())
 
     def kill(self) -> None:
@@ -306,30 +310,29 @@ class _Child:
         """Store the end of what the process prints."""
         assert self.popen.stderr is not None
         with self.popen.stderr as stream:
-            while piece := os.read(stream.fileno(), _MAX_PRINTED_BYTES):
-                self._printed = (self._printed + piece)[-_MAX_PRINTED_BYTES:]
+            while block := os.read(stream.fileno(), _MAX_PRINTED_BYTES):
+                self._printed = (self._printed + block)[-_MAX_PRINTED_BYTES:]
 
 
 def processors() -> int:
-    """Return how many processors this process may use.
-
-    By its affinity, and by the quota of its container.
-    """
-    count = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+    """Return how many processors this process may use, by affinity and quota of its container."""
+    if hasattr(os, "sched_getaffinity"):
+        count = len(os.sched_getaffinity(0))
+    else:
+        count = os.cpu_count() or 1
     with contextlib.suppress(OSError, ValueError):  # the quota "max" is no number
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text(encoding="ascii").split()
         count = min(count, math.ceil(int(quota) / int(period)))
     return count
 
 
-def _name(function: Callable[..., Any]) -> str:
+def _address(function: Callable[..., Any]) -> str:
+    """Return where a function is found: ``module:function``."""
     return f"{function.__module__}:{function.__qualname__}"
 
 
 def work() -> None:
-    """Run the process: call what the owner asks for, until stdin ends."""
+    """Run the child process: answer the owner's calls until stdin ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     keep_freed()
     answers = os.fdopen(os.dup(1), "wb")
@@ -348,6 +351,7 @@ def work() -> None:
 
 
 def _take_calls(calls: queue.SimpleQueue[dict[str, Any]]) -> None:
+    """Queue the calls that arrive on stdin; end the process with stdin, even during a call."""
     with contextlib.suppress(EOFError):
         while True:
             calls.put(parcel.receive(sys.stdin.buffer, _UNLIMITED_BYTES))
@@ -355,14 +359,16 @@ def _take_calls(calls: queue.SimpleQueue[dict[str, Any]]) -> None:
 
 
 def _answer(call: Mapping[str, Any], answers: IO[bytes]) -> None:
+    """Execute a call and send its result, or its error."""
     set_limits(call["limits"])
 
     def progress(*values: Any) -> None:
         parcel.send(answers, {"progress": values})
 
     try:
-        more = {"progress": progress} if call["progress"] else {}
-        parcel.send(answers, {"done": pkgutil.resolve_name(call["name"])(*call["args"], **more)})
+        function = pkgutil.resolve_name(call["name"])
+        keywords = {"progress": progress} if call["progress"] else {}
+        parcel.send(answers, {"done": function(*call["args"], **keywords)})
         return
     except MemoryError:
         answer: dict[str, Any] = {"memory": True}
@@ -374,7 +380,8 @@ def _answer(call: Mapping[str, Any], answers: IO[bytes]) -> None:
 def set_limits(limits: Limits) -> None:
     """Limit memory for data, file size and further processor time of this process, if possible.
 
-    The last one ends a process whose owner is gone while a library holds the interpreter.
+    The limit of processor time ends a process whose owner is gone while a library holds the
+    interpreter.
     """
     try:
         import resource

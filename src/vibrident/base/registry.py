@@ -1,10 +1,9 @@
-"""Registries of sensor models, estimators, readers and exports, built in or added.
+"""Find sensor models, estimators, readers and exports by name, built in or from plug-ins.
 
-A built-in one is a module of its own in the folder of its kind, and holds one object: the module
-``velocity_pickup`` holds ``VELOCITY_PICKUP``, named "velocity-pickup". One of another package is
-the same kind of object behind an entry point whose name is the object's. Names are known without
-loading anything; an object is loaded on first use. One that cannot be used is reported once and
-left out.
+Each built-in object has a module of its own in the folder of its kind: the module
+``velocity_pickup`` holds ``VELOCITY_PICKUP``, named "velocity-pickup". A plug-in is an object of
+the same class behind an entry point of the object's name. Names are known without loading anything;
+an object is loaded on first use. A plug-in that cannot be used is reported once and left out.
 """
 
 from __future__ import annotations
@@ -42,24 +41,20 @@ class PlugIn:
     def line(self) -> str:
         """Return one line with the plug-in's name and, if any, its problem."""
         description = f"{self.name} ({self.group}) of {self.package}"
-        return (
-            f"The plug-in {description} cannot be used: {self.problem}"
-            if self.problem
-            else description
-        )
+        if self.problem:
+            return f"The plug-in {description} cannot be used: {self.problem}"
+        return description
 
 
 class Registry(Generic[T]):
-    """Objects of one kind by name: the built-in ones first, then those of other packages.
-
-    Both are in order of name.
+    """Objects of one kind by name: the built-in ones, then those of plug-ins, each sorted by name.
 
     Args:
         kind: what the objects are, for messages.
-        group: entry-point group of objects of other packages.
+        group: entry-point group of plug-ins.
         folders: folders of this package that hold the built-in objects.
-        classes: classes of the objects, as "module:Class"; loaded with the first object.
-        where: where a user names an object, for messages.
+        classes: classes of the objects, as "module:Class"; loaded with the first plug-in.
+        where: setting by which a user names an object, for messages.
         error: raised for an unknown name.
     """
 
@@ -82,20 +77,23 @@ class Registry(Generic[T]):
         self._problems: dict[str, str] = {}
         self._registered: list[str] = []  # names of objects registered by Python
 
+    @property
+    def _class_names(self) -> str:
+        return " or ".join(path.replace(":", ".") for path in self._classes)
+
     @functools.cached_property
     def _built_in(self) -> dict[str, str]:
         """Return name → dotted module of the built-in objects."""
         modules = {}
         for folder in self._folders:
+            package = f"vibrident.{folder.replace('/', '.')}"
             for file in (_ROOT / folder).glob("[!_]*.py"):
-                modules[file.stem.replace("_", "-")] = (
-                    f"vibrident.{folder.replace('/', '.')}.{file.stem}"
-                )
+                modules[file.stem.replace("_", "-")] = f"{package}.{file.stem}"
         return dict(sorted(modules.items()))
 
     @functools.cached_property
     def _added(self) -> dict[str, EntryPoint]:
-        """Return name → entry point of added objects; of two of one name, the first package's."""
+        """Return name → entry point of plug-ins; of two of one name, that of the first package."""
         points: dict[str, EntryPoint] = {}
         for point in self._points:
             if point.name not in self._built_in:
@@ -111,36 +109,33 @@ class Registry(Generic[T]):
     def names(self) -> tuple[str, ...]:
         """Return every name; nothing is loaded.
 
-        A plug-in that turns out not to be usable is left out from then on.
+        A plug-in that has turned out not to be usable is left out.
         """
-        installed_names = (*self._built_in, *self._added)
-        return tuple(
-            name for name in (*installed_names, *self._registered) if name not in self._problems
-        )
+        names = (*self._built_in, *self._added, *self._registered)
+        return tuple(name for name in names if name not in self._problems)
 
     def __contains__(self, name: object) -> bool:
         return name in self.names()
 
-    def give(self, item: T) -> None:
-        """Register an object by its name in this process; it replaces one registered before.
+    def register(self, item: T) -> None:
+        """Register an object under its name in this process; it replaces one registered before.
 
         Raises:
             InputError: the object is of another class, or the name is that of an installed one.
         """
         name = str(getattr(item, "name", ""))
-        try:
-            checked = self._checked(name, item)
-        except _Unusable as error:
+        if not self._is_of_class(item):
             raise self._error(
                 f"This is no {self.kind}.",
-                expected=" or ".join(path.replace(":", ".") for path in self._classes),
-                found=str(error).rpartition("found ")[2],
+                expected=self._class_names,
+                found=f"one of {type(item).__qualname__}",
                 where=self.where,
                 remedy=f"give the name of a {self.kind}, or an object of that class",
-            ) from None
-        if self.is_given(name) or not (name in self._built_in or name in self._added):
-            self._loaded[name] = checked
-            self._registered = list(dict.fromkeys([*self._registered, name]))
+            )
+        if name not in self._built_in and name not in self._added:
+            self._loaded[name] = item
+            if name not in self._registered:
+                self._registered.append(name)
         elif self._object(name) is not item:
             raise self._error(
                 f"The name {name!r} is taken.",
@@ -150,8 +145,8 @@ class Registry(Generic[T]):
                 remedy="give the object another name",
             )
 
-    def is_given(self, name: str) -> bool:
-        """Return whether the object of this name was given by Python."""
+    def is_registered(self, name: str) -> bool:
+        """Return whether the object of this name was registered in this process."""
         return name in self._registered
 
     def __len__(self) -> int:
@@ -167,7 +162,8 @@ class Registry(Generic[T]):
 
     def one_by_one(self) -> Iterator[T]:
         """Yield every usable object; a plug-in is loaded when the iteration reaches it."""
-        return (item for name in self.names() if (item := self._object(name)) is not None)
+        objects = map(self._object, self.names())
+        return (item for item in objects if item is not None)
 
     def __getitem__(self, name: str) -> T:
         """Return the object of this name.
@@ -176,22 +172,21 @@ class Registry(Generic[T]):
             InputError: the name is unknown, or its package cannot be loaded.
         """
         item = self._object(name)
-        if item is None:
-            problem = self._problems.get(name)
-            if problem is None:
-                problem_text = f"The {self.kind} {name!r} is not known."
-                raise unknown(problem_text, name, self.names(), self.where, kind=self._error)
-            raise self._error(
-                f"The {self.kind} {name!r} cannot be used.",
-                expected=" | ".join(self.names()),
-                found=f"a plug-in of {_package(self._added[name])}: {problem}",
-                where=self.where,
-                remedy="correct, update or uninstall that package",
-            )
-        return item
+        if item is not None:
+            return item
+        if name not in self._problems:
+            problem = f"The {self.kind} {name!r} is not known."
+            raise unknown(problem, name, self.names(), self.where, kind=self._error)
+        raise self._error(
+            f"The {self.kind} {name!r} cannot be used.",
+            expected=" | ".join(self.names()),
+            found=f"a plug-in of {self.package_of(name)}: {self._problems[name]}",
+            where=self.where,
+            remedy="correct, update or uninstall that package",
+        )
 
     def package_of(self, name: str) -> str:
-        """Return the package, with version, that adds this name; empty for a built-in one."""
+        """Return the package, with version, of a plug-in; empty for other objects."""
         return _package(self._added[name]) if name in self._added else ""
 
     def built_in(self) -> tuple[str, ...]:
@@ -208,6 +203,7 @@ class Registry(Generic[T]):
         return self[name] if is_known else None
 
     def _object(self, name: str) -> T | None:
+        """Return the object of this name, loaded if necessary; None if there is no usable one."""
         if name in self._loaded or name in self._problems:
             return self._loaded.get(name)
         if name in self._built_in:
@@ -219,45 +215,37 @@ class Registry(Generic[T]):
         return self._loaded.get(name)
 
     def _load(self, point: EntryPoint) -> None:
+        """Load a plug-in, or report its problem."""
         try:
-            self._loaded[point.name] = self._checked(point.name, point.load())
+            item: Any = point.load()
+            if not self._is_of_class(item):
+                kind = type(item).__qualname__
+                problem = f"expected an object of {self._class_names}, found one of {kind}"
+            elif item.name != point.name:
+                problem = f"its entry point is called {point.name!r}, the object {item.name!r}"
+            else:
+                self._loaded[point.name] = item
+                return
         except (Exception, SystemExit) as error:  # loading a foreign package may raise any error
-            problem = (
-                str(error) if isinstance(error, _Unusable) else f"{type(error).__name__}: {error}"
-            )
-            self._problems[point.name] = " ".join(problem.split())
-            _log.warning(
-                PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line
-            )
+            problem = f"{type(error).__name__}: {error}"
+        self._problems[point.name] = " ".join(problem.split())
+        _log.warning(
+            PlugIn(self.group, point.name, _package(point), self._problems[point.name]).line
+        )
 
-    def _checked(self, name: str, item: Any) -> T:
-        classes = tuple(map(pkgutil.resolve_name, self._classes))
-        if not isinstance(item, classes):
-            expected_classes = " or ".join(path.replace(":", ".") for path in self._classes)
-            raise _Unusable(
-                f"expected an object of {expected_classes}, found one of {type(item).__qualname__}"
-            )
-        if item.name != name:
-            raise _Unusable(f"its entry point is called {name!r}, the object {item.name!r}")
-        return item
+    def _is_of_class(self, item: object) -> bool:
+        return isinstance(item, tuple(map(pkgutil.resolve_name, self._classes)))
 
     def plug_ins(self) -> list[PlugIn]:
         """Return every plug-in of this kind, loaded, with the problem of each unusable one."""
         self.all()
         plug_ins = []
         for point in self._points:
-            is_taken = self._added.get(point.name) is not point
-            problem = (
-                f"the name {point.name!r} is taken"
-                if is_taken
-                else self._problems.get(point.name, "")
-            )
+            problem = self._problems.get(point.name, "")
+            if self._added.get(point.name) is not point:
+                problem = f"the name {point.name!r} is taken"
             plug_ins.append(PlugIn(self.group, point.name, _package(point), problem))
         return plug_ins
-
-
-class _Unusable(Exception):
-    """Error of an entry point whose object is not of its group; the message says why."""
 
 
 @functools.cache

@@ -1,8 +1,7 @@
-"""Tails and quantiles of the χ², F and Student's t distributions.
+"""Compute tails and quantiles of the χ², F and Student's t distributions without SciPy.
 
-They use the continued fractions and series of the incomplete gamma and beta functions (DLMF 8.9.2,
-8.11.4, 8.17.22) and agree with SciPy's to about 1e-12. Loading SciPy would take longer than reading
-21 records.
+Continued fractions and series of the incomplete gamma and beta functions (DLMF 8.9.2, 8.11.4,
+8.17.22) agree with SciPy to about 1e-12. Loading SciPy takes longer than reading 21 records.
 """
 
 from __future__ import annotations
@@ -19,8 +18,12 @@ MIN_ASYMPTOTIC = 16.0  # from this argument on log Γ is its asymptotic series
 
 def gamma_tail(shape: float, value: float) -> float:
     """Return Q(a, x), the chance that a gamma variate of this shape and scale 1 exceeds x."""
-    if not value > 0.0 or math.isinf(value):
-        return value if math.isnan(value) else float(value <= 0.0)
+    if math.isnan(value):
+        return value
+    if value <= 0.0:
+        return 1.0
+    if math.isinf(value):
+        return 0.0
     if value < shape + 1.0:
         term = total = 1.0
         for k in range(1, MAX_TERMS):
@@ -30,8 +33,8 @@ def gamma_tail(shape: float, value: float) -> float:
                 break
         return 1.0 - _gamma_density(shape, value) * total
     steps = ((k * (shape - k), value + 2.0 * k + 1.0 - shape) for k in range(1, MAX_TERMS))
-    below = _continued(value + 1.0 - shape, steps)
-    return _gamma_density(shape, value) * shape / below
+    fraction = _continued_fraction(value + 1.0 - shape, steps)
+    return _gamma_density(shape, value) * shape / fraction
 
 
 def chi2_tail(degrees: float, value: float) -> float:
@@ -39,65 +42,67 @@ def chi2_tail(degrees: float, value: float) -> float:
     return gamma_tail(0.5 * degrees, 0.5 * value)
 
 
-def f_tail(above: float, below: float, value: float) -> float:
+def f_tail(numerator: float, denominator: float, value: float) -> float:
     """Return the chance that F exceeds the value.
 
-    ``above`` and ``below``: degrees of freedom of the numerator and the denominator.
+    ``numerator`` and ``denominator``: degrees of freedom of the variances in F.
     """
-    if not value > 0.0 or not (above > 0.0 and below > 0.0):
+    if not value > 0.0 or not (numerator > 0.0 and denominator > 0.0):
         return 1.0 if value <= 0.0 else math.nan
-    if math.isinf(below):
-        return chi2_tail(above, above * value)
-    ratio = below / (above * value)
-    return _beta_below(0.5 * below, 0.5 * above, ratio / (1.0 + ratio), 1.0 / (1.0 + ratio))
+    if math.isinf(denominator):
+        return chi2_tail(numerator, numerator * value)
+    ratio = denominator / (numerator * value)
+    x = ratio / (1.0 + ratio)
+    return _beta_distribution(0.5 * denominator, 0.5 * numerator, x, 1.0 / (1.0 + ratio))
 
 
 def student_quantile(degrees: float, chance: float) -> float:
     """Return the quantile of Student's t for a chance of one half or more."""
     if not degrees > 0.0:
         return math.nan
-    outside = 2.0 * (1.0 - chance)
+    two_sided = 2.0 * (1.0 - chance)
     t = 1.0
-    # Newton's steps on a function that is convex here: from below, never too far
+    # Newton's steps from below never go too far, as the function is convex here.
     for _ in range(100):
         density = math.exp(
             _log_gamma_ratio(0.5 * degrees) - 0.5 * (degrees + 1.0) * math.log1p(t * t / degrees)
         ) / math.sqrt(math.pi * degrees)
-        step = (f_tail(1.0, degrees, t * t) - outside) / (2.0 * density)
+        step = (f_tail(1.0, degrees, t * t) - two_sided) / (2.0 * density)
         t += step
         if abs(step) < MAX_LAST_STEP * t:
             break
     return t
 
 
-def _beta_below(a: float, b: float, x: float, complement: float) -> float:
+def _beta_distribution(a: float, b: float, x: float, y: float) -> float:
     """Return I_x(a, b), the chance that a beta variate stays below x.
 
-    ``complement``: 1 − x, which x near one does not represent accurately.
+    ``y``: 1 − x, which x near one does not represent accurately.
     """
-    if x <= 0.0 or complement <= 0.0:
-        return float(complement <= 0.0)
+    if x <= 0.0 or y <= 0.0:
+        return float(y <= 0.0)
     if x > (a + 1.0) / (a + b + 2.0):
-        return 1.0 - _beta_below(b, a, complement, x)
-    off = a * complement - b * x
-    first = a * (off + 1.0) / (a + 1.0)
-    return _beta_density(a, b, x, complement) / _continued(first, _beta_steps(a, b, x, off))
+        return 1.0 - _beta_distribution(b, a, y, x)
+    lam = a * y - b * x  # λ of Didonato & Morris
+    first = a * (lam + 1.0) / (a + 1.0)
+    return _beta_density(a, b, x, y) / _continued_fraction(first, _beta_terms(a, b, x, lam))
 
 
-def _beta_steps(a: float, b: float, x: float, off: float) -> Iterator[tuple[float, float]]:
+def _beta_terms(a: float, b: float, x: float, lam: float) -> Iterator[tuple[float, float]]:
     """Yield the numerators and denominators of Didonato & Morris' fraction (1992, eq. 9)."""
     for m in range(1, MAX_TERMS):
-        before = a + 2 * m - 1.0
-        behind = a + 2 * m + 1.0
-        above = m * (a + m - 1.0) / before * ((a + b + m - 1.0) / before) * (b - m) * x * x
-        yield above, m + m * (b - m) * x / before + (a + m) * (off + 1.0 + m * (2.0 - x)) / behind
+        low = a + 2 * m - 1.0
+        high = a + 2 * m + 1.0
+        alpha = m * (a + m - 1.0) / low * ((a + b + m - 1.0) / low) * (b - m) * x * x
+        beta = m + m * (b - m) * x / low + (a + m) * (lam + 1.0 + m * (2.0 - x)) / high
+        yield alpha, beta
 
 
-def _continued(first: float, steps: Iterator[tuple[float, float]]) -> float:
-    """Return b0 + a1/(b1 + a2/(b2 + …)) by Lentz's method."""
+def _continued_fraction(first: float, terms: Iterator[tuple[float, float]]) -> float:
+    """Return b0 + a1/(b1 + a2/(b2 + …)) by Lentz's method; ``first``: b0, ``terms``: (a, b)."""
     value = c = first or TINY
     d = 0.0
-    for a, b in steps:
+    for a, b in terms:
         d = 1.0 / (b + a * d or TINY)
         c = b + a / c or TINY
         value *= c * d
@@ -108,24 +113,23 @@ def _continued(first: float, steps: Iterator[tuple[float, float]]) -> float:
 
 def _gamma_density(a: float, x: float) -> float:
     """Return x^a e^(−x) / Γ(a + 1), without a difference of large numbers."""
-    off = (x - a) / a
-    return math.exp(a * (_log_of(x / a, off) - off) - _stirling_remainder(a)) / math.sqrt(
-        2.0 * math.pi * a
-    )
+    excess = (x - a) / a
+    power = a * (_log_ratio(x / a, excess) - excess) - _stirling_remainder(a)
+    return math.exp(power) / math.sqrt(2.0 * math.pi * a)
 
 
 def _beta_density(a: float, b: float, x: float, y: float) -> float:
     """Return x^a y^b / B(a, b) with y = 1 − x, without a difference of large numbers."""
     n = a + b
-    off = b * x - a * y
+    difference = b * x - a * y
     correction = _stirling_remainder(n) - _stirling_remainder(a) - _stirling_remainder(b)
-    power = a * _log_of(x * n / a, off / a) + b * _log_of(y * n / b, -off / b)
+    power = a * _log_ratio(x * n / a, difference / a) + b * _log_ratio(y * n / b, -difference / b)
     return math.exp(power + correction) * math.sqrt(a * b / (2.0 * math.pi * n))
 
 
-def _log_of(ratio: float, off: float) -> float:
-    """Return the logarithm of a ratio, which is 1 + ``off``."""
-    return math.log(ratio) if ratio < 0.5 else math.log1p(off)
+def _log_ratio(ratio: float, excess: float) -> float:
+    """Return the logarithm of a ratio; ``excess``: the ratio less one, accurately."""
+    return math.log(ratio) if ratio < 0.5 else math.log1p(excess)
 
 
 def _stirling_remainder(a: float) -> float:

@@ -1,11 +1,10 @@
-"""Sensors over the years: a store that results are added to, and what it says of each sensor."""
+"""Follow sensors over the years: add results to a store, and query it."""
 
 from __future__ import annotations
 
 import datetime
 import os
 from collections.abc import Iterable
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from vibrident.result import Result
@@ -47,12 +46,7 @@ class History:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
@@ -60,7 +54,7 @@ class History:
 
     def close(self) -> None:
         """Close the connections to the store."""
-        self._store.__exit__(None, None, None)
+        self._store.close()
 
     def add(
         self,
@@ -70,7 +64,7 @@ class History:
         date: datetime.date | None = None,
         certificate: GivenCertificate = (),
     ) -> int:
-        """Add results; those that the store holds already stay unchanged.
+        """Add results to the store; a result that it holds already stays unchanged.
 
         Args:
             results: a result or several, or paths of their ``result.json``; a generator is read one
@@ -81,7 +75,7 @@ class History:
                 :func:`vibrident.report`.
 
         Returns:
-            How many were new.
+            The number of new results.
 
         Raises:
             InputError: a result states no serial number, or the store cannot be used.
@@ -96,10 +90,10 @@ class History:
         )
 
     def sensors(self, *, sensor_type: str | None = None) -> list[dict[str, Any]]:
-        """Return a row a sensor: how often it was calibrated, and when first and last.
+        """Return a row for each sensor: number of calibrations, and first and last date.
 
         Args:
-            sensor_type: of a type alone; None: all.
+            sensor_type: only sensors of this type; None: all.
 
         Raises:
             InputError: there is no store yet.
@@ -123,12 +117,12 @@ class History:
         nominal: float | None = None,
         interval_years: float | None = None,
     ) -> dict[str, Any]:
-        """Return what the store says of a sensor: calibrations, drift, prediction, due date.
+        """Return the calibrations, drift, prediction and due date of a sensor.
 
         Args:
             serial_number: of the sensor.
-            sensor_type: where several sensors have the number.
-            axis: likewise, of a sensor of several axes.
+            sensor_type: needed if several sensors have the number.
+            axis: likewise, for a sensor of several axes.
             manufacturer: likewise.
             quantity: name of a parameter; None: the sensitivity at the reference frequency.
             frequency_hz: nominal frequency, for the sensitivity there.
@@ -160,12 +154,12 @@ class History:
         frequency_hz: float | None = None,
         interval_years: float | None = None,
     ) -> list[dict[str, Any]]:
-        """Return a row a sensor with the date of its next calibration, the earliest first.
+        """Return a row for each sensor with the date of its next calibration, the earliest first.
 
         Args:
-            tolerance: relative, within which the quantity is to stay.
+            tolerance: relative; the quantity shall not change by more.
             nominal: the value that the sensors are used with; None: that of each last calibration.
-            sensor_type: of a type alone; None: all.
+            sensor_type: only sensors of this type; None: all.
             quantity: name of a parameter; None: the sensitivity at the reference frequency.
             frequency_hz: nominal frequency, for the sensitivity there.
             interval_years: in force; None: the time between the last two calibrations.
@@ -197,7 +191,7 @@ class History:
         return approve(self._store, number, by=by, note=note)
 
     def result(self, number: int) -> Result:
-        """Return a stored result, whole.
+        """Return a stored result.
 
         Args:
             number: of the calibration in the store.

@@ -1,4 +1,4 @@
-"""A result as a document: plain values, JSON text (RFC 8259), and the fields of later versions."""
+"""Convert a result to and from a JSON document (RFC 8259), with the fields of later versions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import logging
 import math
 import os
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -24,27 +24,26 @@ MAX_FILE_BYTES = 200_000_000
 #: Most unknown fields that a message names.
 MAX_NAMED_FIELDS = 8
 _log = logging.getLogger("vibrident.result")
-#: Name of the field of each part of a result that holds what this version does not know.
+#: Name of the field of each part that holds the fields which this version does not know.
 UNKNOWN = "unknown_fields"
 
 
 def plain(value: Any) -> Any:
-    """Return plain types only; numbers that are not finite become None."""
+    """Return a value in JSON's types; numbers that are not finite become None."""
     if type(value) is float:  # by far the most
         return value if math.isfinite(value) else None
     if isinstance(value, np.ndarray):
         return [plain(item) for item in value.tolist()]
     if is_dataclass(value):
-        return _with_unknown(
-            {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-        )
+        part = {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+        return _with_unknown(part)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
+    if value is None or isinstance(value, (str, int)):
         return value
-    # A certificate holds dates, in a calibration made in memory.
+    # The certificate of a calibration made in memory holds dates.
     if isinstance(value, datetime.date | datetime.time):
         return value.isoformat()
     number = float(value)
@@ -52,7 +51,7 @@ def plain(value: Any) -> Any:
 
 
 def _with_unknown(document: dict[str, Any]) -> dict[str, Any]:
-    """Put the unknown fields of a part beside those that it has."""
+    """Return a part with its unknown fields among the known ones."""
     for name, value in document.pop(UNKNOWN, {}).items():
         document[name] = document[name] | value if name in document else value
     return document
@@ -61,40 +60,41 @@ def _with_unknown(document: dict[str, Any]) -> dict[str, Any]:
 def separate_unknown(kind: Any, value: Any) -> Any:
     """Return a document in which each part has its unknown fields under :data:`UNKNOWN`.
 
-    ``kind``: the type that the value is to become, a dataclass or made of some. An entry of a
-    mapping of texts that is no text is unknown, too. What does not fit the type stays as it is.
+    Args:
+        kind: type of the value: a dataclass, or a union, tuple or mapping of dataclasses; values of
+            other types are returned as they are.
+        value: in JSON's types. An entry of a mapping of texts that is no text counts as unknown.
     """
     if is_dataclass(kind):
         return _separate_fields(kind, value) if isinstance(value, Mapping) else value
-    inner = get_args(kind)
-    if get_origin(kind) in (Union, types.UnionType):
-        member_kind = next((member for member in inner if is_dataclass(member)), None)
-        return value if member_kind is None else separate_unknown(member_kind, value)
-    if not any(map(is_dataclass, inner)):
+    member = next(filter(is_dataclass, get_args(kind)), None)
+    if member is None:
         return value
+    if get_origin(kind) in (Union, types.UnionType):
+        return separate_unknown(member, value)
     if get_origin(kind) is tuple and isinstance(value, list | tuple):
-        return [separate_unknown(inner[0], item) for item in value]
+        return [separate_unknown(member, item) for item in value]
     if isinstance(value, Mapping):
-        return {name: separate_unknown(inner[1], item) for name, item in value.items()}
+        return {name: separate_unknown(member, item) for name, item in value.items()}
     return value
 
 
 def _separate_fields(kind: Any, value: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a part, those that its type lacks under :data:`UNKNOWN`."""
+    """Return the fields of a part; those that its type lacks are under :data:`UNKNOWN`."""
     hints = _hints(kind)
-    recognised: dict[str, Any] = {}
-    unknown: dict[str, Any] = {}
+    known_fields: dict[str, Any] = {}
+    unknown_fields: dict[str, Any] = {}
     for name, item in value.items():
         if name == UNKNOWN or name not in hints:
-            unknown[name] = item
+            unknown_fields[name] = item
         elif hints[name] == Mapping[str, str] and isinstance(item, Mapping):
-            recognised[name] = {key: text for key, text in item.items() if isinstance(text, str)}
-            entries = {key: entry for key, entry in item.items() if key not in recognised[name]}
-            if entries:
-                unknown[name] = entries
+            texts = {key: text for key, text in item.items() if isinstance(text, str)}
+            known_fields[name] = texts
+            if len(texts) < len(item):
+                unknown_fields[name] = {k: entry for k, entry in item.items() if k not in texts}
         else:
-            recognised[name] = separate_unknown(hints[name], item)
-    return recognised | ({UNKNOWN: unknown} if unknown else {})
+            known_fields[name] = separate_unknown(hints[name], item)
+    return known_fields | ({UNKNOWN: unknown_fields} if unknown_fields else {})
 
 
 @functools.cache
@@ -105,30 +105,34 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 def unknown_names(value: Any, prefix: str = "") -> Iterator[str]:
     """Yield the place of each unknown field of a part and of all parts in it, as ``fit.name``."""
-    if isinstance(value, Mapping | tuple):
-        items = value.items() if isinstance(value, Mapping) else enumerate(value)
-        for name, item in items:
+    items: Iterable[tuple[Any, Any]] = ()
+    if isinstance(value, tuple):
+        items = enumerate(value)
+    elif isinstance(value, Mapping):
+        items = value.items()
+    elif is_dataclass(value):
+        items = vars(value).items()
+    for name, item in items:
+        if name == UNKNOWN and is_dataclass(value):
+            yield from (f"{prefix}{unknown}" for unknown in item)
+        else:
             yield from unknown_names(item, f"{prefix}{name}.")
-    if is_dataclass(value):
-        for field in fields(value):
-            item = getattr(value, field.name)
-            if field.name == UNKNOWN:
-                yield from (f"{prefix}{name}" for name in item)
-            else:
-                yield from unknown_names(item, f"{prefix}{field.name}.")
 
 
 def json_text(document: Any) -> str:
-    """Return a document as JSON, RFC 8259; a list of plain values stands on one line.
+    """Return a document as JSON, RFC 8259, with a list of plain values on one line.
 
-    There is no NaN and no Infinity, and ``?`` stands for a byte of a file's name that is no UTF-8.
+    The byte of a file's name that is no UTF-8 becomes ``?``.
+
+    Raises:
+        ValueError: a number is not finite.
     """
     text = "".join(_layout(document, "\n")) + "\n"
     return text.encode(errors="replace").decode()
 
 
 def _layout(value: Any, margin: str) -> Iterator[str]:
-    """Yield the text in pieces; ``margin``: a line break and the blanks that begin a line."""
+    """Yield the JSON text of a value; ``margin``: a line break and the blanks that begin a line."""
     nested = Mapping | list | tuple
     items: list[tuple[str, Any]] = []
     if isinstance(value, Mapping):
@@ -140,20 +144,20 @@ def _layout(value: Any, margin: str) -> Iterator[str]:
         return
     deeper = f"{margin}  "
     begin, end = "{}" if isinstance(value, Mapping) else "[]"
-    for head, item in items:
-        yield f"{begin}{deeper}{head}"
+    for label, item in items:
+        yield f"{begin}{deeper}{label}"
         yield from _layout(item, deeper)
         begin = ","
     yield margin + end
 
 
 def refuse_constant(name: str) -> float:
-    """Refuse NaN and Infinity, which are no numbers of JSON."""
+    """Raise ValueError for NaN and Infinity, which are no numbers of JSON."""
     raise ValueError(f"{name}, which is no number of JSON")
 
 
 def damaged(observation: str) -> InputError:
-    """Return the error of a result file that lacks something, or holds what it may not."""
+    """Return the error of a result file with a missing or unusable field."""
     return InputError(
         "The result file is incomplete or damaged.",
         expected=f"all fields of {SCHEMA}",

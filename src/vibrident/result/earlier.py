@@ -18,39 +18,36 @@ _SENSITIVITY_COLUMNS = ("magnitude", "magnitude_uncertainty", "magnitude_noise")
 
 
 def in_current_form(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the document as this version writes it."""
+    """Return the document in the form of this version."""
     return with_even_excerpts(with_stated_quantity(document))
 
 
 def with_stated_quantity(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a document whose curves are per the sensor's own quantity, and which says so.
+    """Return a document whose curves are per the sensor's own quantity, and which states it.
 
-    Earlier versions wrote them per the reference's quantity. Those of a model that is not installed
-    stay so.
+    Earlier versions wrote curves per the quantity of the reference. Those of a model that is not
+    installed remain so.
     """
     reference = document.get("reference")
     if "sensitivity_per" in document or not isinstance(reference, Mapping):
         return document
-    per_reference = reference.get("quantity")
+    per: Any = reference.get("quantity")
     model = installed(str(document.get("model")))
-    if per_reference not in QUANTITIES or model is None:
-        return {**document, "sensitivity_per": reference}
-    result_quantity = model.stated_quantity(per_reference)
-    if result_quantity == per_reference:
+    target = per if per not in QUANTITIES or model is None else model.stated_quantity(per)
+    if target == per:
         return {**document, "sensitivity_per": reference}
     settings = document["settings"]
-    if isinstance(budget := settings.get("point_budget"), Mapping):
-        factor = _factor(budget["frequency_hz"], per_reference, result_quantity)
+    budget = settings.get("point_budget")
+    if isinstance(budget, Mapping):
+        factor = _factor(budget["frequency_hz"], per, target)
         sources = [_scaled(source, factor) for source in budget["sources"]]
         settings = {**settings, "point_budget": {**budget, "sources": sources}}
     return {
         **document,
-        **{
-            name: _converted(document[name], per_reference, result_quantity)
-            for name in ("response", "measured")
-        },
+        "response": _converted(document["response"], per, target),
+        "measured": _converted(document["measured"], per, target),
         "settings": settings,
-        "sensitivity_per": {"quantity": result_quantity, "unit": REFERENCE_UNITS[result_quantity]},
+        "sensitivity_per": {"quantity": target, "unit": REFERENCE_UNITS[target]},
     }
 
 
@@ -60,16 +57,16 @@ def _factor(frequency_hz: Any, per: Any, target: Any) -> Any:
 
 
 def _converted(curve: Mapping[str, Any], per: Any, target: Any) -> dict[str, Any]:
-    """Return a curve per the quantity wanted, its phase in (−180°, 180°]."""
+    """Return a curve per the quantity ``target``, its phase in (−180°, 180°]."""
     factor = _factor(curve["frequency_hz"], per, target)
-    turned = np.array(curve["phase_deg"], dtype=float)
-    if turned.size:
-        turned = 180.0 - (180.0 - turned - np.rad2deg(np.angle(factor))) % 360.0
-    return {**_scaled(curve, factor), "phase_deg": turned.tolist()}
+    phase_deg = np.array(curve["phase_deg"], dtype=float)
+    if phase_deg.size:
+        phase_deg = 180.0 - (180.0 - phase_deg - np.rad2deg(np.angle(factor))) % 360.0
+    return {**_scaled(curve, factor), "phase_deg": phase_deg.tolist()}
 
 
 def _scaled(table: Mapping[str, Any], factor: Any) -> dict[str, Any]:
-    """Return a part whose columns in the unit of the sensitivity are times the factor's size."""
+    """Return a table with its columns of sensitivities multiplied by the factor's magnitude."""
     size = np.abs(factor)
     scaled = {
         name: (np.array(table[name], dtype=float) * size).tolist()
@@ -84,11 +81,14 @@ def with_even_excerpts(document: Mapping[str, Any]) -> Mapping[str, Any]:
     signals = document.get("signals")
     if not isinstance(signals, list | tuple):
         return document
-    return {**document, "signals": [_even(signal) for signal in signals]}
+    return {**document, "signals": [_with_even_excerpt(signal) for signal in signals]}
 
 
-def _even(signal: Any) -> Any:
-    """Lay an excerpt out evenly, null where a sample is missing; another form stays as it is."""
+def _with_even_excerpt(signal: Any) -> Any:
+    """Return a signal with evenly spaced samples, NaN where one is missing.
+
+    A signal in another form is returned as it is.
+    """
     if not isinstance(signal, Mapping) or "time_s" not in signal or "start_s" in signal:
         return signal
     columns = [signal["time_s"], signal["measured"], signal["predicted"]]
@@ -99,11 +99,16 @@ def _even(signal: Any) -> Any:
     steps = steps[np.isfinite(steps) & (steps > 0.0)]
     interval_s = float(np.median(steps)) if steps.size else 0.0
     start_s = float(time_s[0]) if time_s.size else 0.0
-    index = np.floor((time_s - start_s) / (interval_s or 1.0) + 0.5)
-    usable = (index >= 0.0) & (index < MAX_EXCERPT_SAMPLES)
-    at = index[usable].astype(int)
-    samples = np.full((2, int(at.max(initial=-1)) + 1), np.nan)
-    samples[:, at] = measured[usable], (measured - predicted)[usable]
-    same = {name: value for name, value in signal.items() if name not in ("time_s", "predicted")}
-    times = {"start_s": start_s, "interval_s": interval_s}
-    return {**same, **times, "measured": samples[0].tolist(), "residual": samples[1].tolist()}
+    position = np.floor((time_s - start_s) / (interval_s or 1.0) + 0.5)
+    usable = (position >= 0.0) & (position < MAX_EXCERPT_SAMPLES)
+    index = position[usable].astype(int)
+    samples = np.full((2, int(index.max(initial=-1)) + 1), np.nan)
+    samples[:, index] = measured[usable], (measured - predicted)[usable]
+    unchanged = {name: signal[name] for name in signal if name not in ("time_s", "predicted")}
+    return {
+        **unchanged,
+        "start_s": start_s,
+        "interval_s": interval_s,
+        "measured": samples[0].tolist(),
+        "residual": samples[1].tolist(),
+    }

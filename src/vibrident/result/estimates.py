@@ -68,13 +68,11 @@ def model_of_result(result: Any) -> SensorModel:
 def _values(result: Any, model: SensorModel) -> dict[str, float]:
     """Return the values of the model's parameters; InputError where one is missing."""
     values = {
-        name: result.parameters[name].value
+        name: float(result.parameters[name].value)
         for name in model.parameter_names
         if name in result.parameters
     }
-    missing = [
-        n for n in model.parameter_names if values.get(n) is None or not np.isfinite(values[n])
-    ]
+    missing = [name for name in model.parameter_names if not np.isfinite(values.get(name, np.nan))]
     if missing:
         raise InputError(
             "The result lacks parameters of its model.",
@@ -83,7 +81,7 @@ def _values(result: Any, model: SensorModel) -> dict[str, float]:
             where="result.json, parameters",
             remedy="run ⟦command = identify⟧ again",
         )
-    return {name: float(values[name]) for name in model.parameter_names}
+    return values
 
 
 def _covariance(result: Any, model: SensorModel) -> FloatArray:
@@ -91,14 +89,13 @@ def _covariance(result: Any, model: SensorModel) -> FloatArray:
     names = model.parameter_names
     u_values = [result.parameters[name].standard_uncertainty for name in names]
     deviation = np.array([np.nan if u is None else u for u in u_values], dtype=float)
+    stated = [name for name in names if name in result.correlation.names]
+    rows = [result.correlation.names.index(name) for name in stated]
+    place = [names.index(name) for name in stated]
     correlation = np.full((len(names), len(names)), np.nan)
-    index_of = {name: index for index, name in enumerate(result.correlation.names)}
-    for row, first in enumerate(names):
-        for column, second in enumerate(names):
-            if first in index_of and second in index_of:
-                correlation[row, column] = result.correlation.matrix[index_of[first]][
-                    index_of[second]
-                ]
+    if stated:
+        matrix = np.array(result.correlation.matrix, dtype=float)
+        correlation[np.ix_(place, place)] = matrix[np.ix_(rows, rows)]
     return correlation * np.outer(deviation, deviation)
 
 
@@ -117,16 +114,16 @@ def _misfit(result: Any) -> float:
     if result.fit.adequate or not measured.frequency_hz.size:
         return 0.0
 
-    def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray:
-        return (
-            (np.nan_to_num(column) * scale) ** 2
-            if column.size
-            else np.zeros(measured.frequency_hz.size)
-        )
+    def squares(column: FloatArray, scale: FloatArray | float) -> FloatArray | float:
+        return (np.nan_to_num(column) * scale) ** 2 if column.size else 0.0
 
     degree = np.pi / 180.0
-    deviation = squares(measured.deviation_percent, 0.01)
-    deviation += squares(measured.deviation_phase_deg, degree)
-    squared_u = squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
-    squared_u += squares(measured.phase_deg_uncertainty, degree)
-    return float(np.sqrt(max(np.mean(deviation - squared_u), 0.0)))
+    excess = (
+        squares(measured.deviation_percent, 0.01)
+        + squares(measured.deviation_phase_deg, degree)
+        - (
+            squares(measured.magnitude_uncertainty, 1.0 / np.abs(measured.magnitude))
+            + squares(measured.phase_deg_uncertainty, degree)
+        )
+    )
+    return float(np.sqrt(max(np.mean(excess), 0.0)))

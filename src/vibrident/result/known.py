@@ -1,4 +1,4 @@
-"""Known response of a channel, from the result of the sensor that is the reference there."""
+"""Turn the result of a sensor into the known response of the channel that it is in."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def known_response(
 ) -> KnownResponse:
     """Return the response of an identified sensor, known in the band of its data.
 
-    Its parameters' covariance is its uncertainty, correlated over frequency as they make it.
+    Its uncertainty follows from the covariance of the parameters, with its correlation over
+    frequency.
 
     Args:
         result: of an identification, or the path of its file.
@@ -50,22 +51,22 @@ def known_response(
         )
     band_hz = sensor.band_hz or (0.0, np.inf)
     low = max(band_hz[0], 1e-9)
-    at = np.geomspace(low, min(band_hz[1], 1e9 * low), TABLE_POINTS)
-    slopes = sensor.slopes(at, measured_quantity) / sensor.frequency_response(at, measured_quantity)
-    effects = effects_of_covariance(source, at, slopes, sensor.covariance)
+    frequency_hz = np.geomspace(low, min(band_hz[1], 1e9 * low), TABLE_POINTS)
+    slopes = sensor.slopes(frequency_hz, measured_quantity)
+    slopes = slopes / sensor.frequency_response(frequency_hz, measured_quantity)
+    effects = effects_of_covariance(source, frequency_hz, slopes, sensor.covariance)
     effects += flat_effects(f"{source}, whose model was rejected", sensor.misfit, sensor.misfit)
-    return KnownResponse(
-        (_shape(sensor, measured_quantity, at),), sensor.response_unit, band_hz, effects, source
-    )
+    shape = _shape(sensor, measured_quantity, frequency_hz)
+    return KnownResponse((shape,), sensor.response_unit, band_hz, effects, source)
 
 
-def _shape(sensor: IdentifiedSensor, quantity: Quantity, at: FloatArray) -> Shape:
-    """Return the response as poles and zeros, or as a table at frequencies ``at``."""
+def _shape(sensor: IdentifiedSensor, quantity: Quantity, frequency_hz: FloatArray) -> Shape:
+    """Return the response as poles and zeros, or as a table at these frequencies."""
     model = sensor.model
     values = dict(sensor.values)
     if not model.has_network:  # a part of it is not rational
-        response = sensor.frequency_response(at, quantity)
-        return Tabulated(at, np.abs(response), np.angle(response))
+        response = sensor.frequency_response(frequency_hz, quantity)
+        return Tabulated(frequency_hz, np.abs(response), np.angle(response))
     system = model.rational(values, quantity)
     numerator, denominator = (
         np.trim_zeros(np.array(c, dtype=float)[::-1], "f")

@@ -54,12 +54,12 @@ TRACKED = "tracked"
 
 @dataclass(frozen=True)
 class Result(ResultPart):
-    """Outcome of an identification, as ``result.json`` holds it.
+    """Result of an identification: the content of ``result.json``.
 
     Attributes:
         model: model name, such as "accelerometer+delay".
         estimator: estimator that produced the values.
-        settings: what was chosen, by the user or by ``auto``, with the reason.
+        settings: choices of the user and of ``auto``, with their reasons.
         provenance: package and library versions, file names and SHA-256, seed, time.
         parameters: name to parameter.
         correlation: of the estimated parameters.
@@ -69,17 +69,16 @@ class Result(ResultPart):
         warnings: empty for a clean calibration of an adequate model.
         sensor: free text of the calibration file.
         reference: quantity and unit of the reference.
-        sensitivity_per: quantity and unit that ``response`` and ``measured`` are per: the sensor's
-            own motion, whatever the reference measured, or the drive.
+        sensitivity_per: quantity and unit in the denominator of ``response`` and ``measured``: the
+            sensor's own motion, whatever the reference measured, or the drive.
         response_unit: unit of the response channel.
-        signals: how well each record is met, with excerpts for pictures.
+        signals: quality of the fit of each record, with excerpts for pictures.
         training: trace of the optimiser.
         weights: the identified network weights W1…W4 as nested lists (paper's Table 1), where a
             network was trained.
-        certificate: what the calibration file states for a certificate; empty where it states
-            nothing.
-        findings: what departs from the fit significantly, whether it matters or not.
-        uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
+        certificate: certificate data of the calibration file; empty if there are none.
+        findings: significant departures from the fit, whether they matter or not.
+        uncertainty: ``covers``: which of ``noise``, ``gain`` and ``phase`` the uncertainties cover.
 
     Examples:
         >>> import vibrident
@@ -119,13 +118,13 @@ class Result(ResultPart):
         for name, parameter in self.parameters.items():
             u = parameter.standard_uncertainty
             if not parameter.derived:
-                estimates.append(
-                    f"{name}={parameter.value:.8g}" + ("" if u is None else f" ± {u:.2g}")
-                )
+                uncertainty = "" if u is None else f" ± {u:.2g}"
+                estimates.append(f"{name}={parameter.value:.8g}{uncertainty}")
         values = ", ".join(estimates)
         verdict = "adequate" if self.fit.adequate else "not adequate"
-        warned = f", warnings: {', '.join(self.warning_codes)}" if self.warnings else ""
-        return f"<Result of {self.model} by {self.estimator}: {values}; {verdict}{warned}>"
+        if self.warnings:
+            verdict += f", warnings: {', '.join(self.warning_codes)}"
+        return f"<Result of {self.model} by {self.estimator}: {values}; {verdict}>"
 
     def summary(self) -> str:
         """Return what ``vibrident identify`` prints: parameters, fit, warnings; plain text."""
@@ -143,22 +142,20 @@ class Result(ResultPart):
         """
         import pandas as pd
 
-        rows = {
-            name: (
-                parameter.value,
-                parameter.unit,
-                parameter.standard_uncertainty,
-                *parameter.interval_95,
-                parameter.identifiable,
-                parameter.derived,
-            )
-            for name, parameter in self.parameters.items()
-        }
+        rows = [
+            {
+                "value": parameter.value,
+                "unit": parameter.unit,
+                "standard_uncertainty": parameter.standard_uncertainty,
+                "interval_95_low": parameter.interval_95[0],
+                "interval_95_high": parameter.interval_95[1],
+                "identifiable": parameter.identifiable,
+                "derived": parameter.derived,
+            }
+            for parameter in self.parameters.values()
+        ]
+        frame = pd.DataFrame(rows, index=pd.Index(list(self.parameters), name="parameter"))
         numbers = ("value", "standard_uncertainty", "interval_95_low", "interval_95_high")
-        heads = ("value", "unit", *numbers[1:], "identifiable", "derived")
-        frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(heads)).rename_axis(
-            "parameter"
-        )
         return frame.astype(dict.fromkeys(numbers, float))
 
     def plot(self, picture: str = "sensitivity") -> Figure:
@@ -205,12 +202,19 @@ class Result(ResultPart):
 
     @property
     def has_gain(self) -> bool:
-        """Return whether there is a gain, and so a curve; free decays alone have none."""
+        """Return whether the gain is known; free decays alone do not determine it."""
         estimated = {name for name, parameter in self.parameters.items() if not parameter.derived}
         return estimated != {"natural_frequency", "damping_ratio"}
 
     def require_gain(self, use: str) -> None:
-        """Refuse a result of free decays alone for a ``use`` (in words) that needs the gain."""
+        """Refuse a result of free decays alone, whose gain is not known.
+
+        Args:
+            use: what needs the gain, for the message.
+
+        Raises:
+            InputError: the gain is not known.
+        """
         if not self.has_gain:
             raise InputError(
                 f"The result has no gain, which {use} needs: "
@@ -247,32 +251,30 @@ class Result(ResultPart):
     def save(self, path: str | os.PathLike[str], *, excerpts: bool = True) -> Path:
         """Write ``result.json`` at ``path``, whole or not at all; return the path.
 
-        ``excerpts``: whether with the samples of records that pictures show, which are most of it.
+        Args:
+            path: of the file; its folder is created if missing.
+            excerpts: whether to write the samples of records that pictures show, which are most of
+                the file.
         """
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
-        written = self if excerpts else self.without_excerpts()
+        result = self if excerpts else self.without_excerpts()
         with atomic_write(target) as partial:
-            partial.write_text(written.to_json(), encoding="utf-8")
+            partial.write_text(result.to_json(), encoding="utf-8")
         return target
 
     def without_excerpts(self) -> Result:
-        """Return the result without samples of records; how well each is met stays."""
-        nothing = no_numbers()
-        signals = (replace(signal, measured=nothing, residual=nothing) for signal in self.signals)
+        """Return the result without samples of records, but with the quality of their fit."""
+        empty = no_numbers()
+        signals = (replace(signal, measured=empty, residual=empty) for signal in self.signals)
         return replace(self, signals=tuple(signals))
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Return the codes, and the places of the fields, that this version does not know."""
-        coded = (("warnings", self.warnings), ("findings", self.findings))
-        codes = dict.fromkeys(
-            f"{field}: {entry.code}"
-            for field, entries in coded
-            for entry in entries
-            if entry.code not in WARNING_CODES
-        )
-        return (*unknown_names(self), *codes)
+        """Return the fields and codes that this version does not know, each by its place."""
+        codes = [f"warnings: {w.code}" for w in self.warnings if w.code not in WARNING_CODES]
+        codes += [f"findings: {f.code}" for f in self.findings if f.code not in WARNING_CODES]
+        return (*unknown_names(self), *dict.fromkeys(codes))
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Result:
@@ -294,13 +296,13 @@ class Result(ResultPart):
 
         try:
             content = {name: value for name, value in document.items() if name != "schema"}
-            separated = separate_unknown(cls, in_current_form(content))
-            result = adapter().validate_python(separated)
+            content = separate_unknown(cls, in_current_form(content))
+            result = adapter().validate_python(content)
             result.require_consistent()
         except ValidationError as error:
-            finding = error.errors()[0]
-            location = ".".join(str(step) for step in finding["loc"])
-            raise damaged(f"{location}: {finding['msg']}") from None
+            first = error.errors()[0]
+            location = ".".join(map(str, first["loc"]))
+            raise damaged(f"{location}: {first['msg']}") from None
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise damaged(f"{type(error).__name__}: {error}") from error
         return result
@@ -315,8 +317,7 @@ class Result(ResultPart):
 
         Args:
             path: of the file.
-            model: the model, where it was made in Python and is to compute with; values and curve
-                need none.
+            model: the model, if it was made in Python and the result is to compute with it.
 
         Raises:
             InputError: the file cannot be read or is not a result.

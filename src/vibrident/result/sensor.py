@@ -1,7 +1,7 @@
-"""Identified sensor to compute with: model, values, covariance, and response with uncertainty.
+"""Compute with an identified sensor: its response and uncertainty at any frequency.
 
-A result gives it (:meth:`vibrident.Result.to_sensor`), and so does a fit. It serves correction,
-prediction, planning, report and export.
+:meth:`vibrident.Result.to_sensor` and a fit return one. Correction, prediction, planning, report
+and export use it.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class IdentifiedSensor:
             stated.
         quantity: what the sensitivity is per: acceleration, or the drive that the sensor was
             identified with.
-        band_hz: lowest and highest frequency of the data; None where nothing tells.
+        band_hz: lowest and highest frequency of the data; None if unknown.
         response_unit: unit of the response.
         input_unit: unit of ``quantity``.
-        degrees_of_freedom: behind the covariance.
-        misfit: relative error of a model that its calibration rejected, as large as at the measured
-            points; else 0.
+        degrees_of_freedom: of the covariance.
+        misfit: rms relative error, at the measured points, of a model that its calibration
+            rejected; else 0.
 
     Examples:
         >>> import numpy as np
@@ -69,16 +69,16 @@ class IdentifiedSensor:
 
     def __repr__(self) -> str:
         """Show model, values with u, band and unit."""
-        deviations = np.sqrt(np.diag(self.covariance))
-        values = ", ".join(
+        u_values = np.sqrt(np.diag(self.covariance))
+        estimates = [
             f"{name}={self.values[name]:.8g}" + (f" ± {u:.2g}" if np.isfinite(u) else "")
-            for name, u in zip(self.model.parameter_names, deviations, strict=True)
-        )
-        band = (
-            "" if self.band_hz is None else f"; {self.band_hz[0]:.4g} to {self.band_hz[1]:.4g} Hz"
-        )
-        units = f"{self.response_unit} per {self.input_unit}"
-        return f"<Sensor {self.model.name}: {values}{band}; {units}>"
+            for name, u in zip(self.model.parameter_names, u_values, strict=True)
+        ]
+        text = ", ".join(estimates)
+        if self.band_hz is not None:
+            low_hz, high_hz = self.band_hz
+            text += f"; {low_hz:.4g} to {high_hz:.4g} Hz"
+        return f"<Sensor {self.model.name}: {text}; {self.response_unit} per {self.input_unit}>"
 
     def _repr_html_(self) -> str:
         """Show values with uncertainties, and the curve over the data's band, in a notebook."""
@@ -93,10 +93,11 @@ class IdentifiedSensor:
             frequency_hz: shape (points,).
             quantity: what the response is per; None: :attr:`quantity`.
         """
-        at = np.asarray(frequency_hz, dtype=float)
-        return np.asarray(
-            self.model.frequency_response(self.values, at, quantity or self.quantity), dtype=complex
+        frequency_hz = np.asarray(frequency_hz, dtype=float)
+        response = self.model.frequency_response(
+            self.values, frequency_hz, quantity or self.quantity
         )
+        return np.asarray(response, dtype=complex)
 
     def slopes(self, frequency_hz: FloatArray, quantity: Quantity | None = None) -> ComplexArray:
         """Return ∂sensitivity/∂parameter, shape (parameters, points)."""
@@ -150,18 +151,14 @@ class IdentifiedSensor:
     def require_uncertainty(self) -> None:
         """Refuse a sensor whose parameters' covariance is not stated."""
         has_u = np.isfinite(self.covariance)
-        if not has_u.all():
-            names = [
-                name
-                for name, row in zip(self.model.parameter_names, has_u, strict=True)
-                if not row.all()
-            ]
+        names = self.model.parameter_names
+        missing = [name for name, row in zip(names, has_u, strict=True) if not row.all()]
+        if missing:
             raise InputError(
                 "The result does not state the uncertainty of a parameter, "
                 "or its correlation with another one.",
-                expected="standard uncertainty and correlation of "
-                + ", ".join(self.model.parameter_names),
-                found="none for " + ", ".join(names),
+                expected="standard uncertainty and correlation of " + ", ".join(names),
+                found="none for " + ", ".join(missing),
                 where="result, parameters and correlation",
                 remedy="run ⟦command = identify⟧ again",
             )

@@ -41,7 +41,7 @@ def test_the_numbers_are_the_same(calibration):
     ("reader", "seconds", "words"), [(crash, 20.0, "crashed"), (turn_in_a_circle, 0.5, "takes longer")]
 )
 def test_what_brings_a_reader_down_is_bad_input(calibration, monkeypatch, reader, seconds, words):
-    monkeypatch.setattr(reading, "_SECONDS", seconds)
+    monkeypatch.setattr(reading, "_MIN_SECONDS", seconds)
     monkeypatch.setattr(reading, "read", reader)
     with pytest.raises(InputError, match=words) as caught:
         read_guarded(calibration)

@@ -16,8 +16,8 @@ from vibrident.data.io import read
 from vibrident.data.records import Calibration, FloatArray, Record
 from vibrident.data.screening import gaps, screen
 from vibrident.data.screening.channel import ChannelSamples
-from vibrident.data.screening.clipping import clipped
-from vibrident.data.screening.gaps import lost_samples
+from vibrident.data.screening.clipping import find_clipped
+from vibrident.data.screening.gaps import find_lost_samples
 from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.prediction import ORDER
 from vibrident.data.screening.wild import GUARD_SAMPLES, MAX_RUN_SAMPLES, PredictedChannel, find_breaks
@@ -109,8 +109,8 @@ def test_free_signals_are_left_alone(motion: str, draws: int, rng: np.random.Gen
     for _ in range(draws):
         values = converted(FREE[motion](rng) + rng.choice([0.0, 3.0]), rng)
         found += (
-            bool(clipped(ChannelSamples(values, ALL))[0].any())
-            + bool(lost_samples(ChannelSamples(values, ALL)).any())
+            bool(find_clipped(ChannelSamples(values, ALL))[0].any())
+            + bool(find_lost_samples(ChannelSamples(values, ALL)).any())
             + bool(PredictedChannel.from_samples(ChannelSamples(values, ALL)).wild.any())
         )
     assert found <= (1 if motion == "sine" else 0)
@@ -127,7 +127,7 @@ def in_single_precision(rng: np.random.Generator) -> FloatArray:
 def test_single_precision_does_not_hide_a_converters_steps(draws: int, rng: np.random.Generator) -> None:
     """Two equal samples at the top are then no rail."""
     for _ in range(draws):
-        assert not clipped(ChannelSamples(in_single_precision(rng), ALL))[0].any()
+        assert not find_clipped(ChannelSamples(in_single_precision(rng), ALL))[0].any()
 
 
 @pytest.mark.draws(60, 300)
@@ -135,8 +135,8 @@ def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Gen
     """Their steps are ten times as coarse above one as below it."""
     for _ in range(draws):
         values = of_few_digits(rng)
-        assert not clipped(ChannelSamples(values, ALL))[0].any()
-        assert not lost_samples(ChannelSamples(values, ALL)).any()
+        assert not find_clipped(ChannelSamples(values, ALL))[0].any()
+        assert not find_lost_samples(ChannelSamples(values, ALL)).any()
 
 
 @pytest.mark.parametrize("motion", ["random", "multisine", "sweep", "shock"])
@@ -148,7 +148,7 @@ def test_a_rail_is_found_in_any_motion(motion: str, part: float, sides: int, rng
         level = part * np.max(np.abs(free)) if sides == 2 else part * np.max(free)
         cut = np.clip(free, -level if sides == 2 else None, level)
         over = cut != free
-        bad, rails = clipped(ChannelSamples(cut, ALL))
+        bad, rails = find_clipped(ChannelSamples(cut, ALL))
         assert np.mean(bad[over]) > 0.7  # a side with a single sample cut off shows nothing
         assert np.all(bad[over & (np.sign(cut) == np.sign(rails[0]))])
         assert np.sum(bad & ~over) <= np.sum(np.abs(np.diff(over.astype(int)))) + 1
@@ -161,7 +161,7 @@ def test_a_rail_under_noise_is_found(rng: np.random.Generator) -> None:
         free = band_limited(rng)
         level = part * np.max(np.abs(free))
         over = np.abs(free) > level
-        bad, _ = clipped(ChannelSamples(np.clip(free, -level, level) + 1e-3 * rng.standard_normal(N), ALL))
+        bad, _ = find_clipped(ChannelSamples(np.clip(free, -level, level) + 1e-3 * rng.standard_normal(N), ALL))
         assert np.mean(bad[over]) > 0.95
 
 
@@ -172,8 +172,8 @@ def test_rest_is_no_rail(rng: np.random.Generator) -> None:
             moved = np.abs(np.sin(0.05 * T)) if begin == 900 else band_limited(rng)
             moved[begin : begin + 1800] = 0.0
             moved += noise * rng.standard_normal(N)
-            assert not clipped(ChannelSamples(moved, ALL))[0].any()
-            assert not lost_samples(ChannelSamples(moved, ALL)).any()
+            assert not find_clipped(ChannelSamples(moved, ALL))[0].any()
+            assert not find_lost_samples(ChannelSamples(moved, ALL)).any()
             assert not PredictedChannel.from_samples(ChannelSamples(moved, ALL)).wild.any()
 
 
@@ -184,7 +184,7 @@ def test_a_motion_from_rest_to_one_side_is_at_no_rail(turns: int, power: int) ->
     acceleration = np.sin(2.0 * np.pi * turns * (T / N) ** 2) * np.minimum(20.0 * T / N, 1.0) ** power
     displacement = np.cumsum(np.cumsum(acceleration))
     for values in (displacement, displacement[::-1], -displacement):
-        assert not clipped(ChannelSamples(values, ALL))[0].any()
+        assert not find_clipped(ChannelSamples(values, ALL))[0].any()
 
 
 @pytest.mark.parametrize("steps", [2, 8, 30])
@@ -204,8 +204,8 @@ def test_staircases_and_squares_are_left_alone(steps: int, rng: np.random.Genera
     held = np.repeat(band_limited(rng)[:: steps * 2], steps)[:N]
     for values in (held, np.sign(np.sin(0.0431 * T)), square + 1e-3 * rng.standard_normal(N)):
         valid = np.ones(values.size, dtype=bool)
-        assert not clipped(ChannelSamples(values, valid))[0].any()
-        assert not lost_samples(ChannelSamples(values, valid)).any()
+        assert not find_clipped(ChannelSamples(values, valid))[0].any()
+        assert not find_lost_samples(ChannelSamples(values, valid)).any()
         assert not PredictedChannel.from_samples(ChannelSamples(values, valid)).wild.any()
 
 
@@ -220,7 +220,7 @@ def test_the_highest_of_unequal_levels_is_no_rail(
         steps = rng.choice(levels, 60)
         values = np.repeat(steps, rng.integers(20, 160, steps.size))
         values = values + noise * rng.standard_normal(values.size)
-        found, _ = clipped(ChannelSamples(values, np.ones(values.size, dtype=bool)))
+        found, _ = find_clipped(ChannelSamples(values, np.ones(values.size, dtype=bool)))
         assert not found.any()
 
 
@@ -239,7 +239,7 @@ def test_full_scale_decides_where_it_is_given(rng: np.random.Generator) -> None:
 def test_the_highest_code_of_a_converter_is_full_scale(rng: np.random.Generator) -> None:
     step = 2.0**-9
     values = np.clip(np.rint(band_limited(rng) / step) * step, -2.0, 2.0 - step)
-    bad, rails = clipped(ChannelSamples(values, ALL), 2.0)
+    bad, rails = find_clipped(ChannelSamples(values, ALL), 2.0)
     assert np.all(bad[values == 2.0 - step])
     assert len(rails) == 2
 
@@ -254,7 +254,7 @@ def test_lost_samples_are_found(motion: str, count: int, length: int, held: bool
         begins = 13 + (N // count) * np.arange(count) + rng.integers(0, N // count - length - 20, count)
         for at in begins:
             values[at : at + length] = values[at - 1] if held else 0.0
-        bad = lost_samples(ChannelSamples(values, ALL))
+        bad = find_lost_samples(ChannelSamples(values, ALL))
         assert np.all(bad[values != kept])
         assert np.sum(bad & (values == kept)) <= 3 * count
 
@@ -266,7 +266,7 @@ def test_what_held_samples_look_like_is_counted_once(
     """Where most values return at once, no run of them needs a look at its neighbours."""
     looks: list[int] = []
     monkeypatch.setattr(gaps, "_chance_of_equal", lambda *_: looks.append(1) or 1.0)
-    assert not lost_samples(
+    assert not find_lost_samples(
         ChannelSamples(np.repeat(rng.standard_normal(N // steps), steps), ALL[: N // steps * steps])
     ).any()
     assert not looks
@@ -443,7 +443,7 @@ def test_a_converter_that_flickers_before_the_motion_has_lost_nothing(draws: int
     for _ in range(draws):
         codes = np.rint(moved - 234.7 + 0.15 * rng.standard_normal(N))
         for values in (codes, codes[::-1]):
-            assert not lost_samples(ChannelSamples(values, ALL)).any()
+            assert not find_lost_samples(ChannelSamples(values, ALL)).any()
 
 
 def test_a_motion_that_begins_is_no_lost_time(rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ from vibrident.base.errors import InputError
 from vibrident.data.records import Record
 from vibrident.data.screening import screen
 from vibrident.data.screening.channel import ChannelSamples
-from vibrident.data.screening.clipping import clipped
+from vibrident.data.screening.clipping import find_clipped
 from vibrident.fit.response import measure_tones
 from vibrident.fit.response.tone_quality import short_records, silent_channels
 from vibrident.physics.simulation import simulate
@@ -23,7 +23,7 @@ def flagged_share(samples_per_period, level, noise, rng):
     """Share of the truly clipped samples that are marked, and free ones that are, as a share of all."""
     free = np.sin(2 * np.pi * T / samples_per_period * 1.0173 + 0.3) + noise * rng.standard_normal(N)
     over = np.abs(free) > level
-    bad = clipped(ChannelSamples(np.clip(free, -level, level), ALL))[0]
+    bad = find_clipped(ChannelSamples(np.clip(free, -level, level), ALL))[0]
     return np.mean(bad[over]), np.mean(bad & ~over)
 
 
@@ -44,7 +44,7 @@ def test_a_heavily_overdriven_sine_is_marked(samples_per_period, level, rng):
 
 def test_one_rail_only(rng):
     x = np.minimum(np.sin(2 * np.pi * T / 200.3), 0.8)
-    bad = clipped(ChannelSamples(x, ALL))[0]
+    bad = find_clipped(ChannelSamples(x, ALL))[0]
     assert bad[x >= 0.8].all()
     assert not bad[x < 0.5].any()
 
@@ -54,7 +54,7 @@ def test_a_few_samples_thrown_to_a_rail(rng):
     x = np.sin(2 * np.pi * T / 400.7) + 0.001 * rng.standard_normal(N)
     for start in (1000, 3100, 5200):
         x[start : start + 40] = 5.0
-    bad = clipped(ChannelSamples(x, ALL))[0]
+    bad = find_clipped(ChannelSamples(x, ALL))[0]
     assert bad[x == 5.0].all()
     assert bad.sum() <= 3 * 44
 

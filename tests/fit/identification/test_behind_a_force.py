@@ -101,9 +101,9 @@ def made(**changes):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"model": "accelerometer"}, "does not stand behind a force"),
-        ({"model": "accelerance+mounting"}, "does not stand behind a force"),
-        ({"quantity": "acceleration"}, "stands behind a force"),
+        ({"model": "accelerometer"}, "needs a motion as its reference"),
+        ({"model": "accelerance+mounting"}, "needs a motion as its reference"),
+        ({"quantity": "acceleration"}, "needs a force as its reference"),
         ({"response_unit": "V"}, "not in the unit of accelerance"),
         ({"model": "mobility"}, "not in the unit of mobility"),
     ],

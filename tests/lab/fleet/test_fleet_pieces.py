@@ -57,7 +57,7 @@ def test_batches_are_of_one_shape_and_about_ten_seconds_and_small_at_the_end():
         batches.add("long" if number % 2 else "short", (f"{number}", f"{number}"))
     assert len(batches.take(4)[1]) == 1  # nothing is known of this shape
     for shape, each in (("long", 1.0), ("short", 0.05)):
-        batches.measured(shape, each, 1)
+        batches.update_time(shape, each, 1)
     sizes: dict[str, list[int]] = {"long": [], "short": []}
     while batches:
         shape, tasks = batches.take(4)

@@ -1,7 +1,7 @@
 """Mix a heterodyne signal down from its carrier to two signals in quadrature at a lower rate.
 
-Mixing and filtering are one product: the filter's coefficients times those of the carrier. The
-error of the estimated carrier remains as a slope of the phase.
+One kernel mixes and filters: the product of the filter's coefficients and the carrier. The error of
+the estimated carrier remains as a slope of the phase.
 """
 
 from __future__ import annotations
@@ -14,24 +14,33 @@ from vibrident.base.errors import InputError
 from vibrident.data.interferometer.decimation import HALF, PASS_EDGE, at_lower_rate, filtered, taps
 from vibrident.data.interferometer.setting import FloatArray, SampledSignals
 
-PIECE_SAMPLES = 8192  # samples of each of 48 pieces in which the carrier is searched
-MIN_TO_LARGEST = 1e-4  # the carrier's band is above this share of the largest line
-MIN_TO_FLOOR = 45.0  # it is also above this multiple of the floor …
-FLOOR_QUANTILE = 0.05  # … which is this quantile of the spectrum: a wide band fills most of it
-MIN_BAND_RATIO = 1.6  # least band that is kept over the width of the carrier's band
-# the same where noise permits: a cyclic error of order 4 has sidebands five times as wide …
+#: Samples of each of the blocks in which the carrier is searched, and their number.
+PIECE_SAMPLES = 8192
+PIECES = 48
+#: Smallest power of the carrier's band over that of the largest line.
+MIN_TO_LARGEST = 1e-4
+#: Smallest power of the carrier's band over the floor.
+MIN_TO_FLOOR = 45.0
+#: Quantile of the spectrum that is the floor: a wide band fills most of the spectrum.
+FLOOR_QUANTILE = 0.05
+#: Smallest band that is kept over the width of the carrier's band.
+MIN_BAND_RATIO = 1.6
+#: The same where noise permits: a cyclic error of order 4 has sidebands five times as wide.
 FULL_BAND_RATIO = 5.0
-MAX_PHASE_NOISE_RAD = 0.1  # … where the noise of the phase stays below this
-# least band, on either side, over the response's rate: enough for a cyclic error of fast sines …
+#: Largest phase noise with which noise permits it.
+MAX_PHASE_NOISE_RAD = 0.1
+#: Smallest band on either side over the response's rate: enough for a cyclic error of fast sines.
 MIN_BAND_TO_RESPONSE_RATE = 0.8
-MAX_LEAST_BAND = 1.0 / 32.0  # … but over that of the signal at most this …
-# … and for a shock, whose pulse short filters keep apart from the ends of a record, this
+#: Upper limit of that smallest band, over the rate of the signal.
+MAX_LEAST_BAND = 1.0 / 32.0
+#: The same for a shock: short filters keep its pulse apart from the ends of a record.
 MAX_LEAST_BAND_OF_SHOCK = 1.0 / 8.0
-USABLE_ROOM = 0.8  # usable share of the room beside the carrier
+#: Usable share of the room on either side of the carrier.
+USABLE_ROOM = 0.8
 
 
 def mix_down(
-    raw: SampledSignals, near_hz: float, response_hz: float, where: str, most: float
+    raw: SampledSignals, near_hz: float, response_hz: float, where: str, max_band: float
 ) -> tuple[SampledSignals, float]:
     """Mix a heterodyne signal down to two signals in quadrature; return these and its carrier, Hz.
 
@@ -40,52 +49,49 @@ def mix_down(
         near_hz: its carrier, approximately.
         response_hz: sampling rate of the sensor's response.
         where: place in the calibration file, for messages.
-        most: largest value of the least band on either side, over the signal's rate.
+        max_band: largest value of the least band on either side, over the signal's rate.
 
     Raises:
         InputError: no carrier is found, or the band beside it is too narrow.
     """
-    half = 0.5 * raw.rate_hz
-    if not 0 < near_hz < half:
+    half_rate_hz = 0.5 * raw.rate_hz
+    if not 0 < near_hz < half_rate_hz:
         raise InputError(
             "The carrier lies above half the sampling rate.",
-            expected=f"carrier_hz below {half:.9g} Hz, half the sampling rate of the signal",
+            expected=f"carrier_hz below {half_rate_hz:.9g} Hz, half the rate of the signal",
             found=f"carrier_hz = {near_hz!r}",
             where=f"{where}, [interferometer] carrier_hz",
             remedy="correct carrier_hz, or rate_hz of [interferometer]",
         )
-    room = USABLE_ROOM * min(near_hz, half - near_hz)
+    room_hz = USABLE_ROOM * min(near_hz, half_rate_hz - near_hz)
     length = min(PIECE_SAMPLES, raw.samples)
-    starts = np.linspace(0, raw.samples - length, 48).astype(int)
-    pieces = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
-    power = (
-        np.abs(
-            np.fft.rfft(
-                (pieces - pieces.mean(axis=1, keepdims=True)) * np.blackman(pieces.shape[1])
-            )
-        )
-        ** 2
-    )
-    low, high = _carrier_band_hz(np.max(power, axis=0), raw.rate_hz, near_hz, room, where)
-    least = max(
+    starts = np.linspace(0, raw.samples - length, PIECES).astype(int)
+    blocks = np.stack([raw.block(int(s), int(s) + length)[0] for s in starts], dtype=float)
+    moving = blocks - blocks.mean(axis=1, keepdims=True)
+    power = np.abs(np.fft.rfft(moving * np.blackman(length))) ** 2
+    low_hz, high_hz = _carrier_band_hz(np.max(power, axis=0), raw.rate_hz, near_hz, room_hz, where)
+    width_hz = high_hz - low_hz
+    least_hz = max(
         16.0 * raw.rate_hz / PIECE_SAMPLES,
-        min(MIN_BAND_TO_RESPONSE_RATE * response_hz, most * raw.rate_hz),
+        min(MIN_BAND_TO_RESPONSE_RATE * response_hz, max_band * raw.rate_hz),
     )
-    full = min(0.5 * FULL_BAND_RATIO * (high - low), _clear_band_hz(np.mean(power, axis=0), half))
-    kept_band = min(max(0.5 * MIN_BAND_RATIO * (high - low), full, least), room)
-    carrier_hz = float(np.clip(0.5 * (low + high), near_hz - 0.5 * room, near_hz + 0.5 * room))
-    kept_band = min(kept_band, USABLE_ROOM * min(carrier_hz, half - carrier_hz))
-    factor = int(np.clip(PASS_EDGE * raw.rate_hz / kept_band, 2, max(raw.samples // (8 * HALF), 2)))
+    clear_hz = _clear_band_hz(np.mean(power, axis=0), half_rate_hz)
+    full_hz = min(0.5 * FULL_BAND_RATIO * width_hz, clear_hz)
+    band_hz = min(max(0.5 * MIN_BAND_RATIO * width_hz, full_hz, least_hz), room_hz)
+    middle_hz = 0.5 * (low_hz + high_hz)
+    carrier_hz = float(np.clip(middle_hz, near_hz - 0.5 * room_hz, near_hz + 0.5 * room_hz))
+    band_hz = min(band_hz, USABLE_ROOM * min(carrier_hz, half_rate_hz - carrier_hz))
+    max_factor = max(raw.samples // (8 * HALF), 2)
+    factor = int(np.clip(PASS_EDGE * raw.rate_hz / band_hz, 2, max_factor))
     cycles = carrier_hz / raw.rate_hz
     kernel = 2.0 * taps(factor) * np.exp(-2j * np.pi * cycles * np.arange(2 * HALF * factor + 1))
     # The filter lets part of the offset pass where the carrier's band is wide.
-    offset = float(pieces.mean()) * kernel.sum()
+    offset = float(blocks.mean()) * kernel.sum()
 
     def block(start: int, stop: int) -> FloatArray:
         mixed = filtered(raw, (1, stop - start), factor, kernel, start)[0] - offset
-        return _real_and_imaginary(
-            mixed * np.exp(-2j * np.pi * np.mod(cycles * factor * np.arange(start, stop), 1.0))
-        )
+        turns = np.mod(cycles * factor * np.arange(start, stop), 1.0)
+        return _real_and_imaginary(mixed * np.exp(-2j * np.pi * turns))
 
     return at_lower_rate(raw, factor, block), carrier_hz
 

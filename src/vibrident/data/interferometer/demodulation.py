@@ -1,4 +1,4 @@
-"""Demodulate optical signals: phase, decimated displacement, and samples that are left out."""
+"""Demodulate optical signals: unwrap their phase, decimate it, and mask what cannot be followed."""
 
 from __future__ import annotations
 
@@ -31,23 +31,35 @@ from vibrident.data.interferometer.summary import OpticalFinding, OpticalSummary
 from vibrident.data.interferometer.survey import Survey
 
 MAX_LEFT_OUT_SHARE = 0.5  # of a record's samples
-MAX_GAPS = 400  # gaps that are examined one by one
+MAX_GAPS = 400  # gaps whose missing turns are determined
 EXCERPT_SAMPLES = 2000
-# rad; where the phase jumps, a larger change elsewhere means that turns are missed there, too
+PICTURE_POINTS = 4000  # samples of both signals that a picture shows
+#: Largest change of phase from sample to sample where the phase also jumps: above it, turns are
+#: missed elsewhere, too.
 MAX_CHANGE_BESIDE_JUMPS_RAD = 2.3
 
 
 @dataclass(frozen=True, eq=False)
 class Demodulated:
-    """Displacement from optical signals."""
+    """Displacement from optical signals.
 
-    displacement_m: FloatArray  # shape (n,)
-    valid: BoolArray  # shape (n,), False where the displacement is left out
-    first: int  # position of the first sample, in samples of the optical signals
-    factor: int  # distance of the samples, in samples of the optical signals
-    summary: OpticalSummary  # quality of the signals
-    answer: effects.PhaseErrorResponse  # effect of the ellipse's errors on this record
-    # residual carrier beside a sine, rad, over the index of an optical sample; None for others
+    Attributes:
+        displacement_m: shape (n,).
+        valid: shape (n,), False where the displacement is left out.
+        first: position of the first sample, in samples of the optical signals.
+        factor: distance of the samples, in samples of the optical signals.
+        summary: quality of the signals.
+        answer: effect of phase errors on this record.
+        carrier: residual carrier of a heterodyne signal of a sine, rad, as a function of the
+            optical sample's index; None for others.
+    """
+
+    displacement_m: FloatArray
+    valid: BoolArray
+    first: int
+    factor: int
+    summary: OpticalSummary
+    answer: effects.PhaseErrorResponse
     carrier: np.polynomial.Legendre | None = None
 
 
@@ -58,11 +70,11 @@ def demodulate(
     choice: EllipseChoice,
     factor: int,
     name: str,
-    near_hz: float | None,
+    sine_hz: float | None,
     highest_hz: float,
     carrier_hz: float | None = None,
 ) -> Demodulated:
-    """Return the displacement of two signals in quadrature.
+    """Return the displacement from two signals in quadrature.
 
     Args:
         signals: the signals.
@@ -71,214 +83,254 @@ def demodulate(
         choice: of the ellipse.
         factor: optical samples for each of the displacement.
         name: of the record, for messages.
-        near_hz: approximate frequency of a sine, None for other motion.
-        highest_hz: of the motion: that of a sine, or the highest that stands above the noise.
+        sine_hz: approximate frequency of a sine; None for other motion.
+        highest_hz: frequency of the sine, or the highest that stands above the noise.
         carrier_hz: of the heterodyne signal, if any.
 
     Raises:
         InputError: the motion is too fast, or too much of the phase is lost.
     """
-    path = PhasePath()
-    knots = [(at, piece.for_phase) for at, piece in choice.knots]
-    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
-    values = decimated(blocks, signals.samples, factor)
-    position = lost_at_an_end(factor) + factor * np.arange(values.shape[0])
-    spoilt = spoilt_outputs([(gap.start, gap.stop) for gap in path.gaps], signals.samples, factor)
-    values, piece = _bridged(signals, choice, path.gaps, values, position)
-    rate = signals.rate_hz / factor
+    unwrapped = _decimated_phase(signals, choice, factor)
+    path = unwrapped.path
+    phase_rad = unwrapped.phase_rad
+    segment = unwrapped.segment
+    is_intact = unwrapped.is_intact
+    position = unwrapped.position
+    rate_hz = signals.rate_hz / factor
     _require_slow(path, name)
-    if near_hz is not None:
-        values, piece = _joined(values, piece, ~spoilt, rate, near_hz)
-    main = ~spoilt & (piece == _longest_piece(piece, ~spoilt))
-    valid = ~spoilt if near_hz is None else main  # an acceleration needs no number of turns
+    if sine_hz is not None:
+        phase_rad, segment = _join_segments(phase_rad, segment, is_intact, rate_hz, sine_hz)
+    in_main = is_intact & (segment == _longest_segment(segment, is_intact))
+    # An acceleration needs no number of turns.
+    valid = is_intact if sine_hz is None else in_main
     left_out = 1.0 - float(np.mean(valid)) if valid.size else 1.0
     _require_enough(left_out, name)
-    residual_carrier = None
+    carrier = None
     if carrier_hz is not None:
-        values, residual_carrier = _without_carrier(values, main, rate, near_hz, position)
-        carrier_hz += (
-            float(residual_carrier.deriv()(np.mean(residual_carrier.domain)))
-            * signals.rate_hz
-            / TURN
-        )
+        phase_rad, parabola = _remove_carrier(phase_rad, in_main, rate_hz, sine_hz, position)
+        slope = float(parabola.deriv()(np.mean(parabola.domain)))
+        carrier_hz += slope * signals.rate_hz / TURN
+        # The slope of another motion than a sine is not known.
+        carrier = parabola if sine_hz is not None else None
     sine = None
-    if near_hz is not None:
-        values, sine = without_slow_motion(values, valid, rate, near_hz)
-    values = values - np.mean(values[valid])
-    open_gaps = 0 if near_hz is None else int(np.unique(piece[~spoilt]).size - 1)
-    # beside other motion the carrier's slope is not known
-    carrier = None if near_hz is None else residual_carrier
+    if sine_hz is not None:
+        phase_rad, sine = without_slow_motion(phase_rad, valid, rate_hz, sine_hz)
+    phase_rad = phase_rad - np.mean(phase_rad[valid])
+    displacement_m = phase_rad * setting.metres_per_radian
+    open_gaps = 0 if sine_hz is None else int(np.unique(segment[is_intact]).size - 1)
     cyclic = None
-    if residual_carrier is None or carrier is not None:
+    if carrier_hz is None or carrier is not None:
         motion_signals = signals if carrier is None else without_residual_carrier(signals, carrier)
-        pace = path.length / TURN / signals.samples
-        cyclic = cyclic_error(motion_signals, choice.ellipse, choice.knots, pace, highest_hz)
-    answer = _phase_error_response(values, main, rate, sine, choice, signals, cyclic)
+        turns_per_sample = path.length / TURN / signals.samples
+        cyclic = cyclic_error(
+            motion_signals, choice.ellipse, choice.knots, turns_per_sample, highest_hz
+        )
+    excerpt_s, excerpt_m = _excerpt(position / signals.rate_hz, displacement_m, valid, sine_hz)
+    cyclic_amplitudes = []
+    if cyclic is not None:
+        cyclic_amplitudes = [(n, *cyclic.amplitude(i)) for i, n in enumerate(effects.ORDERS)]
     summary = OpticalSummary(
-        setting,
-        signals.rate_hz,
-        signals.samples,
-        factor,
-        choice.ellipse,
-        choice.origin,
-        choice.changes,
-        (path.highest - path.lowest) / TURN,
-        path.length / TURN,
-        path.fastest,
-        len(path.gaps),
-        sum(gap.jump for gap in path.gaps),
-        open_gaps,
-        left_out,
-        path.counted,
-        path.by_phase,
-        choice.ellipse.radial_noise,
-        survey.points[:, :: max(survey.points.shape[1] // 4000, 1) | 1],  # enough for pictures
-        *_excerpt(position / signals.rate_hz, values * setting.metres_per_radian, valid, near_hz),
-        carrier_hz,
-        ()
-        if cyclic is None
-        else tuple((n, *cyclic.amplitude(i)) for i, n in enumerate(effects.ORDERS)),
+        setting=setting,
+        rate_hz=signals.rate_hz,
+        samples=signals.samples,
+        factor=factor,
+        ellipse=choice.ellipse,
+        origin=choice.origin,
+        changes=choice.changes,
+        fringes=(path.highest - path.lowest) / TURN,
+        path_fringes=path.length / TURN,
+        fastest_rad=path.fastest,
+        gaps=len(path.gaps),
+        jumps=sum(gap.jump for gap in path.gaps),
+        open_gaps=open_gaps,
+        left_out=left_out,
+        counted=path.counted,
+        by_phase=path.by_phase,
+        phase_noise_rad=choice.ellipse.radial_noise,
+        points=survey.points[:, :: max(survey.points.shape[1] // PICTURE_POINTS, 1) | 1],
+        excerpt_s=excerpt_s,
+        excerpt_m=excerpt_m,
+        carrier_hz=carrier_hz,
+        cyclic=tuple(cyclic_amplitudes),
         findings=(*choice.findings, *_slip_findings(path, open_gaps, left_out, name)),
     )
-    return Demodulated(
-        values * setting.metres_per_radian,
-        valid,
-        int(position[0]),
-        factor,
-        summary,
-        answer,
-        carrier,
-    )
+    answer = _phase_error_response(phase_rad, in_main, rate_hz, sine, choice, signals, cyclic)
+    return Demodulated(displacement_m, valid, int(position[0]), factor, summary, answer, carrier)
 
 
-def _bridged(
+@dataclass(frozen=True, eq=False)
+class _DecimatedPhase:
+    """Phase of two signals at the rate of the displacement.
+
+    Attributes:
+        phase_rad: shape (n,).
+        segment: number of the segment of each sample; gaps of unknown turns separate segments.
+        is_intact: shape (n,), False where lost light or jumps spoil a sample.
+        position: of each sample, in samples of the optical signals.
+        path: findings of the unwrapping.
+    """
+
+    phase_rad: FloatArray
+    segment: np.ndarray
+    is_intact: BoolArray
+    position: np.ndarray
+    path: PhasePath
+
+
+def _decimated_phase(
+    signals: SampledSignals, choice: EllipseChoice, factor: int
+) -> _DecimatedPhase:
+    """Unwrap and decimate the phase, and restore the turns lost in gaps."""
+    path = PhasePath()
+    knots = [(index, ellipse.for_phase) for index, ellipse in choice.knots]
+    blocks = phase.unwrapped(signals, choice.ellipse.for_phase, knots, path, choice.error)
+    phase_rad = decimated(blocks, signals.samples, factor)
+    position = lost_at_an_end(factor) + factor * np.arange(phase_rad.shape[0])
+    gaps = [(gap.start, gap.stop) for gap in path.gaps]
+    is_intact = ~spoilt_outputs(gaps, signals.samples, factor)
+    phase_rad, segment = _restore_turns(signals, choice, path.gaps, phase_rad, position)
+    return _DecimatedPhase(phase_rad, segment, is_intact, position, path)
+
+
+def _restore_turns(
     signals: SampledSignals,
     choice: EllipseChoice,
     gaps: Sequence[Gap],
-    values: FloatArray,
+    phase_rad: FloatArray,
     position: np.ndarray,
 ) -> tuple[FloatArray, np.ndarray]:
-    """Return the values with the turns lost in gaps restored, and the piece of each value.
+    """Return the phase with the turns lost in gaps restored, and the segment of each sample.
 
-    Gaps of unknown turns separate pieces.
+    Gaps whose turns are unknown separate segments, which are numbered from 0.
     """
-    shift = np.zeros(values.shape[0])
-    piece = np.zeros(values.shape[0], dtype=int)
+    shift = np.zeros(phase_rad.shape[0])
+    segment = np.zeros(phase_rad.shape[0], dtype=int)
     for number, gap in enumerate(gaps):
-        behind = int(np.searchsorted(position, gap.start))
+        after_gap = slice(int(np.searchsorted(position, gap.start)), None)
         missing_turns = turns_over_gap(signals, choice.ellipse, gap) if number < MAX_GAPS else None
         if missing_turns is None:
-            piece[behind:] += 1
+            segment[after_gap] += 1
         else:
-            shift[behind:] += TURN * missing_turns
-    return values + shift, piece
+            shift[after_gap] += TURN * missing_turns
+    return phase_rad + shift, segment
 
 
 def _excerpt(
-    time_s: FloatArray, values: FloatArray, valid: BoolArray, near_hz: float | None
+    time_s: FloatArray, values: FloatArray, valid: BoolArray, sine_hz: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the times and values to show, of few samples.
+    """Return times and values to show, EXCERPT_SAMPLES or a few more.
 
-    Some periods of a sine, about samples left out if any; of other motion every n-th sample of the
-    record.
+    Of a sine, consecutive samples, around the first one left out if any; of other motion, every
+    n-th sample of the record.
     """
-    span = slice(0, None, max(valid.size // EXCERPT_SAMPLES, 1))
-    if near_hz is not None:
-        first = int(np.argmin(valid)) if not valid.all() else 0
-        start = int(np.clip(first - EXCERPT_SAMPLES // 2, 0, max(valid.size - EXCERPT_SAMPLES, 0)))
+    if sine_hz is None:
+        span = slice(0, None, max(valid.size // EXCERPT_SAMPLES, 1))
+    else:
+        centre = 0 if valid.all() else int(np.argmin(valid))
+        latest = max(valid.size - EXCERPT_SAMPLES, 0)
+        start = int(np.clip(centre - EXCERPT_SAMPLES // 2, 0, latest))
         span = slice(start, start + EXCERPT_SAMPLES)
     return time_s[span], np.where(valid, values, np.nan)[span]
 
 
-def _longest_piece(piece: np.ndarray, usable: BoolArray) -> int:
-    return int(np.argmax(np.bincount(piece, weights=usable.astype(float)))) if piece.size else 0
+def _longest_segment(segment: np.ndarray, usable: BoolArray) -> int:
+    return int(np.argmax(np.bincount(segment, weights=usable))) if segment.size else 0
 
 
-def _joined(
-    values: FloatArray, piece: np.ndarray, usable: BoolArray, rate: float, near_hz: float
+def _join_segments(
+    phase_rad: FloatArray,
+    segment: np.ndarray,
+    usable: BoolArray,
+    rate_hz: float,
+    sine_hz: float,
 ) -> tuple[FloatArray, np.ndarray]:
-    """Return the values with the pieces of a sine joined, and the piece of each value.
+    """Return the phase with the segments of a sine joined, and the segment of each sample.
 
-    The sine of the longest piece gives the turns by which the others are off.
+    The sine of the longest segment determines the turns by which the others are off.
     """
-    if piece.size == 0 or piece[-1] == 0:
-        return values, piece
-    values = values.copy()
-    piece = piece.copy()
-    main = _longest_piece(piece, usable)
-    pieces = [p for p in np.unique(piece[usable]).tolist() if p != main]
-    for number in sorted(pieces, key=lambda p: abs(p - main)):
-        in_main = usable & (piece == main)
-        sine = fit_sine(values, in_main, rate, near_hz)
-        inside = usable & (piece == number)
-        if sine is None or inside.sum() < 3:
+    if segment.size == 0 or segment[-1] == 0:
+        return phase_rad, segment
+    phase_rad = phase_rad.copy()
+    segment = segment.copy()
+    main = _longest_segment(segment, usable)
+    candidates = [number for number in np.unique(segment[usable]).tolist() if number != main]
+    for number in sorted(candidates, key=lambda number: abs(number - main)):
+        sine = fit_sine(phase_rad, usable & (segment == main), rate_hz, sine_hz)
+        index = np.flatnonzero(usable & (segment == number))
+        if sine is None or index.size < 3:
             continue
-        off = (values[inside] - sine.at(np.flatnonzero(inside) / rate)) / TURN
-        turns = float(np.median(off))
-        if (
-            abs(turns - round(turns)) < MAX_FRACTION_TURNS
-            and float(np.std(off)) < MAX_FRACTION_TURNS
-        ):
-            values[piece == number] -= TURN * round(turns)
-            piece[piece == number] = main
-    return values, piece
+        turns = (phase_rad[index] - sine.at(index / rate_hz)) / TURN
+        median = float(np.median(turns))
+        distance = abs(median - round(median))
+        if distance < MAX_FRACTION_TURNS and float(np.std(turns)) < MAX_FRACTION_TURNS:
+            phase_rad[segment == number] -= TURN * round(median)
+            segment[segment == number] = main
+    return phase_rad, segment
 
 
-def _without_carrier(
-    values: FloatArray, valid: BoolArray, rate: float, near_hz: float | None, position: np.ndarray
+def _remove_carrier(
+    phase_rad: FloatArray,
+    valid: BoolArray,
+    rate_hz: float,
+    sine_hz: float | None,
+    position: np.ndarray,
 ) -> tuple[FloatArray, np.polynomial.Legendre]:
     """Return the phase without the carrier's error and drift, and these as a parabola.
 
     No acceleration sensor responds to a parabola. A sine is fitted in turns with it, to separate
     them. The parabola is a function of ``position``.
     """
-    t = np.linspace(-1.0, 1.0, values.shape[0])
+    t = np.linspace(-1.0, 1.0, phase_rad.shape[0])
     design = np.stack([np.ones_like(t), t, 1.5 * t * t - 0.5], axis=1)
-    time = np.arange(values.shape[0]) / rate
-    wave = np.zeros(values.shape)
+    time_s = np.arange(phase_rad.shape[0]) / rate_hz
+    wave = np.zeros(phase_rad.shape)
     total = np.zeros(3)
-    for _ in range(1 if near_hz is None else 4):
-        coefficients, *_ = np.linalg.lstsq(design[valid], (values - wave)[valid], rcond=None)
-        values = values - design @ coefficients
+    for _ in range(1 if sine_hz is None else 4):
+        target = (phase_rad - wave)[valid]
+        coefficients, *_ = np.linalg.lstsq(design[valid], target, rcond=None)
+        phase_rad = phase_rad - design @ coefficients
         total += coefficients
-        sine = None if near_hz is None else fit_sine(values, valid, rate, near_hz)
+        sine = None if sine_hz is None else fit_sine(phase_rad, valid, rate_hz, sine_hz)
         if sine is not None:
-            wave = sine.at(time) - sine.mean - sine.slope * time
-    return values, np.polynomial.Legendre(total, domain=[float(position[0]), float(position[-1])])
+            wave = sine.at(time_s) - sine.mean - sine.slope * time_s
+    domain = [float(position[0]), float(position[-1])]
+    return phase_rad, np.polynomial.Legendre(total, domain=domain)
 
 
 def _phase_error_response(
-    values: FloatArray,
+    phase_rad: FloatArray,
     valid: BoolArray,
-    rate: float,
+    rate_hz: float,
     sine: FittedSine | None,
     choice: EllipseChoice,
     signals: SampledSignals,
     cyclic: CyclicError | None,
 ) -> effects.PhaseErrorResponse:
-    noise = choice.ellipse.radial_noise
+    """Return the effect of phase errors on the record, at the sine or in bands of frequency."""
+    radial_noise = choice.ellipse.radial_noise
     if sine is not None:
-        frequency, harmonics = effects.harmonics_of_sine(
+        frequency_hz, harmonics = effects.harmonics_of_sine(
             sine.amplitude, sine.mean, sine.frequency_hz
         )
-        relative_noise = np.array(
-            [noise * np.sqrt(2.0 / signals.samples) / max(sine.amplitude, 1e-300)]
-        )
+        noise = radial_noise * np.sqrt(2.0 / signals.samples) / max(sine.amplitude, 1e-300)
     else:
-        frequency, harmonics = effects.harmonics_of_motion(values, valid, rate)
-        size = float(np.std(values[valid]))
-        relative_noise = np.full(
-            frequency.shape, noise / np.sqrt(signals.samples) / max(size, 1e-300)
-        )
-    covariance = choice.ellipse.shape_covariance
+        frequency_hz, harmonics = effects.harmonics_of_motion(phase_rad, valid, rate_hz)
+        rms = float(np.std(phase_rad[valid]))
+        noise = radial_noise / np.sqrt(signals.samples) / max(rms, 1e-300)
     return effects.PhaseErrorResponse(
-        frequency, harmonics, relative_noise, choice.group, covariance, cyclic
+        frequency_hz,
+        harmonics,
+        np.full(frequency_hz.shape, noise),
+        choice.group,
+        choice.ellipse.shape_covariance,
+        cyclic,
     )
 
 
 def _slip_findings(
     path: PhasePath, open_gaps: int, left_out: float, name: str
 ) -> list[OpticalFinding]:
+    """Return the doubts about the number of fringes."""
     if not path.gaps and path.counted == path.by_phase:
         return []
     lost = [gap for gap in path.gaps if not gap.jump]
@@ -296,9 +348,7 @@ def _slip_findings(
         )
     text = f"{name}: {' and '.join(doubts)}; {100 * left_out:.2g} % of the displacement is left out"
     if open_gaps:
-        text += (
-            f", as for {open_gaps} of the gaps the motion does not determine the number of fringes"
-        )
+        text += f", as the motion does not determine the fringes lost in {open_gaps} of the gaps"
     return [OpticalFinding("fringe_slip", text + ".")]
 
 

@@ -106,52 +106,41 @@ def cyclic_error(
         None if the record or a period of its motion is too short, or its signal is lost.
     """
     period = signals.rate_hz / max(highest_hz, 1e-300)
-    length = int(
-        min(
-            max(FRINGES_PER_PIECE / max(fringes_a_sample, 1e-9), MIN_USUAL_SAMPLES),
-            MAX_PIECE_SAMPLES,
-            period,
-        )
-    )
+    usual = max(FRINGES_PER_PIECE / max(fringes_a_sample, 1e-9), MIN_USUAL_SAMPLES)
+    length = int(min(usual, MAX_PIECE_SAMPLES, period))
     if length < MIN_PIECE_SAMPLES or signals.samples < 2 * length:
         return None
-    starts = np.unique(
-        np.linspace(0, signals.samples - length, min(MAX_PIECES, signals.samples // length)).astype(
-            int
-        )
-    )
-    polynomials, _ = np.linalg.qr(
-        np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), POLYNOMIAL_DEGREE)
-    )
+    count = min(MAX_PIECES, signals.samples // length)
+    starts = np.unique(np.linspace(0, signals.samples - length, count).astype(int))
+    time = np.linspace(-1.0, 1.0, length)
+    polynomials, _ = np.linalg.qr(np.polynomial.legendre.legvander(time, POLYNOMIAL_DEGREE))
     normals = []
     scores = []
     for start in starts.tolist():
         path = PhasePath()
         piece = signals_in_memory(signals.block(start, start + length), signals.rate_hz)
-        moved = [(at - start, knot) for at, knot in knots]
-        phase = np.concatenate(list(unwrapped(piece, ellipse, moved, path)))
+        piece_knots = [(index - start, knot) for index, knot in knots]
+        phase = np.concatenate(list(unwrapped(piece, ellipse, piece_knots, path)))
         if path.gaps:
             continue
         # Waves of the noisy phase would correlate with its noise.
         smooth = polynomials @ (polynomials.T @ phase)
-        slow = np.abs(np.gradient(smooth)) < MAX_SPEED_RAD
-        if np.count_nonzero(slow) < MIN_PIECE_SAMPLES:
+        is_slow = np.abs(np.gradient(smooth)) < MAX_SPEED_RAD
+        if np.count_nonzero(is_slow) < MIN_PIECE_SAMPLES:
             continue
-        motion = polynomials if slow.all() else np.linalg.qr(polynomials[slow])[0]
-        rows = np.concatenate([waves(smooth), phase[None, :]])[:, slow]
+        motion = polynomials if is_slow.all() else np.linalg.qr(polynomials[is_slow])[0]
+        rows = np.concatenate([waves(smooth), phase[None, :]])[:, is_slow]
         rows = rows - (rows @ motion) @ motion.T
         normals.append(rows[:6] @ rows[:6].T)
         scores.append(rows[:6] @ rows[6])
     if len(normals) < MIN_PIECES:
         return None
-    normal_sum = np.sum(normals, axis=0)
-    if np.linalg.cond(normal_sum) > MAX_CONDITION:
+    normal = np.sum(normals, axis=0)
+    if np.linalg.cond(normal) > MAX_CONDITION:
         return None
-    inverse = np.linalg.inv(normal_sum)
+    inverse = np.linalg.inv(normal)
     amplitudes = inverse @ np.sum(scores, axis=0)
-    residuals = np.array(
-        [score - normal @ amplitudes for score, normal in zip(scores, normals, strict=True)]
-    )
+    residuals = np.array([s - n @ amplitudes for s, n in zip(scores, normals, strict=True)])
     spread = residuals.T @ residuals * len(residuals) / (len(residuals) - 6.0)
     by_ellipse = _ELLIPSE_HARMONICS @ ellipse.covariance @ _ELLIPSE_HARMONICS.T
     return CyclicError(amplitudes, inverse @ spread @ inverse, len(residuals) - 7.0, by_ellipse)

@@ -14,25 +14,33 @@ import numpy as np
 from vibrident.base.errors import InputError
 from vibrident.data.io.clocks import ChannelClock, is_same_rate
 from vibrident.data.io.columns import Clock, ColumnFile
-from vibrident.data.io.sampling import cut
+from vibrident.data.io.sampling import ROUNDING_SAMPLES, cut, first_sample_at
+from vibrident.data.io.timeline import Timeline
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
+from vibrident.data.records.record import MIN_SAMPLES
 
 REPAIR = "repair the file, or leave that part out with start_s / stop_s"
-MIN_SAMPLES = 8  # of a record
 _START_ROUNDING_S = 2e-9  # of the difference of two starts, in whole nanoseconds each
-_MAX_OFF_RASTER_SAMPLES = 1e-6  # in samples; limit of the arithmetic
 
 
 @dataclass(frozen=True, eq=False)
 class ClockedChannel:
-    """Column as in its file, and its clock; None where its file states none."""
+    """Column of a file and its clock.
+
+    Attributes:
+        source: the file.
+        position: of the column in it.
+        values: shape (samples,), as in the file.
+        clock: None where the file states none.
+        first: sample of the column that ``values`` begin with.
+    """
 
     source: ColumnFile
     position: int
     values: FloatArray
     clock: ChannelClock | None = None
-    first: int = 0  # sample of the column that ``values`` begin with
+    first: int = 0
 
     def require_finite(self, rows: slice) -> None:
         """Refuse a value of these rows that is missing, NaN or infinite, with its place."""
@@ -81,13 +89,13 @@ def align(
     stop_s: float | None,
     where: str,
 ) -> AlignedChannels:
-    """Bring both channels to one raster, and cut them to a part of the record.
+    """Bring both channels to one raster, and cut them to the stated part of the record.
 
     Args:
         response: with a clock.
         reference: of the same record, or None.
-        start_s: begin of the part, from the response's first sample; None: all.
-        stop_s: end of the part, likewise.
+        start_s: begin of the part, from the response's first sample; None: the begin.
+        stop_s: end of the part, from the response's first sample; None: the end.
         where: entry of the calibration file, for messages.
 
     Raises:
@@ -122,10 +130,10 @@ def align(
     raster = _put_on_raster(response)
     if reference is None:
         return _cut_to(raster, begin_s, end_s)
-    apart_s, timing_u_s = _time_between(response, reference)
-    _require_finite_within(reference, begin_s - apart_s, end_s - apart_s)
+    delay_s, timing_u_s = _delay_of_reference(response, reference)
+    _require_finite_within(reference, begin_s - delay_s, end_s - delay_s)
     return _resample_to_slower(
-        raster, _put_on_raster(reference), begin_s, end_s, (apart_s, timing_u_s)
+        raster, _put_on_raster(reference), begin_s, end_s, (delay_s, timing_u_s)
     )
 
 
@@ -142,28 +150,28 @@ def _require_finite_within(channel: ClockedChannel, begin_s: float, end_s: float
     if not bad.size:
         return
     raster_index = bad
-    if timeline is not None:
+    if timeline is not None:  # of the row whose time a doubled row repeats
         raster_index = timeline.raster_index[np.searchsorted(timeline.rows, bad, side="right") - 1]
     time_s = raster_index / channel.clock.clock.rate_hz
-    inside = bad[(time_s >= begin_s) & (time_s < end_s)]
-    if inside.size:
-        channel.require_finite(slice(int(inside[0]), int(inside[-1]) + 1))
+    rows = bad[(time_s >= begin_s) & (time_s < end_s)]
+    if rows.size:
+        channel.require_finite(slice(int(rows[0]), int(rows[-1]) + 1))
 
 
 def _is_plain(channel: ClockedChannel) -> bool:
-    """Tell whether every row is a sample of an even raster."""
+    """Return whether every row is a sample of an even raster."""
     timeline = None if channel.clock is None else channel.clock.timeline
     return timeline is None or not (timeline.is_uneven or timeline.doubled or timeline.lost)
 
 
 def _share_raster(first: ClockedChannel, second: ClockedChannel) -> bool:
-    """Tell whether two channels are known to be sampled together, or nothing else is known."""
+    """Return whether two channels are known to be sampled together, or nothing else is known."""
     first_clock = first.clock
     second_clock = second.clock
     assert first_clock is not None
-    if second_clock is None or (
-        first_clock.timeline is second_clock.timeline and first_clock.timeline is not None
-    ):
+    if second_clock is None:
+        return True
+    if first_clock.timeline is second_clock.timeline and first_clock.timeline is not None:
         return True
     if not _is_plain(second) or not is_same_rate(first_clock.clock, second_clock.clock):
         return False
@@ -171,10 +179,9 @@ def _share_raster(first: ClockedChannel, second: ClockedChannel) -> bool:
     second_start = second_clock.clock.start
     if first_start is None or second_start is None or first_start.epoch != second_start.epoch:
         return True
-    apart = (second_start.ns - first_start.ns) * 1e-9 * first_clock.clock.rate_hz
-    is_together = (
-        abs(apart) <= _MAX_OFF_RASTER_SAMPLES + _START_ROUNDING_S * first_clock.clock.rate_hz
-    )
+    rate_hz = first_clock.clock.rate_hz
+    delay = (second_start.ns - first_start.ns) * 1e-9 * rate_hz
+    is_together = abs(delay) <= ROUNDING_SAMPLES + _START_ROUNDING_S * rate_hz
     return is_together and first.values.size == second.values.size
 
 
@@ -193,46 +200,59 @@ def _put_on_raster(channel: ClockedChannel) -> _Raster:
     assert channel.clock is not None
     timeline = channel.clock.timeline
     clock = channel.clock.clock
-    notes = [channel.clock.note]
+    notes = [channel.clock.note] if channel.clock.note else []
     if timeline is None or _is_plain(channel):
-        return _Raster(channel, channel.values, clock, tuple(filter(None, notes)))
-    values = channel.values[timeline.rows]
+        return _Raster(channel, channel.values, clock, tuple(notes))
     if timeline.doubled:
         _require_repeats(channel)
         notes.append(f"{timeline.doubled} rows repeat a time and its value: left out")
     raster = np.full(int(timeline.raster_index[-1]) + 1, np.nan)
-    raster[timeline.raster_index] = values
+    raster[timeline.raster_index] = channel.values[timeline.rows]
     if timeline.lost:
         notes.append(f"{timeline.lost} samples are missing by the times: left out")
     if timeline.is_uneven:
-        from vibrident.data.resampling import DOUBTFUL_SAMPLES, PASS_BAND, evenly_resampled
-
-        offsets = np.zeros(raster.size)
-        offsets[timeline.raster_index] = timeline.offsets
-        for first, last in zip(*runs_of_true(np.isfinite(raster)), strict=True):
-            inner = slice(first + DOUBTFUL_SAMPLES, last - DOUBTFUL_SAMPLES)
-            if last - first > 2 * DOUBTFUL_SAMPLES:
-                steps = np.arange(last - first) + offsets[first:last]
-                even = evenly_resampled(raster[first:last], steps)
-                raster[inner] = even[DOUBTFUL_SAMPLES : last - first - DOUBTFUL_SAMPLES]
-            raster[first : min(first + DOUBTFUL_SAMPLES, last)] = np.nan
-            raster[max(last - DOUBTFUL_SAMPLES, first) : last] = np.nan
+        _even_out(raster, timeline, channel.source.file)
         jitter = float(np.sqrt(np.mean(timeline.offsets**2)))
-        top = PASS_BAND * clock.rate_hz
         notes.append(
             f"evened: times deviate from an even raster by {100 * jitter:.3g} % of an interval "
-            f"(rms); stamps rounded to {timeline.rounding_s:.3g} s; "
-            f"nothing above {top:.6g} Hz is kept"
+            f"(rms); stamps rounded to {timeline.rounding_s:.3g} s; {_limit_note(clock.rate_hz)}"
         )
-        if not np.any(np.isfinite(raster)):
-            raise InputError(
-                "Too few samples lie between the gaps of an uneven record.",
-                expected=f"more than {2 * DOUBTFUL_SAMPLES} samples in a row",
-                found=f"{values.size} samples",
-                where=channel.source.file,
-                remedy="record for longer, or at an even rate",
-            )
-    return _Raster(channel, raster, clock, tuple(filter(None, notes)))
+    return _Raster(channel, raster, clock, tuple(notes))
+
+
+def _even_out(raster: FloatArray, timeline: Timeline, file: str) -> None:
+    """Resample values at uneven times to the even raster, in place.
+
+    Samples near a hole or an end become NaN, as nothing is known beyond.
+
+    Raises:
+        InputError: no sample is far enough from all holes.
+    """
+    from vibrident.data.resampling import DOUBTFUL_SAMPLES, evenly_resampled
+
+    offsets = np.zeros(raster.size)
+    offsets[timeline.raster_index] = timeline.offsets
+    for first, last in zip(*runs_of_true(np.isfinite(raster)), strict=True):
+        run = raster[first:last]
+        if run.size > 2 * DOUBTFUL_SAMPLES:
+            run[:] = evenly_resampled(run, np.arange(run.size) + offsets[first:last])
+        run[:DOUBTFUL_SAMPLES] = np.nan
+        run[-DOUBTFUL_SAMPLES:] = np.nan
+    if not np.any(np.isfinite(raster)):
+        raise InputError(
+            "Too few samples lie between the gaps of an uneven record.",
+            expected=f"more than {2 * DOUBTFUL_SAMPLES} samples in a row",
+            found=f"{timeline.rows.size} samples",
+            where=file,
+            remedy="record for longer, or at an even rate",
+        )
+
+
+def _limit_note(rate_hz: float) -> str:
+    """Return the limit of a resampled channel, for the history."""
+    from vibrident.data.resampling import PASS_BAND
+
+    return f"nothing above {PASS_BAND * rate_hz:.6g} Hz is kept"
 
 
 def _require_repeats(channel: ClockedChannel) -> None:
@@ -240,26 +260,27 @@ def _require_repeats(channel: ClockedChannel) -> None:
     assert channel.clock is not None
     assert channel.clock.timeline is not None
     rows = channel.clock.timeline.rows
-    before = rows[np.searchsorted(rows, np.arange(channel.values.size), side="right") - 1]
-    differs = np.flatnonzero(channel.values != channel.values[before])
-    differs = differs[np.isfinite(channel.values[differs])]
+    values = channel.values
+    first_of_time = rows[np.searchsorted(rows, np.arange(values.size), side="right") - 1]
+    differs = np.flatnonzero((values != values[first_of_time]) & np.isfinite(values))
     if differs.size:
         row = int(differs[0])
         raise InputError(
             "Two different values have the same time.",
             expected="one value a time",
-            found=f"{channel.values[row]!r} after {channel.values[before[row]]!r}",
+            found=f"{values[row]!r} after {values[first_of_time[row]]!r}",
             where=channel.source.locate(channel.position, row),
             remedy="write the times with more digits, or give rate_hz and remove the times",
         )
 
 
 def _cut_to(raster: _Raster, begin_s: float, end_s: float) -> AlignedChannels:
+    """Return a channel without reference, within the part asked for."""
     rate_hz = raster.clock.rate_hz
-    first = math.ceil(begin_s * rate_hz - _MAX_OFF_RASTER_SAMPLES)
+    first = first_sample_at(begin_s, rate_hz)
     last = raster.values.size
     if math.isfinite(end_s):
-        last = min(last, math.ceil(end_s * rate_hz - _MAX_OFF_RASTER_SAMPLES))
+        last = min(last, first_sample_at(end_s, rate_hz))
     assert raster.channel.clock is not None
     start_s = raster.channel.clock.begins_s + first / rate_hz
     values = raster.values[first:last]
@@ -271,70 +292,64 @@ def _resample_to_slower(
     reference: _Raster,
     begin_s: float,
     end_s: float,
-    apart: tuple[float, float],
+    delay: tuple[float, float],
 ) -> AlignedChannels:
     """Return both channels at the instants of the slower one, within the part asked for.
 
-    ``apart``: how much later the reference begins, s, and its standard uncertainty.
+    ``delay``: how much later the reference begins, s, and its standard uncertainty.
     """
-    apart_s, timing_u_s = apart
-    notes = [*dict.fromkeys((*response.notes, *reference.notes))]
-    is_same = is_same_rate(response.clock, reference.clock)
-    slower = response
-    faster = reference
-    faster_begins_s = apart_s
-    if not is_same and reference.clock.rate_hz < response.clock.rate_hz:
-        slower = reference
-        faster = response
-        faster_begins_s = -apart_s
+    delay_s, timing_u_s = delay
+    is_same_clock = is_same_rate(response.clock, reference.clock)
+    response_is_slower = is_same_clock or response.clock.rate_hz <= reference.clock.rate_hz
+    slower, faster = (response, reference) if response_is_slower else (reference, response)
     rate_hz = slower.clock.rate_hz
-    ratio = 1.0 if is_same else faster.clock.rate_hz / rate_hz
-    shift = faster_begins_s * faster.clock.rate_hz  # place of its first sample, in its own samples
+    ratio = 1.0 if is_same_clock else faster.clock.rate_hz / rate_hz
+    # How much later the faster one begins, in its own samples.
+    shift = (delay_s if response_is_slower else -delay_s) * faster.clock.rate_hz
     whole_shift = round(shift)
-    allowed = _MAX_OFF_RASTER_SAMPLES + _START_ROUNDING_S * rate_hz
-    if is_same and abs(shift - whole_shift) <= allowed:
+    notes = [*dict.fromkeys((*response.notes, *reference.notes))]
+    allowed = ROUNDING_SAMPLES + _START_ROUNDING_S * rate_hz
+    is_whole = is_same_clock and abs(shift - whole_shift) <= allowed
+    if is_whole:
         first = max(whole_shift, 0)
         last = min(slower.values.size, faster.values.size + whole_shift)
-        _require_overlap(first, last, response, reference, apart_s)
-        at_slower = slower.values[first:last]
-        at_faster = faster.values[first - whole_shift : last - whole_shift]
-        if whole_shift:
-            notes.append(f"reference begins {whole_shift:+d} samples after the response: cut")
     else:
-        from vibrident.data.resampling import PASS_BAND, margin_samples, resampled
+        from vibrident.data.resampling import margin_samples, resampled
 
         margin = margin_samples(ratio)
         slower_margin = margin_samples(1.0)
-        begin = math.ceil((margin + shift) / ratio)
+        first = max(math.ceil((margin + shift) / ratio), slower_margin)
         end = math.floor((faster.values.size - 1 - margin + shift) / ratio) + 1
-        first = max(begin, slower_margin)
         last = min(end, slower.values.size - slower_margin)
-        _require_overlap(first, last, response, reference, apart_s)
-        slower_index = np.arange(first, last, dtype=np.float64)
-        at_slower = resampled(slower.values, slower_index, 1.0)  # through the same filter
-        at_faster = resampled(faster.values, slower_index * ratio - shift, ratio)
-        top = PASS_BAND * rate_hz
-        moved = "" if is_same else f"from {faster.clock.rate_hz:.9g} Hz to {rate_hz:.9g} Hz, "
-        notes.append(
-            f"reference begins {apart_s * rate_hz:+.4g} samples after the response: resampled "
-            f"{moved}band-limited; nothing above {top:.6g} Hz is kept"
-        )
-    # of the raster, from the response's first sample
-    begins_s = 0.0 if slower is response else apart_s
-    low = max(first, math.ceil((begin_s - begins_s) * rate_hz - _MAX_OFF_RASTER_SAMPLES))
+    # of the slower raster, from the response's first sample
+    begins_s = 0.0 if response_is_slower else delay_s
+    low = max(first, first_sample_at(begin_s - begins_s, rate_hz))
     high = last
     if math.isfinite(end_s):
-        high = min(last, math.ceil((end_s - begins_s) * rate_hz - _MAX_OFF_RASTER_SAMPLES))
-    _require_overlap(low, high, response, reference, apart_s)
-    rows = slice(low - first, high - first)
-    pair = (at_slower[rows], at_faster[rows])
-    values, motion = pair if slower is response else pair[::-1]
+        high = min(last, first_sample_at(end_s - begins_s, rate_hz))
+    _require_overlap(low, high, response, reference, delay_s)
+    if is_whole:
+        pair = [slower.values[low:high], faster.values[low - whole_shift : high - whole_shift]]
+        if whole_shift:
+            notes.append(f"reference begins {whole_shift:+d} samples after the response: cut")
+    else:
+        index = np.arange(low, high, dtype=np.float64)
+        pair = [
+            resampled(slower.values, index, 1.0),  # through the same filter
+            resampled(faster.values, index * ratio - shift, ratio),
+        ]
+        rates = f"from {faster.clock.rate_hz:.9g} Hz to {rate_hz:.9g} Hz, "
+        notes.append(
+            f"reference begins {delay_s * rate_hz:+.4g} samples after the response: resampled "
+            f"{'' if is_same_clock else rates}band-limited; {_limit_note(rate_hz)}"
+        )
+    values, motion = pair if response_is_slower else pair[::-1]
     assert response.channel.clock is not None
     start_s = response.channel.clock.begins_s + begins_s + low / rate_hz
     return _mask_holes(values, motion, rate_hz, start_s, tuple(notes), timing_u_s, response)
 
 
-def _time_between(response: ClockedChannel, reference: ClockedChannel) -> tuple[float, float]:
+def _delay_of_reference(response: ClockedChannel, reference: ClockedChannel) -> tuple[float, float]:
     """Return how much later the reference begins, s, and its standard uncertainty."""
     assert response.clock is not None
     assert reference.clock is not None
@@ -354,7 +369,7 @@ def _time_between(response: ClockedChannel, reference: ClockedChannel) -> tuple[
 
 
 def _require_overlap(
-    first: int, last: int, response: _Raster, reference: _Raster, apart_s: float
+    first: int, last: int, response: _Raster, reference: _Raster, delay_s: float
 ) -> None:
     if last - first >= MIN_SAMPLES:
         return
@@ -362,7 +377,7 @@ def _require_overlap(
     raise InputError(
         "The channels were not recorded at the same time.",
         expected=f"a reference within the response's {spans[0]:.6g} s, by their clocks",
-        found=f"a reference of {spans[1]:.6g} s that begins {apart_s:+.9g} s from the response",
+        found=f"a reference of {spans[1]:.6g} s that begins {delay_s:+.9g} s from the response",
         where=reference.channel.source.file,
         remedy="name the files that belong together, or correct start_s, stop_s or their times",
     )

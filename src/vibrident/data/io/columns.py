@@ -31,12 +31,12 @@ _NUMBER_BYTES = 8
 def require_room(path: Path, numbers: int, number_bytes: int = _NUMBER_BYTES) -> None:
     """Refuse to read more numbers, as declared, than a file of this size may hold."""
     file_bytes = path.stat().st_size
-    most = memory_for(file_bytes)
+    allowed = memory_for(file_bytes)
     needed = max(numbers, 0) * max(number_bytes, _NUMBER_BYTES)
-    if needed > most:
+    if needed > allowed:
         raise InputError(
             "The file declares more numbers than it may hold.",
-            expected=f"at most {most / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
+            expected=f"at most {allowed / 1e6:.0f} MB of numbers from a file of {file_bytes} bytes",
             found=f"{numbers} numbers, or {needed / 1e6:.0f} MB",
             where=str(path),
             remedy="check that the file is whole; if so, set "
@@ -86,6 +86,12 @@ class StartTime:
         """Return a start in seconds from the file's own zero."""
         return cls(round(seconds * 1e9), epoch=False)
 
+    @classmethod
+    def on_date(cls, date: np.datetime64, later_s: float = 0.0) -> StartTime:
+        """Return a start at a date in UTC, or some seconds later."""
+        ns = int(date.astype("datetime64[ns]").astype(np.int64))
+        return cls(ns + round(later_s * 1e9), epoch=True)
+
 
 @dataclass(frozen=True)
 class Clock:
@@ -98,18 +104,28 @@ class Clock:
 
 @dataclass(frozen=True)
 class Channel:
-    """Column of real numbers."""
+    """Column of real numbers.
 
-    name: str  # as the calibration file uses it; "" for a column without a name
-    handle: Any = None  # by which the format's library finds it
-    clock: Clock | None = None  # the file's statement of its sampling; None if absent
-    in_seconds: bool = False  # True for a time type, loaded in seconds since the first
-    unit: str = ""  # that the file states beside the name; "" if none
-    # True for values over frequency, which no record is. A complex array NAME has the channels
-    # NAME.real and NAME.imag; a frequency response of a file that states its axis has also
-    # NAME.frequency, in Hz. "complex" under [table] names NAME.
+    A complex array NAME has the channels NAME.real and NAME.imag; a frequency response whose file
+    states its axis also has NAME.frequency, in Hz.
+
+    Attributes:
+        name: as the calibration file uses it; "" for a column without a name.
+        handle: by which the format's library finds it.
+        clock: sampling that the file states; None if it states none.
+        in_seconds: True for a time type, loaded in seconds since the first.
+        unit: stated beside the name; "" if none.
+        over_frequency: True for values over frequency, which no record is.
+        start: time of the first sample, if it is stated without a rate.
+    """
+
+    name: str
+    handle: Any = None
+    clock: Clock | None = None
+    in_seconds: bool = False
+    unit: str = ""
     over_frequency: bool = False
-    start: StartTime | None = None  # of the first sample, that is stated without a rate
+    start: StartTime | None = None
 
 
 class ColumnFile(ABC):
@@ -179,7 +195,7 @@ class ColumnFile(ABC):
         return self._channels[position].unit
 
     def in_seconds(self, position: int) -> bool:
-        """Tell whether this column is of a time type."""
+        """Return whether this column is of a time type."""
         return self._channels[position].in_seconds
 
     @abstractmethod
@@ -203,7 +219,7 @@ class ColumnFile(ABC):
         return np.stack([values[start:stop] for values in self._loaded_columns(positions)])
 
     def reads_parts(self, position: int) -> bool:
-        """Tell whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
+        """Return whether ``block`` reads a part of a column alone, whose clock needs no stamps."""
         return False
 
     def _handles(self, positions: Sequence[int]) -> list[Any]:
@@ -326,8 +342,8 @@ class ColumnFile(ABC):
         if not named:
             return f"a column number from 1 to {len(self.names)} (the file has no header)"
         listed = ", ".join(repr(name[:_MAX_NAME_LENGTH]) for name in named[:_MAX_NAMES_IN_MESSAGE])
-        more = len(named) - _MAX_NAMES_IN_MESSAGE
-        return f"one of {listed}" + (f" and {more} more" if more > 0 else "")
+        excess = len(named) - _MAX_NAMES_IN_MESSAGE
+        return f"one of {listed}" + (f" and {excess} more" if excess > 0 else "")
 
 
 def real_numbers(values: Any) -> FloatArray:
@@ -345,6 +361,13 @@ def real_numbers(values: Any) -> FloatArray:
     if array.dtype.kind not in "iufb" or array.ndim != 1:
         raise ValueError(f"values of type {array.dtype} and shape {array.shape}")
     return np.array(array, dtype=np.float64)
+
+
+def reason_against_type(dtype: np.dtype[Any]) -> str:
+    """Return why values of a type are no real numbers; "" if they are."""
+    if dtype.kind in "iufb":
+        return ""
+    return {"c": "complex", "O": "text", "U": "text", "S": "text"}.get(dtype.kind, str(dtype))
 
 
 def library(name: str, extra: str, path: Path) -> Any:

@@ -1,4 +1,4 @@
-"""Layout of a text file of numbers, from its head: delimiter, decimal sign, titles, first row."""
+"""Find the layout of a text file of numbers: delimiter, decimal sign, titles and first row."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ _ODD = re.compile(r'[^0-9.,;eE" \t\r+-]|[+-](?![0-9.,])')  # beside plain number
 _LETTER = re.compile(r"[\w%°]")  # a line of dashes below the titles has none
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "<na>"})
-#: Tried in this order; an earlier one wins a tie. The comma is both signs in quoted cells only.
+#: Delimiters and decimal signs, tried in this order; an earlier pair wins a tie. The comma is both
+#: only in quoted cells.
 _CANDIDATES = (
     *((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (BLANKS, "."), (BLANKS, ",")),
     (",", ","),
@@ -59,19 +60,33 @@ _GROUPED = re.compile(
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """Layout of a text file of numbers."""
+    """Layout of a text file of numbers.
 
-    delimiter: str  # one character; ``BLANKS`` stands for runs of blanks and tabs
-    decimal: str  # "." or ","
-    fields: int  # fields in every data line, including an empty one behind a trailing separator
-    names: tuple[str, ...]  # one a column; all "" without a header
-    units: tuple[str, ...]  # the row of units below the names; all "" without one
-    first_line: int  # number of the first data line, from 1
-    offset: int  # position of that line, in bytes
-    encoding: str  # of the plain bytes
-    has_comments: bool  # a remark may follow the cells of a row
-    facts: HeadFacts  # what the head states of each column
-    read_head: Callable[[Sequence[HeadLine]], HeadFacts]  # of another head in the same layout
+    Attributes:
+        delimiter: one character; ``BLANKS`` stands for runs of blanks and tabs.
+        decimal: "." or ",".
+        fields: number of fields in a data line, an empty one after a trailing separator included.
+        names: of the columns; all "" without a header.
+        units: row of units below the names; all "" without one.
+        first_line: number of the first data line, from 1.
+        offset: of that line in the file, bytes.
+        encoding: of the plain bytes.
+        has_comments: whether a remark may follow the cells of a row.
+        facts: statements of the head about each column.
+        read_head: reads a further head in the same layout.
+    """
+
+    delimiter: str
+    decimal: str
+    fields: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first_line: int
+    offset: int
+    encoding: str
+    has_comments: bool
+    facts: HeadFacts
+    read_head: Callable[[Sequence[HeadLine]], HeadFacts]
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
@@ -90,7 +105,7 @@ def split_line(line: str, delimiter: str) -> list[str]:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Tell whether the cell is a number, written with this decimal sign."""
+    """Return whether the cell is a number, written with this decimal sign."""
     return _NUMBER[decimal].fullmatch(cell) is not None
 
 
@@ -170,6 +185,14 @@ def _decoded_otherwise(data: bytes) -> tuple[str, str]:
 
 
 def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLayout:
+    """Return the layout of a file.
+
+    Args:
+        lines: of its beginning.
+        encoding: of them.
+        head: the same, as bytes.
+        file: for messages.
+    """
     plain = [respelled(line, ",;\t ") if _ODD.search(line) else line for line in lines]
     rows = [i for i, line in enumerate(plain) if line.strip() and not _is_comment(line)]
     sample = rows[len(rows) // 2 :][-_MAX_SAMPLE_LINES:]
@@ -177,9 +200,8 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     if decimal == "." and delimiter != ",":
         decimal = _decimal_of([plain[i] for i in rows], delimiter)
     cells = {i: split_line(plain[i], delimiter) for i in rows}
-    numeric = _numeric_columns(
-        [row for i in sample if len(row := cells[i]) == fields], fields, decimal
-    )
+    complete = [cells[i] for i in sample if len(cells[i]) == fields]
+    numeric = _numeric_columns(complete, fields, decimal)
     has_comments = any(
         len(row) == fields + 1 and row[-1].lower() in COMMENTS for row in cells.values()
     )
@@ -195,31 +217,34 @@ def _layout_of(lines: list[str], encoding: str, head: bytes, file: str) -> CsvLa
     head_cells = {i: split_line(lines[i], delimiter) for i in rows if i < first}
     _refuse_commas_of_two_kinds([cells[i] for i in head_cells], delimiter, fields, where)
     _refuse_mixed_first_row(cells[first], numeric, decimal, where)
-    data = [row for i, row in cells.items() if i >= first]
-    columns = columns_of(data, [*head_cells.values()][-2:], fields)
+    data = {i: row for i, row in cells.items() if i >= first}
+    width = columns_of([*data.values()], [*head_cells.values()][-2:], fields)
     titles = _titles(lines[:first], head_cells, delimiter)
-    names, units = names_and_units(titles, delimiter, columns)
-    facts_columns = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
+    names, units = names_and_units(titles, delimiter, width)
     head_lines = [HeadLine(i + 1, line) for i, line in enumerate(lines[:first])]
-    head_lines += keys_over_values(head_cells, columns)
-    head_lines += [
-        HeadLine(i + 1, delimiter.join(cells[i][:facts_columns]))
-        for i in rows
-        if i >= first and facts_columns
-    ]
-    x_column = next((i for i in numeric if TIME_NAMES.match(names[i])), facts_columns or None)
+    head_lines += keys_over_values(head_cells, width)
+    # Statements may stand in columns of text beside the numbers, in the first rows only.
+    text_width = numeric[0] if numeric[0] > 1 and not any(cells[sample[-1]][: numeric[0]]) else 0
+    if text_width:
+        head_lines += [HeadLine(i + 1, delimiter.join(row[:text_width])) for i, row in data.items()]
     read = partial(
         read_head,
         delimiter=delimiter,
         decimal=decimal,
-        width=columns,
+        width=width,
         file=file,
         numeric=numeric,
-        x_column=x_column,
+        x_column=next((i for i in numeric if TIME_NAMES.match(names[i])), text_width or None),
     )
-    offset = _offset_of_line(head, first)
     return CsvLayout(
-        *(delimiter, decimal, fields, names, units, first + 1, offset, encoding),
+        delimiter=delimiter,
+        decimal=decimal,
+        fields=fields,
+        names=names,
+        units=units,
+        first_line=first + 1,
+        offset=_offset_of_line(head, first),
+        encoding=encoding,
         has_comments=has_comments,
         facts=read(head_lines),
         read_head=read,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,15 +63,19 @@ _EXCITATIONS = (
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a file, and the calibration document as far as their names fill it.
+    """Columns of a file, and the parts of a calibration document that their names tell.
 
-    A column is its name, or its number if that is not unique. ``document``: section → key → value;
-    of [[records]] what all entries share. [table] is filled as far as there are such names.
+    Attributes:
+        columns: names of the columns, or numbers of those whose name is not unique, in the order of
+            the file.
+        labels: the same, for display.
+        rate_hz: rate that the file states; None if none.
+        document: section → key → value; of [[records]] what all entries share.
     """
 
-    columns: tuple[int | str, ...]  # the choices, in the order of the file
-    labels: tuple[str, ...]  # the same, for display
-    rate_hz: float | None  # that the file itself states
+    columns: tuple[int | str, ...]
+    labels: tuple[str, ...]
+    rate_hz: float | None
     document: Mapping[str, Mapping[str, Any]]
 
     @property
@@ -88,16 +92,17 @@ class Columns:
 def guess_columns(path: Path) -> Columns:
     """Open a data file and guess the meaning of its columns from their names, without its numbers.
 
-    InputError for a file that cannot be opened, or without a column that can be chosen.
+    Raises:
+        InputError: the file cannot be opened, or has no column that can be chosen.
     """
     source = open_columns(path)
     choices = _choices(source)
-    units = [source.stated_unit(p) for p in range(len(source.names))]
-    names = [
-        f"{name} [{unit}]" if unit else name for name, unit in zip(source.names, units, strict=True)
-    ]
+    names = []
+    for position, name in enumerate(source.names):
+        unit = source.stated_unit(position)
+        names.append(f"{name} [{unit}]" if unit else name)
     free = [p for p, name in enumerate(names) if not _INDEX.fullmatch(name.strip())]
-    clock = next((c for c in map(source.clock, free) if c is not None), None)
+    clock = next((clock for clock in map(source.clock, free) if clock is not None), None)
     time = next((p for p in free if is_time(names[p])), None) if clock is None else None
     free = [position for position in free if position != time]
     detectors = _detectors(names, free)
@@ -109,37 +114,37 @@ def guess_columns(path: Path) -> Columns:
         response = free[0]
     if reference is None and not detectors and len(free) > 1:
         reference, response = free[:2]
-    table = _table(names)
     unit = _unit(names, reference)
     response_unit = _unit(names, response)
+    table = _table(names)
     if {"frequency", "magnitude"} <= table.keys():
         response_unit, quantity = _sensitivity(source, table["magnitude"])
         unit = ""
-    quantity = quantity_of(unit) or quantity or "acceleration"
-    document = {
+    kind = {1: "heterodyne", 2: "quadrature"}.get(len(detectors))
+    excitation = next((kind for kind, name in _EXCITATIONS if name.search(path.stem)), None)
+    document: dict[str, dict[str, Any]] = {
         "reference": {
             "column": choices.get(reference),
-            "quantity": quantity,
+            "quantity": quantity_of(unit) or quantity or "acceleration",
             "scale": 1.0,
             "unit": unit,
         },
         "interferometer": {
-            "kind": {1: "heterodyne", 2: "quadrature"}.get(len(detectors)),
+            "kind": kind,
             "columns": [choices[position] for position in detectors] or None,
         },
         "response": {"column": choices.get(response), "scale": 1.0, "unit": response_unit or "V"},
         "sampling": {"time_column": choices.get(time)},
-        "records": {"excitation": next((e for e, w in _EXCITATIONS if w.search(path.stem)), None)},
+        "records": {"excitation": excitation},
         "table": {key: choices.get(position) for key, position in table.items()},
     }
+    for section, keys in document.items():
+        document[section] = {key: value for key, value in keys.items() if value is not None}
     return Columns(
         columns=tuple(choices.values()),
         labels=tuple(_label(names[p], c) for p, c in choices.items() if p is not None),
         rate_hz=None if clock is None else clock.rate_hz,
-        document={
-            section: {key: value for key, value in keys.items() if value is not None}
-            for section, keys in document.items()
-        },
+        document=document,
     )
 
 
@@ -176,59 +181,59 @@ def _label(name: str, column: int | str) -> str:
     return f"column {column}" + (f" ({name})" if name else "")
 
 
-def _first(names: Sequence[str], positions: Sequence[int], words: re.Pattern[str]) -> int | None:
-    return next(
-        (
-            position
-            for position in positions
-            if names[position] and words.search(names[position].strip())
-        ),
-        None,
-    )
+def _first(names: Sequence[str], positions: Iterable[int], pattern: re.Pattern[str]) -> int | None:
+    """Return the first position whose name holds a pattern; None if there is none."""
+    return next((p for p in positions if names[p] and pattern.search(names[p].strip())), None)
 
 
 def _reference(names: Sequence[str], positions: Sequence[int]) -> tuple[int | None, str | None]:
-    for words, quantity in _REFERENCES:
-        position = _first(names, positions, words)
+    """Return the position of the reference and its quantity, each None if no name tells."""
+    for pattern, quantity in _REFERENCES:
+        position = _first(names, positions, pattern)
         if position is not None:
-            return position, quantity or next(
-                (q for w, q in _REFERENCES if q and w.search(names[position])), None
-            )
+            matches = (q for each, q in _REFERENCES if q and each.search(names[position]))
+            return position, quantity or next(matches, None)
     return None, None
 
 
 def _detectors(names: Sequence[str], positions: Sequence[int]) -> tuple[int, ...]:
     """Return two signals in quadrature, one on a carrier, or none, of columns with unique names."""
-    plain = {
+    plain_names = {
         p: _BRACKETS.sub("", names[p][:_MAX_NAME_LENGTH]).strip()
         for p in positions
         if names.count(names[p]) == 1
     }
-    for both in _DETECTORS:
-        pair = [
-            next((p for p, n in plain.items() if re.fullmatch(words, n, re.IGNORECASE)), None)
-            for words in both
-        ]
-        if pair[0] is not None and pair[1] is not None:
-            return pair[0], pair[1]
-    return tuple(p for p, name in plain.items() if _CARRIER.search(name))[:1]
+
+    def first_match(pattern: str) -> int | None:
+        matches = (p for p, n in plain_names.items() if re.fullmatch(pattern, n, re.IGNORECASE))
+        return next(matches, None)
+
+    for cosine_pattern, sine_pattern in _DETECTORS:
+        cosine = first_match(cosine_pattern)
+        sine = first_match(sine_pattern)
+        if cosine is not None and sine is not None:
+            return cosine, sine
+    return tuple(p for p, name in plain_names.items() if _CARRIER.search(name))[:1]
 
 
 def _unit(names: Sequence[str], position: int | None) -> str:
-    bracketed = [] if position is None else _BRACKETS.findall(names[position][:_MAX_NAME_LENGTH])
-    return next((text for text in map(str.strip, bracketed) if not _CHANNEL.fullmatch(text)), "")
+    """Return the text in brackets in a name that is no channel number; "" if there is none."""
+    texts = [] if position is None else _BRACKETS.findall(names[position][:_MAX_NAME_LENGTH])
+    return next((text for text in map(str.strip, texts) if not _CHANNEL.fullmatch(text)), "")
 
 
 def _table(names: Sequence[str]) -> dict[str, int]:
-    """Return key of [table] → position, as far as names say."""
-    every = range(len(names))
-    sure = [p for p in every if not (_UNCERTAIN.search(names[p]) or _EXPANDED.search(names[p]))]
-    doubts = [p for p in every if _UNCERTAIN.search(names[p]) and not _EXPANDED.search(names[p])]
+    """Return key of [table] → position, as far as the names tell."""
+    stated = [p for p, name in enumerate(names) if not _EXPANDED.search(name)]
+    uncertainties = [p for p in stated if _UNCERTAIN.search(names[p])]
+    values = [p for p in stated if p not in uncertainties]
     positions = {
-        "frequency": next((p for p in sure if _FREQUENCY.match(names[p])), None),
-        "magnitude": next((p for p in sure if _MAGNITUDE.match(names[p])), None),
-        "phase": next((p for p in sure if _PHASE.match(names[p])), None),
-        "magnitude_uncertainty": next((p for p in doubts if _MAGNITUDE.search(names[p])), None),
-        "phase_uncertainty": next((p for p in doubts if _PHASE.search(names[p])), None),
+        "frequency": next((p for p in values if _FREQUENCY.match(names[p])), None),
+        "magnitude": next((p for p in values if _MAGNITUDE.match(names[p])), None),
+        "phase": next((p for p in values if _PHASE.match(names[p])), None),
+        "magnitude_uncertainty": next(
+            (p for p in uncertainties if _MAGNITUDE.search(names[p])), None
+        ),
+        "phase_uncertainty": next((p for p in uncertainties if _PHASE.search(names[p])), None),
     }
     return {key: position for key, position in positions.items() if position is not None}

@@ -1,8 +1,8 @@
 """Combine the known responses of a calibration file to one for each channel, in its units.
 
-Entries are a chain from the recorder to the motion. The unit of each leads on: with the channel in
-V, ``V/pC`` leads to pC, and ``pC/(m/s^2)`` to m/s². A reference's chain ends at a unit of motion;
-what it states per velocity becomes a response per acceleration by one pole at rest.
+The entries of a channel are a chain from the recorder to the motion. The denominator of each unit
+is the numerator of the next: ``V/pC``, then ``pC/(m/s^2)``. The chain of a reference ends at a unit
+of motion; a response per velocity becomes one per acceleration by one pole at s = 0.
 """
 
 from __future__ import annotations
@@ -106,10 +106,9 @@ def _read_entry(
     gain = 1.0 if entry.gain is None else entry.gain
     if entry.numerator is not None:
         assert entry.rate_hz is not None  # checked with the file
-        below = entry.denominator or [1.0]
-        return KnownResponse.from_filter(
-            entry.numerator, below, rate_hz=entry.rate_hz
-        ), response_unit
+        denominator = entry.denominator or [1.0]
+        response = KnownResponse.from_filter(entry.numerator, denominator, rate_hz=entry.rate_hz)
+        return response, response_unit
     if entry.poles is not None or entry.zeros is not None:
         poles, zeros = (
             [complex(*root) for root in roots or ()] for roots in (entry.poles, entry.zeros)
@@ -117,8 +116,8 @@ def _read_entry(
         return KnownResponse.from_poles(poles, zeros, gain), response_unit
     if entry.file is None:
         corners = entry.highpass_hz or (), entry.lowpass_hz or ()
-        unsure = entry.corner_uncertainty
-        return KnownResponse.from_corners(*corners, gain, corner_uncertainty=unsure), response_unit
+        u = entry.corner_uncertainty
+        return KnownResponse.from_corners(*corners, gain, corner_uncertainty=u), response_unit
     path = folder / entry.file
     if path.suffix.lower() == ".json":
         return _read_result(path, entry, default_unit)
@@ -132,27 +131,22 @@ def _read_result(
     path: Path, entry: KnownResponseEntry, default_unit: str
 ) -> tuple[KnownResponse, str]:
     """Return the response of a result's sensor, per the motion that is wanted if any is."""
-    motion = quantity_of(default_unit.partition("/")[2])
-    response = KnownResponse.from_result(path, motion)
-    response = replace(
-        response,
-        source=str(entry.file),
-        effects=tuple(replace(e, source=str(entry.file)) for e in response.effects),
-    )
-    return (
-        response,
-        entry.unit or f"{response.channel_unit}/({default_unit.partition('/')[2] or '1'})",
-    )
+    motion_unit = default_unit.partition("/")[2]
+    response = KnownResponse.from_result(path, quantity_of(motion_unit))
+    source = str(entry.file)
+    effects = tuple(replace(effect, source=source) for effect in response.effects)
+    unit = entry.unit or f"{response.channel_unit}/({motion_unit or '1'})"
+    return replace(response, source=source, effects=effects), unit
 
 
 def _read_response_table(
     entry: KnownResponseEntry, channel_unit: str, unit: str, folder: Path, where: str
 ) -> tuple[KnownResponse, str]:
     """Return the response of a table, read as tabulated calibrations are."""
-    above, _, below = unit.partition("/")
+    numerator, _, denominator = unit.partition("/")
     if unit == "1":
-        above = below = channel_unit
-    quantity = quantity_of(below) or "drive"
+        numerator = denominator = channel_unit
+    quantity = quantity_of(denominator) or "drive"
     if entry.phase is None:
         raise InputError(
             "The table of a known response has no phase.",
@@ -164,8 +158,8 @@ def _read_response_table(
     stated_keys = {k: getattr(entry, k) for k in _TABLE_KEYS if k in entry.model_fields_set}
     document = CalibrationFile.model_validate(
         {
-            "reference": {"quantity": quantity, "unit": "" if quantity != "drive" else below},
-            "response": {"unit": above},
+            "reference": {"quantity": quantity, "unit": "" if quantity != "drive" else denominator},
+            "response": {"unit": numerator},
             "table": TableSection.model_validate({"file": entry.file, **stated_keys}),
         }
     )
@@ -182,19 +176,18 @@ def _read_response_table(
     )
     if unit == "1":
         return response, unit
-    return (
-        response,
-        f"{above}/({REFERENCE_UNITS[quantity] if quantity in QUANTITY_UNITS else below})",
-    )
+    if quantity in QUANTITY_UNITS:
+        denominator = REFERENCE_UNITS[quantity]
+    return response, f"{numerator}/({denominator})"
 
 
 def _factor_and_input_unit(unit: str, response_unit: str, where: str) -> tuple[float, str]:
     """Return the factor to a channel's unit, and the unit of the input of the response."""
     if response_unit.strip() == "1":
         return 1.0, unit
-    above, _, below = response_unit.partition("/")
-    factor = factor_between(above, unit)
-    if factor is None or not below:
+    numerator, _, denominator = response_unit.partition("/")
+    factor = factor_between(numerator, unit)
+    if factor is None or not denominator:
         raise InputError(
             "The unit of a known response does not fit its channel.",
             expected=f'"1", or a multiple of {unit} per another unit, such as "{unit}/(m/s^2)"',
@@ -202,10 +195,10 @@ def _factor_and_input_unit(unit: str, response_unit: str, where: str) -> tuple[f
             where=where,
             remedy="correct it, or unit of the channel; entries go from the recorder to the motion",
         )
-    below = below.strip()
-    if below.startswith("(") and below.endswith(")"):
-        below = below[1:-1]
-    return factor, below
+    denominator = denominator.strip()
+    if denominator.startswith("(") and denominator.endswith(")"):
+        denominator = denominator[1:-1]
+    return factor, denominator
 
 
 def _scale(response: KnownResponse, factor: float) -> KnownResponse:
@@ -219,8 +212,8 @@ def _convert_to_motion(
     response: KnownResponse, unit: str, quantity: str, where: str
 ) -> KnownResponse:
     """Return a reference's response per SI unit of ``quantity``, from that per ``unit``."""
-    theirs = quantity_of(unit)
-    if theirs is None or is_motion(theirs) != is_motion(quantity):
+    stated_quantity = quantity_of(unit)
+    if stated_quantity is None or is_motion(stated_quantity) != is_motion(quantity):
         raise InputError(
             "The known responses do not lead from the channel to the motion.",
             expected=f"units that end at one of motion, such as V/({REFERENCE_UNITS[quantity]})",
@@ -229,8 +222,8 @@ def _convert_to_motion(
             remedy="state unit of the entries, or of [reference]",
         )
     steps = 0
-    if theirs in MOTIONS and quantity in MOTIONS:
-        steps = MOTIONS.index(theirs) - MOTIONS.index(quantity)  # K per x = K per v · s
+    if stated_quantity in MOTIONS and quantity in MOTIONS:
+        steps = MOTIONS.index(stated_quantity) - MOTIONS.index(quantity)  # K per x = K per v · s
     parsed = parse_unit(unit)
     assert parsed is not None
     origin = np.zeros(abs(steps), dtype=complex)

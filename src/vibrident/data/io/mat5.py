@@ -1,7 +1,7 @@
-"""MATLAB files of version 5 to 7.2: numbers, text and structures, and nothing that would be code.
+"""Read MATLAB files of version 5 to 7.2: numbers, text and structures, but no objects.
 
-Source: MAT-File Format, The MathWorks, chapter 1. SciPy's reader ends the process on structures
-that are damaged.
+Source: MAT-File Format, The MathWorks, chapter 1. SciPy's reader crashes the process on damaged
+structures.
 """
 
 from __future__ import annotations
@@ -17,27 +17,32 @@ import numpy as np
 
 from vibrident.data.io.columns import memory_for, require_room
 
-_HEADER_BYTES = 128
-_HEAD_BYTES = 4096
-_PIECE_BYTES = 1 << 20
+_FILE_HEADER_BYTES = 128
+_MAX_HEADER_BYTES = 4096  # of a variable
+_BLOCK_BYTES = 1 << 20  # that are unpacked at once
+_MAX_AXES = 32  # of an array
+_MAX_DEPTH = 50  # of structures in structures
+_MAX_ITEMS = 100_000  # cells, or structures of an array
+_IS_COMPLEX = 0x0800  # flag of an array
+#: Type of a compressed element.
 _COMPRESSED = 15
-_IS_COMPLEX = 0x0800
-_CELL = 1
-_STRUCT = 2
-_CHAR = 4
-_NUMERIC = range(6, 16)  # classes double, single, int8 to uint64
-_CLASSES = {
-    1: "cell", 2: "struct array", 3: "object", 4: "char", 5: "sparse", 16: "function_handle",
-    17: "object", 18: "object",
-}  # fmt: skip
-_WITHOUT_SHAPE = (16, 17)
+#: Type of an element → NumPy's type of its numbers.
 _TYPES = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
     16: "u1", 17: "u2", 18: "u4",
 }  # fmt: skip
-_MAX_AXES = 32  # of an array
-_MAX_DEPTH = 50  # of structures in structures
-_MAX_ITEMS = 100_000  # cells, or structures of an array
+#: Types of text of two or four bytes a character.
+_WIDE_TEXT = (4, 17, 18)
+#: Classes of arrays.
+_CELL = 1
+_STRUCT = 2
+_CHAR = 4
+_NUMERIC = range(6, 16)  # double, single, int8 to uint64
+_WITHOUT_SHAPE = (16, 17)
+_CLASS_NAMES = {
+    1: "cell", 2: "struct array", 3: "object", 4: "char", 5: "sparse", 16: "function_handle",
+    17: "object", 18: "object",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -48,31 +53,35 @@ class UnsupportedVariable:
 
 
 @dataclass(frozen=True)
-class _Head:
-    """Head of a variable, in front of its contents."""
+class _ArrayHeader:
+    """Header of an array, in front of its contents."""
 
     name: str
-    kind: int  # class
+    array_class: int
     shape: tuple[int, ...]
     is_complex: bool
-    end: int  # place behind it
+    end: int  # offset of the contents
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """A numeric array, not yet converted."""
+    """Numeric array, not yet converted."""
 
     shape: tuple[int, ...]
     is_complex: bool
     element: Element
-    at: int  # place of the real parts in the element
+    offset: int  # of the real parts in the element
 
     def array(self) -> Any:
-        """Return the array as it is stored; ValueError where it is cut short."""
+        """Return the array as it is stored.
+
+        Raises:
+            ValueError: it is cut short.
+        """
         components = []
-        at = self.at
+        offset = self.offset
         for _ in range(2 if self.is_complex else 1):
-            numbers, at = self.element.numbers(at)
+            numbers, offset = self.element.numbers(offset)
             if numbers.size != math.prod(self.shape):
                 raise ValueError(f"{numbers.size} numbers in an array of shape {self.shape}")
             components.append(numbers.reshape(self.shape, order="F"))
@@ -81,142 +90,153 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Element:
-    """The bytes of a variable, or their beginning."""
+    """Bytes of a variable, or their beginning."""
 
     data: bytes
-    order: str  # "<" or ">"
+    byte_order: str  # "<" or ">"
 
-    def tag(self, at: int) -> tuple[int, int, int, int]:
-        """Return type, begin and end of the contents of an element, and the place of the next."""
-        first, size = (int(n) for n in np.frombuffer(self.data, f"{self.order}u4", 2, at))
-        if first >> 16:  # up to four bytes, within the tag
-            return first & 0xFFFF, at + 4, at + 4 + (first >> 16), at + 8
-        return first, at + 8, at + 8 + size, at + 8 + -(-size // 8) * 8
+    def tag(self, offset: int) -> tuple[int, int, int, int]:
+        """Return type, begin and end of the element at an offset, and the offset of the next."""
+        kind, size = map(int, np.frombuffer(self.data, f"{self.byte_order}u4", 2, offset))
+        if kind >> 16:  # up to four bytes, within the tag
+            return kind & 0xFFFF, offset + 4, offset + 4 + (kind >> 16), offset + 8
+        begin = offset + 8
+        return kind, begin, begin + size, begin + -(-size // 8) * 8
 
-    def numbers(self, at: int) -> tuple[Any, int]:
-        """Return the numbers of an element and the place of the next; ValueError for others."""
-        kind, begin, end, following = self.tag(at)
-        dtype = np.dtype(f"{self.order}{_TYPES[kind]}")
+    def numbers(self, offset: int) -> tuple[Any, int]:
+        """Return the numbers of the element at an offset, and the offset of the next.
+
+        Raises:
+            ValueError, KeyError: it holds no numbers, or is cut short.
+        """
+        kind, begin, end, following = self.tag(offset)
+        dtype = np.dtype(f"{self.byte_order}{_TYPES[kind]}")
         return np.frombuffer(self.data, dtype, (end - begin) // dtype.itemsize, begin), following
 
-    def text(self, at: int) -> tuple[str, int]:
-        """Return the letters of an element and the place of the next."""
-        kind, begin, end, following = self.tag(at)
-        if kind in (4, 17, 18):
-            return "".join(map(chr, self.numbers(at)[0])), following
+    def text(self, offset: int) -> tuple[str, int]:
+        """Return the text of the element at an offset, and the offset of the next."""
+        kind, begin, end, following = self.tag(offset)
+        if kind in _WIDE_TEXT:
+            return "".join(map(chr, self.numbers(offset)[0])), following
         return self.data[begin:end].decode("utf-8", "replace"), following
 
 
-def variables(path: Path) -> dict[str, Any]:
-    """Return name → variable: Numbers, text, a list of texts, a dictionary of fields, or Other.
+def read_variables(path: Path) -> dict[str, Any]:
+    """Return name → variable of a file.
 
-    Arrays of numbers, but for single ones, are not read beyond their heads. Errors as
-    ``variable_at``.
+    A variable is :class:`Numbers`, a text, a list of texts, a dictionary of the fields of a
+    structure, or an :class:`UnsupportedVariable`. Of an array with several numbers only the header
+    is read.
+
+    Raises:
+        InputError: a variable unpacks to more bytes than the file may take.
     """
     by_name: dict[str, Any] = {}
     for element, begin, size in _elements(path):
-        head = _head(element, 0)
-        if head.kind in _NUMERIC and math.prod(head.shape) != 1:
-            by_name[head.name] = Numbers(head.shape, head.is_complex, element, head.end)
+        header = _read_header(element, 0)
+        if header.array_class in _NUMERIC and math.prod(header.shape) != 1:
+            value: Any = Numbers(header.shape, header.is_complex, element, header.end)
         else:
-            by_name[head.name] = _contents(variable_at(path, element.order, begin, size), 0)
+            value = _read_array(_read_element(path, element.byte_order, begin, size), 0)
+        by_name[header.name] = value
     return by_name
 
 
-def numbers_of(path: Path, names: list[str]) -> Any:
-    """Return the array at a path of names through the structures of a file."""
+def read_numbers(path: Path, names: list[str]) -> Any:
+    """Return the array at a path of names through the structures of a file.
+
+    Raises:
+        ValueError: there is no such variable.
+        InputError: it unpacks to more bytes than the file may take.
+    """
     for element, begin, size in _elements(path):
-        if _head(element, 0).name == names[0]:
-            value = _contents(variable_at(path, element.order, begin, size), 0)
+        if _read_header(element, 0).name == names[0]:
+            value = _read_array(_read_element(path, element.byte_order, begin, size), 0)
             for name in names[1:]:
                 value = value[name]
             return value.array()
     raise ValueError(f"no variable {names[0]!r}")
 
 
-def variable_at(path: Path, order: str, begin: int, size: int) -> Element:
-    """Return the variable whose element is at a place; InputError if it unpacks to too much."""
+def _read_element(path: Path, byte_order: str, begin: int, size: int) -> Element:
+    """Return the whole element of ``size`` bytes at an offset of the file."""
     limit = memory_for(path.stat().st_size)
     with path.open("rb") as stream:
         stream.seek(begin)
-        kind = int(np.frombuffer(stream.read(8), f"{order}u4", 1)[0])
+        kind = int(np.frombuffer(stream.read(8), f"{byte_order}u4", 1)[0])
         data = stream.read(size)
     if kind != _COMPRESSED:
-        return Element(data, order)
+        return Element(data, byte_order)
     unpacker = zlib.decompressobj()
-    pieces: list[bytes] = []
-    total = 0
+    unpacked = bytearray()
     while data and not unpacker.eof:
-        pieces.append(unpacker.decompress(data, _PIECE_BYTES))
+        unpacked += unpacker.decompress(data, _BLOCK_BYTES)
         data = unpacker.unconsumed_tail
-        total += len(pieces[-1])
-        if total > limit:
-            require_room(path, total)
-    return Element(b"".join(pieces)[8:], order)
+        if len(unpacked) > limit:
+            require_room(path, len(unpacked))
+    return Element(bytes(unpacked[8:]), byte_order)
 
 
 def _elements(path: Path) -> Iterator[tuple[Element, int, int]]:
-    """Yield the head of each variable, its place in the file, and its size, in bytes."""
+    """Yield the beginning of each variable, its offset in the file, and its size in bytes."""
     with path.open("rb") as stream:
-        order = "<" if stream.read(_HEADER_BYTES).endswith(b"IM") else ">"
-        begin = _HEADER_BYTES
+        byte_order = "<" if stream.read(_FILE_HEADER_BYTES).endswith(b"IM") else ">"
+        begin = _FILE_HEADER_BYTES
         while len(tag := stream.read(8)) == 8:
-            kind, size = (int(n) for n in np.frombuffer(tag, f"{order}u4"))
-            head = stream.read(min(size, _HEAD_BYTES))
+            kind, size = map(int, np.frombuffer(tag, f"{byte_order}u4"))
+            data = stream.read(min(size, _MAX_HEADER_BYTES))
             if kind == _COMPRESSED:
-                head = zlib.decompressobj().decompress(head, _HEAD_BYTES)[8:]
-            yield Element(head, order), begin, size
+                data = zlib.decompressobj().decompress(data, _MAX_HEADER_BYTES)[8:]
+            yield Element(data, byte_order), begin, size
             begin += 8 + size
             stream.seek(begin)
 
 
-def _head(element: Element, at: int) -> _Head:
-    """Return what stands in front of the contents of a matrix at a place of an element."""
-    flags, at = element.numbers(at)
-    kind = int(flags[0]) & 0xFF
+def _read_header(element: Element, offset: int) -> _ArrayHeader:
+    """Return the header of the array at an offset of an element."""
+    flags, offset = element.numbers(offset)
+    array_class = int(flags[0]) & 0xFF
     shape: tuple[int, ...] = ()
-    if kind not in _WITHOUT_SHAPE:
-        dimensions, at = element.numbers(at)
-        shape = tuple(int(length) for length in dimensions)
+    if array_class not in _WITHOUT_SHAPE:
+        lengths, offset = element.numbers(offset)
+        shape = tuple(map(int, lengths))
     if len(shape) > _MAX_AXES or min(shape, default=0) < 0:
         raise ValueError(f"an array of shape {shape}")
-    name, at = element.text(at)
-    return _Head(name, kind, shape, bool(flags[0] & _IS_COMPLEX), at)
+    name, offset = element.text(offset)
+    return _ArrayHeader(name, array_class, shape, bool(flags[0] & _IS_COMPLEX), offset)
 
 
-def _contents(element: Element, at: int, depth: int = 0) -> Any:
-    """Return the value of a matrix at a place of an element."""
+def _read_array(element: Element, offset: int, depth: int = 0) -> Any:
+    """Return the value of the array at an offset of an element."""
     if depth > _MAX_DEPTH:
         raise ValueError(f"structures within structures, more than {_MAX_DEPTH}")
-    head = _head(element, at)
-    at = head.end
-    count = math.prod(head.shape)
-    if head.kind in _NUMERIC:
-        return Numbers(head.shape, head.is_complex, element, at)
-    if head.kind == _CHAR and min(head.shape, default=0) == 1:
-        return element.text(at)[0]
-    if head.kind == _STRUCT and count == 1:
-        (length,), at = element.numbers(at)
-        letters, at = element.text(at)
-        fields = [
-            letters[n : n + int(length)].partition("\0")[0]
-            for n in range(0, len(letters), int(length))
-        ]
-        return dict(zip(fields, _matrices(element, at, len(fields), depth), strict=True))
-    if head.kind == _CELL and 0 < count <= _MAX_ITEMS:
-        cells = list(_matrices(element, at, count, depth))
-        return (
-            cells if all(isinstance(cell, str) for cell in cells) else UnsupportedVariable("cell")
-        )
-    return UnsupportedVariable(_CLASSES.get(head.kind, f"class {head.kind}"))
+    header = _read_header(element, offset)
+    offset = header.end
+    count = math.prod(header.shape)
+    if header.array_class in _NUMERIC:
+        return Numbers(header.shape, header.is_complex, element, offset)
+    if header.array_class == _CHAR and min(header.shape, default=0) == 1:
+        return element.text(offset)[0]
+    if header.array_class == _STRUCT and count == 1:
+        (length,), offset = element.numbers(offset)
+        text, offset = element.text(offset)
+        padded = [text[begin : begin + length] for begin in range(0, len(text), int(length))]
+        fields = [name.partition("\0")[0] for name in padded]
+        return dict(zip(fields, _read_arrays(element, offset, len(fields), depth), strict=True))
+    if header.array_class == _CELL and 0 < count <= _MAX_ITEMS:
+        cells = list(_read_arrays(element, offset, count, depth))
+        if all(isinstance(cell, str) for cell in cells):
+            return cells
+        return UnsupportedVariable("cell")
+    unsupported = _CLASS_NAMES.get(header.array_class, f"class {header.array_class}")
+    return UnsupportedVariable(unsupported)
 
 
-def _matrices(element: Element, at: int, count: int, depth: int) -> Iterator[Any]:
-    """Yield the values of matrices one behind the other."""
+def _read_arrays(element: Element, offset: int, count: int, depth: int) -> Iterator[Any]:
+    """Yield the values of arrays that follow each other."""
     for _ in range(count):
-        _, begin, end, at = element.tag(at)
-        yield (
-            _contents(element, begin, depth + 1)
-            if end > begin
-            else UnsupportedVariable("empty array")
-        )
+        _, begin, end, offset = element.tag(offset)
+        if end > begin:
+            yield _read_array(element, begin, depth + 1)
+        else:
+            yield UnsupportedVariable("empty array")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 from vibrident.base.errors import InputError
 from vibrident.data.io.keys import key
 from vibrident.data.io.sections import FileSection, NotNegative, Positive, require_one
 from vibrident.data.known import Mounting
 
-#: Keys that say how good another one is.
+#: Key of an uncertainty → key of the value that it belongs to.
 _UNCERTAINTY_OF = {
     "standard_uncertainty": "frequency_hz",
     "stiffness_uncertainty": "stiffness_n_per_m",
@@ -62,42 +63,31 @@ def mounting_of(section: MountingSection, where: str) -> Mounting:
     problem = "The frequency of the mounting is given twice."
     require_one(section, ways, problem, location, needed=False)
     if (section.stiffness_n_per_m is None) != (section.mass_kg is None):
-        given_key, missing = (
-            ("mass_kg", "stiffness_n_per_m")
-            if section.stiffness_n_per_m is None
-            else ("stiffness_n_per_m", "mass_kg")
-        )
+        pair = ["mass_kg", "stiffness_n_per_m"]
+        stated, missing = pair[::-1] if section.mass_kg is None else pair
         raise InputError(
             "Stiffness and mass together give the frequency of a mounting.",
             expected="stiffness_n_per_m and mass_kg",
-            found=f"{given_key} alone",
+            found=f"{stated} alone",
             where=location,
             remedy=f"add {missing}, or give frequency_hz",
         )
-    for name, of in _UNCERTAINTY_OF.items():
-        if getattr(section, name) > 0.0 and not getattr(section, of):
+    for name, value_name in _UNCERTAINTY_OF.items():
+        if getattr(section, name) > 0.0 and not getattr(section, value_name):
             raise InputError(
                 "The uncertainty of a value that is not stated has no use.",
-                expected=f"{of} with {name}",
+                expected=f"{value_name} with {name}",
                 found=f"{name} alone",
                 where=location,
-                remedy=f"add {of}, or remove {name}",
+                remedy=f"add {value_name}, or remove {name}",
             )
-    frequency_hz = section.frequency_hz
-    relative = section.standard_uncertainty
+    values = {field.name: getattr(section, field.name) for field in fields(Mounting)}
     if section.stiffness_n_per_m is not None and section.mass_kg is not None:
-        frequency_hz = math.sqrt(section.stiffness_n_per_m / section.mass_kg) / (2.0 * math.pi)
-        relative = 0.5 * math.hypot(section.stiffness_uncertainty, section.mass_uncertainty)
-    try:
-        return Mounting(
-            frequency_hz,
-            relative,
-            section.damping_ratio,
-            section.damping_uncertainty,
-            section.mass_ratio,
-            section.mass_ratio_uncertainty,
-            section.natural_frequency_hz,
-            section.sensor_damping_ratio,
+        values["frequency_hz"] = math.sqrt(section.stiffness_n_per_m / section.mass_kg) / math.tau
+        values["standard_uncertainty"] = 0.5 * math.hypot(
+            section.stiffness_uncertainty, section.mass_uncertainty
         )
+    try:
+        return Mounting(**values)
     except InputError as error:
         raise error.at(location) from None

@@ -6,12 +6,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from vibrident.base.errors import InputError
-from vibrident.data.effects import SystematicEffect
 from vibrident.data.interferometer import alignment
 from vibrident.data.interferometer.carrier import (
     MAX_LEAST_BAND,
@@ -45,6 +43,7 @@ from vibrident.data.io.optical_motion import (
 )
 from vibrident.data.io.reader import open_columns, sha256
 from vibrident.data.io.record_files import (
+    CalibrationData,
     RecordRequest,
     clock_reader,
     missing_rate,
@@ -54,17 +53,17 @@ from vibrident.data.io.record_files import (
 )
 from vibrident.data.io.sampling import SAME_RATE, cut
 from vibrident.data.io.sections import InterferometerSection
-from vibrident.data.records import Provenance, Quantity, Record
+from vibrident.data.records import Provenance, Record
 
 #: Samples of filtered signals that are kept in memory, of all records together.
 MAX_SAMPLES_IN_MEMORY = 1 << 23
 #: Optical signals may begin this far from the response, in samples of it; 1 % is a phase error of
 #: 0.7° at a fifth of the rate.
-MAX_APART_SAMPLES = 0.01
+MAX_START_DIFFERENCE_SAMPLES = 0.01
 #: A shock is kept at a rate that leaves at most this share of its response's power to the ends of
 #: the record.
 MAX_SHARE_OUTSIDE = 2e-3
-#: Of the thinning from one trial to the next, until that holds.
+#: Ratio of the thinning from one trial to the next, until that holds.
 THINNING_RATIO = 0.8
 
 
@@ -72,32 +71,40 @@ THINNING_RATIO = 0.8
 class _OpticalRecord:
     """Signals of a record before demodulation.
 
-    ``sampled_together``: whether the optical signals and the response share their samples.
+    Attributes:
+        request: file and entry of the calibration file.
+        name: of the record.
+        optical: two signals in quadrature.
+        response: the sensor's response, in the unit of its file.
+        response_factor: from that unit to the unit of the calibration, scale included.
+        step: how the response was read, for the history.
+        clock: of the response.
+        sampled_together: whether the optical signals and the response share their samples.
+        doubts: findings about the sampling rates.
+        carrier_hz: of a heterodyne signal; None for others.
     """
 
     request: RecordRequest
     name: str
     optical: SampledSignals
     response: SampledSignals
-    step: str  # the response's, for the history
+    response_factor: float
+    step: str
     clock: ChannelClock
     sampled_together: bool
     doubts: tuple[OpticalFinding, ...]
     carrier_hz: float | None = None
-    factor: float = 1.0  # of the response's unit, before scale
 
 
-class OpticalRecords(NamedTuple):
-    """Records whose reference is an interferometer's signals, with their unit and effects."""
+def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> CalibrationData:
+    """Read records whose reference is an interferometer's signals.
 
-    records: tuple[Record, ...]
-    quantity: Quantity
-    unit: str
-    effects: tuple[SystematicEffect, ...]
+    The reference is a displacement where every record is a sine, else an acceleration.
 
-
-def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> OpticalRecords:
-    """Read records whose reference is an interferometer's signals; arguments as `named_parts`.
+    Args:
+        calibration: the calibration file.
+        folder: where relative paths start.
+        where: the calibration file, for messages.
 
     Raises:
         InputError: a file cannot be used, or the signals cannot be followed.
@@ -112,38 +119,44 @@ def read_optical(calibration: CalibrationFile, folder: Path, where: str) -> Opti
         if request.entry.excitation != "decay"
     ]
     # Report the doubt once: the rate is that of all records.
-    doubted = next((raw.name for raw in opened if raw.doubts), "")
-    opened = [raw if raw.name == doubted else replace(raw, doubts=()) for raw in opened]
+    doubtful = [raw for raw in opened if raw.doubts][:1]
+    opened = [raw if raw in doubtful else replace(raw, doubts=()) for raw in opened]
     opened, surveys, choices = _with_ellipses(opened, setting)
-    moving = any(raw.request.entry.excitation != "sine" for raw in opened)
-    results = [
-        _record(raw, survey, choice, setting, calibration, folder, moving=moving)
-        for raw, survey, choice in zip(opened, surveys, choices, strict=True)
-    ]
+    accelerated = any(raw.request.entry.excitation != "sine" for raw in opened)
+
+    def demodulated_record(
+        raw: _OpticalRecord, survey: Survey, choice: EllipseChoice
+    ) -> tuple[Demodulated, Record]:
+        demodulated, aligned = _demodulate_record(raw, survey, choice, setting, accelerated)
+        record = _as_record(raw, demodulated, aligned, calibration, folder, accelerated)
+        # The arrays of the displacement are no longer needed.
+        return replace(demodulated, displacement_m=np.zeros(0), valid=np.zeros(0, bool)), record
+
+    results = list(map(demodulated_record, opened, surveys, choices))
     errors = cyclic_errors([demodulated for demodulated, _ in results], setting)
     for index, error in enumerate(errors):
         if error is not None:
             raw = opened[index]
-            demodulated = results[index][0]
+            demodulated, _ = results[index]
             if demodulated.carrier is not None:
                 signals = without_residual_carrier(raw.optical, demodulated.carrier)
                 raw = replace(raw, optical=signals, carrier_hz=demodulated.summary.carrier_hz)
             choice = replace(choices[index], error=error.waves)
-            results[index] = _record(
-                raw, surveys[index], choice, setting, calibration, folder, moving=moving
-            )
-    records = {raw.name: record for raw, (_, record) in zip(opened, results, strict=True)}
-    ordered = [
-        records.get(name) or read_record(request, name, calibration, folder, "m").record
-        for request, name in requests
-    ]
+            results[index] = demodulated_record(raw, surveys[index], choice)
+    records = {record.name: record for _, record in results}
     answers = [demodulated.answer for demodulated, _ in results]
-    all_effects = (
-        *stated_effects(setting),
-        *(effects(answers, remaining_covariances(errors, answers, setting)) if results else ()),
+    all_effects = stated_effects(setting)
+    if answers:
+        all_effects += effects(answers, remaining_covariances(errors, answers, setting))
+    return CalibrationData(
+        "acceleration" if accelerated else "displacement",
+        "m/s^2" if accelerated else "m",
+        tuple(
+            records.get(name) or read_record(request, name, calibration, folder, "m").record
+            for request, name in requests
+        ),
+        effects=tuple(all_effects),
     )
-    kind: tuple[Quantity, str] = ("acceleration", "m/s^2") if moving else ("displacement", "m")
-    return OpticalRecords(tuple(ordered), *kind, all_effects)
 
 
 def _with_ellipses(
@@ -156,25 +169,21 @@ def _with_ellipses(
     opened = _loaded(opened)
     surveys = [_survey_of(raw) for raw in opened]
     if setting.kind == "heterodyne":
-        return (
-            opened,
-            surveys,
-            [carrier_choice(survey, index) for index, survey in enumerate(surveys)],
-        )
-    lower_rate = [
+        return opened, surveys, [carrier_choice(each, i) for i, each in enumerate(surveys)]
+    filtered_signals = [
         None if survey.covers_fringe else at_needed_rate(raw.optical)
         for raw, survey in zip(opened, surveys, strict=True)
     ]
     filtered = _loaded(
         [
-            replace(raw, optical=to) if to else raw
-            for raw, to in zip(opened, lower_rate, strict=True)
+            raw if signals is None else replace(raw, optical=signals)
+            for raw, signals in zip(opened, filtered_signals, strict=True)
         ]
     )
-    surveys = [
-        survey if raw is before else replace(_survey_of(raw), at_limit=survey.at_limit)
-        for raw, before, survey in zip(filtered, opened, surveys, strict=True)
-    ]
+    for index, signals in enumerate(filtered_signals):
+        if signals is not None:
+            at_limit = surveys[index].at_limit
+            surveys[index] = replace(_survey_of(filtered[index]), at_limit=at_limit)
     return filtered, surveys, choose(surveys, [raw.name for raw in opened])
 
 
@@ -214,28 +223,33 @@ def _open(
     section: InterferometerSection,
     folder: Path,
 ) -> _OpticalRecord:
+    entry = request.entry
     main = open_columns(folder / request.file)
-    optical_file = (
-        main
-        if request.entry.reference_file is None
-        else open_columns(folder / request.entry.reference_file)
-    )
+    optical_file = main
+    if entry.reference_file is not None:
+        optical_file = open_columns(folder / entry.reference_file)
     column = calibration.response.column
     assert column is not None  # checked with the calibration file
-    at = main.position_of(column, "[response] column")
+    position = main.position_of(column, "[response] column")
     key = "[interferometer] columns"
-    positions = tuple(optical_file.position_of(c, key) for c in section.columns)
-    channel_positions = [at, *positions] if optical_file is main else [at]
-    clock = clock_reader(request, calibration, main).clock_of(main, at, channel_positions)
+    optical_positions = tuple(optical_file.position_of(c, key) for c in section.columns)
+    channels = [position, *optical_positions] if optical_file is main else [position]
+    clock = clock_reader(request, calibration, main).clock_of(main, position, channels)
     if clock is None:
         raise missing_rate(request.where)
-    sampling = clock.clock
+    rate_hz = clock.clock.rate_hz
     require_even(clock, main, request.where)
-    optical_hz = _optical_rate(section, calibration, optical_file, positions, clock, request)
-    optical = _signals_of(optical_file, positions, optical_hz, request)
-    response = _signals_of(main, (at,), sampling.rate_hz, request)
-    together = abs(optical_hz / sampling.rate_hz - 1.0) < SAME_RATE
-    if together and optical.samples != response.samples:
+    optical_hz = _optical_rate(
+        section, calibration, optical_file, optical_positions, clock, request
+    )
+    optical = _signals_of(optical_file, optical_positions, optical_hz, request)
+    response = _signals_of(main, (position,), rate_hz, request)
+    sampled_together = abs(optical_hz / rate_hz - 1.0) < SAME_RATE
+    doubts: tuple[OpticalFinding, ...] = ()
+    if not sampled_together:
+        optical_s = optical_file.length(optical_positions[0]) / optical_hz
+        doubts = clock_findings(optical_s, main.length(position) / rate_hz, name)
+    elif optical.samples != response.samples:
         raise InputError(
             "The optical signals and the response differ in length.",
             expected=f"{response.samples} samples, as the response has in {main.file}",
@@ -244,26 +258,26 @@ def _open(
             remedy="give both over the same samples, or rate_hz of [interferometer] if they are "
             "sampled faster",
         )
-    durations_s = optical_file.length(positions[0]) / optical_hz, main.length(at) / sampling.rate_hz
-    doubts = () if together else clock_findings(*durations_s, name)
     carrier_hz = section.carrier_hz
     if carrier_hz is not None:
-        most = MAX_LEAST_BAND_OF_SHOCK if request.entry.excitation == "shock" else MAX_LEAST_BAND
-        optical, carrier_hz = mix_down(optical, carrier_hz, sampling.rate_hz, request.where, most)
-    to = calibration.response
-    conversion = response_conversion(main, at, to, to.unit)
-    step = f"response: {main.file}, column {at + 1} × {to.scale!r} → {to.unit}"
+        is_shock = entry.excitation == "shock"
+        max_band = MAX_LEAST_BAND_OF_SHOCK if is_shock else MAX_LEAST_BAND
+        optical, carrier_hz = mix_down(optical, carrier_hz, rate_hz, request.where, max_band)
+    response_section = calibration.response
+    unit = response_section.unit
+    scale = response_section.scale
+    conversion = response_conversion(main, position, response_section, unit)
     return _OpticalRecord(
         request,
         name,
         optical,
         response,
-        step,
+        conversion.factor * scale,
+        f"response: {main.file}, column {position + 1} × {scale!r} → {unit}",
         clock,
-        together,
+        sampled_together,
         doubts,
         carrier_hz,
-        conversion.factor,
     )
 
 
@@ -307,15 +321,15 @@ def _optical_rate(
     require_even(clock, optical_file, request.where)
     sampling = response.clock
     rate_hz = clock.clock.rate_hz
-    begin = sampling.start
-    other_begin = clock.clock.start
-    if begin is not None and other_begin is not None and begin.epoch == other_begin.epoch:
-        apart_s = (other_begin.ns - begin.ns) * 1e-9
-        if abs(apart_s) * sampling.rate_hz > MAX_APART_SAMPLES:
+    start = sampling.start
+    optical_start = clock.clock.start
+    if start is not None and optical_start is not None and start.epoch == optical_start.epoch:
+        delay_s = (optical_start.ns - start.ns) * 1e-9
+        if abs(delay_s) * sampling.rate_hz > MAX_START_DIFFERENCE_SAMPLES:
             raise InputError(
                 "The channels do not begin at the same time.",
                 expected="optical signals that begin with the response",
-                found=f"{apart_s:+.9g} s, or {apart_s * sampling.rate_hz:+.3g} samples",
+                found=f"{delay_s:+.9g} s, or {delay_s * sampling.rate_hz:+.3g} samples",
                 where=f"{request.where}, for {optical_file.file}",
                 remedy="export both channels over the same samples, or state delay_s without times",
             )
@@ -330,83 +344,104 @@ def _optical_rate(
     return rate_hz
 
 
-def _begins_s(raw: _OpticalRecord) -> float:
-    start_time_s = raw.request.entry.start_time_s
-    return raw.clock.begins_s if start_time_s is None else start_time_s
-
-
-def _record(
+def _demodulate_record(
     raw: _OpticalRecord,
     survey: Survey,
     choice: EllipseChoice,
     setting: Interferometer,
-    calibration: CalibrationFile,
-    folder: Path,
-    *,
-    moving: bool,
-) -> tuple[Demodulated, Record]:
+    accelerated: bool,
+) -> tuple[Demodulated, alignment.AlignedDisplacement]:
+    """Return the displacement of a record, and its motion at the instants of the response.
+
+    The response is thinned as far as the motion allows. A shock is thinned less, until its pulse is
+    far enough from the ends of the record.
+
+    Args:
+        raw: the signals.
+        survey: of the signals.
+        choice: of their ellipse.
+        setting: of the interferometer.
+        accelerated: whether the motion is an acceleration; else a displacement.
+
+    Raises:
+        InputError: the signals cannot be followed, or the motion falls into samples left out.
+    """
     entry = raw.request.entry
-    sine = raw.request.entry.excitation == "sine"
-    near = (entry.frequency_hz or rough_frequency(raw.optical, choice)) if sine else None
-    coarse = alignment.optical_factor(raw.optical.rate_hz, raw.response.rate_hz)
-    top, broken = (near, False) if near else highest_frequency(raw.optical, choice, coarse)
-    if sine:
-        fewest = alignment.MIN_SAMPLES_OF_SINE
-    elif broken:
-        fewest = alignment.MIN_SAMPLES_BESIDE_GAPS
+    optical = raw.optical
+    response = raw.response
+    sine_hz = None
+    if entry.excitation == "sine":
+        sine_hz = highest_hz = entry.frequency_hz or rough_frequency(optical, choice)
+        minima = alignment.MIN_SAMPLES_OF_SINE
     else:
-        fewest = alignment.MIN_SAMPLES_OF_OTHERS
-    every = alignment.thinning_factor(raw.response.samples, raw.response.rate_hz, top, fewest)
-    least = alignment.min_thinning_factor(raw.response.rate_hz, raw.optical.rate_hz)
-    every = max(every, least)
+        coarse = alignment.optical_factor(optical.rate_hz, response.rate_hz)
+        highest_hz, has_gaps = highest_frequency(optical, choice, coarse)
+        minima = alignment.MIN_SAMPLES_OF_OTHERS
+        if has_gaps:
+            minima = alignment.MIN_SAMPLES_BESIDE_GAPS
 
     def demodulate_every(every: int) -> tuple[Demodulated, alignment.AlignedDisplacement]:
-        rate_hz = raw.response.rate_hz / every
         factor = every
-        if not raw.sampled_together or raw.optical.first_s != 0.0:
-            factor = alignment.optical_factor(raw.optical.rate_hz, rate_hz)
+        if not raw.sampled_together or optical.first_s != 0.0:
+            factor = alignment.optical_factor(optical.rate_hz, response.rate_hz / every)
         demodulated = demodulate(
-            raw.optical, setting, survey, choice, factor, raw.name, near, top, raw.carrier_hz
+            optical, setting, survey, choice, factor, raw.name, sine_hz, highest_hz, raw.carrier_hz
         )
-        aligned = alignment.aligned_channels(
-            demodulated, raw.optical, raw.response, every, setting.delay_s
-        )
-        return demodulated, aligned.accelerated if moving else aligned
+        aligned = alignment.aligned_channels(demodulated, optical, response, every, setting.delay_s)
+        return demodulated, aligned.accelerated if accelerated else aligned
 
+    min_every = alignment.min_thinning_factor(response.rate_hz, optical.rate_hz)
+    every = alignment.thinning_factor(response.samples, response.rate_hz, highest_hz, minima)
+    every = max(every, min_every)
     demodulated, aligned = demodulate_every(every)
     if entry.excitation == "shock":
-        outside = power_share_outside(raw.response, aligned)
-        while outside > MAX_SHARE_OUTSIDE and every > least:
-            every = max(int(THINNING_RATIO * every), least)
+        outside = power_share_outside(response, aligned)
+        while outside > MAX_SHARE_OUTSIDE and every > min_every:
+            every = max(int(THINNING_RATIO * every), min_every)
             demodulated, aligned = demodulate_every(every)
-            outside = power_share_outside(raw.response, aligned)
+            outside = power_share_outside(response, aligned)
         require_pulse(aligned, outside, raw.name)
     require_motion(aligned, entry.excitation, raw.name)
-    to_response = raw.factor * calibration.response.scale
-    what = "acceleration in m/s²" if moving else "displacement in m"
-    unsure = ""
-    if setting.direction is None:
-        unsure = "; the direction is not stated: the sign of x is not known"
+    return demodulated, aligned
+
+
+def _as_record(
+    raw: _OpticalRecord,
+    demodulated: Demodulated,
+    aligned: alignment.AlignedDisplacement,
+    calibration: CalibrationFile,
+    folder: Path,
+    accelerated: bool,
+) -> Record:
+    """Return the record of a demodulated motion and its response; arguments as above."""
+    request = raw.request
+    entry = request.entry
+    summary = demodulated.summary
+    motion = "acceleration in m/s²" if accelerated else "displacement in m"
+    doubt = ""
+    if summary.setting.direction is None:
+        doubt = "; the direction is not stated: the sign of x is not known"
     history = (
         raw.step,
-        f"reference: {what} from the {setting.kind} signals, {raw.optical.rate_hz:.9g} Hz, "
-        f"every {demodulated.factor}{unsure}",
-        *raw.request.other_file(folder),
+        f"reference: {motion} from the {summary.setting.kind} signals, "
+        f"{raw.optical.rate_hz:.9g} Hz, every {demodulated.factor}{doubt}",
+        *request.other_file(folder),
     )
-    record = Record(
+    start_s = raw.clock.begins_s if entry.start_time_s is None else entry.start_time_s
+    full_scale = calibration.response.full_scale
+    return Record(
         name=raw.name,
         reference=aligned.displacement_m,
-        response=aligned.response * to_response,
+        response=aligned.response * raw.response_factor,
         sampling_rate_hz=aligned.rate_hz,
         excitation=entry.excitation,
         frequency_hz=entry.frequency_hz,
         valid=aligned.valid,
-        start_time_s=_begins_s(raw) + raw.request.start_s + aligned.start_s,
-        provenance=Provenance(raw.request.file, sha256(folder / raw.request.file), history),
-        response_full_scale=scaled_limit(calibration.response.full_scale, to_response),
-        reference_noise_order=4 if moving else 0,
+        start_time_s=start_s + request.start_s + aligned.start_s,
+        provenance=Provenance(request.file, sha256(folder / request.file), history),
+        response_full_scale=scaled_limit(full_scale, raw.response_factor),
+        reference_noise_order=4 if accelerated else 0,
         circumstances=entry.circumstances,
         band_hz=entry.band_hz,
-        optical=replace(demodulated.summary, findings=(*raw.doubts, *demodulated.summary.findings)),
+        optical=replace(summary, findings=(*raw.doubts, *summary.findings)),
     )
-    return replace(demodulated, displacement_m=np.zeros(0), valid=np.zeros(0, dtype=bool)), record

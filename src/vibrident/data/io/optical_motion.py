@@ -9,6 +9,7 @@ from vibrident.data.interferometer.alignment import AlignedDisplacement
 from vibrident.data.interferometer.setting import SampledSignals
 from vibrident.data.interferometer.summary import OpticalFinding
 from vibrident.data.interferometer.survey import BLOCK_SAMPLES
+from vibrident.data.records.basis import extend_flags
 
 #: Largest share of a response's power that may fall into samples that are left out.
 MAX_LOST_POWER = 0.5
@@ -53,7 +54,7 @@ def require_motion(aligned: AlignedDisplacement, excitation: str, name: str) -> 
     """
     max_lost_power = MAX_LOST_POWER_OF_SHOCK if excitation == "shock" else MAX_LOST_POWER
     power = (aligned.response - np.mean(aligned.response)) ** 2
-    unseen = np.convolve(~aligned.valid, np.ones(2 * UNSEEN_NEIGHBOURS + 1), "same") > 0.5
+    unseen = extend_flags(~aligned.valid, UNSEEN_NEIGHBOURS)
     lost = float(np.sum(power[unseen])) / max(float(np.sum(power)), 1e-300)
     if lost > max_lost_power:
         raise InputError(

@@ -9,7 +9,6 @@ from pathlib import Path
 from vibrident.base import sandbox
 from vibrident.base.errors import InputError
 from vibrident.base.process import Limits
-from vibrident.data.effects import SystematicEffect
 from vibrident.data.io.calibration_file import CalibrationFile, read_calibration_file
 from vibrident.data.io.columns import memory_for
 from vibrident.data.io.header_units import file_unit, reference_unit, response_unit
@@ -17,6 +16,7 @@ from vibrident.data.io.known_files import as_channels, known_channel, known_file
 from vibrident.data.io.mounting_section import mounting_of
 from vibrident.data.io.reader import by_ending, open_columns
 from vibrident.data.io.record_files import (
+    CalibrationData,
     RecordRequest,
     data_files,
     named_requests,
@@ -25,15 +25,13 @@ from vibrident.data.io.record_files import (
 )
 from vibrident.data.io.sections import effects_at
 from vibrident.data.io.table_file import read_table, table_response_unit
-from vibrident.data.records import Calibration, Record
+from vibrident.data.records import Calibration
 
-# Of a reading process: memory for its libraries, and more as a multiple of the numbers' limit;
-# time, and more a byte.
+#: Memory of a reading process for its libraries.
 LIBRARIES_BYTES = 600_000_000
-_COPIES = 2
-_SECONDS = 30.0
-_SECONDS_PER_BYTE = 1e-6
-
+_COPIES = 2  # of a file's numbers that a reading process may hold
+_MIN_SECONDS = 30.0  # that a reading process may take …
+_SECONDS_PER_BYTE = 1e-6  # … and more for each byte of its files
 
 #: A calibration, or the path of its calibration file.
 GivenCalibration = Calibration | str | os.PathLike[str]
@@ -52,13 +50,12 @@ def as_calibration(calibration: GivenCalibration) -> Calibration:
 
 
 def read_guarded(path: str | os.PathLike[str]) -> Calibration:
-    """Read as :func:`read` does; binary data files in a separate process, with limits.
+    """Read as :func:`read` does, but binary data files in a separate process, with limits.
 
-    A damaged file that crashes or hangs a native library is then merely bad input. The cost is one
-    process a calibration.
+    A damaged file that crashes or hangs a native library is then an input error.
 
     Raises:
-        InputError: as ``read`` does; or reading takes more than it may, or crashed.
+        InputError: as ``read`` does; or reading exceeded its limits, or crashed.
     """
     file = Path(path)
     document = read_calibration_file(file)
@@ -66,11 +63,10 @@ def read_guarded(path: str | os.PathLike[str]) -> Calibration:
     readers = (by_ending().get(Path(name).suffix.lower()) for name in names)
     if all(reader is not None and reader.plain for reader in readers):
         return read(file)
-    size = sum(
-        (file.parent / name).stat().st_size for name in names if os.path.isfile(file.parent / name)
-    )
+    paths = (file.parent / name for name in names)
+    size = sum(path.stat().st_size for path in paths if path.is_file())
     memory_bytes = int(LIBRARIES_BYTES + _COPIES * memory_for(size))
-    seconds = _SECONDS + _SECONDS_PER_BYTE * size
+    seconds = _MIN_SECONDS + _SECONDS_PER_BYTE * size
     try:
         return sandbox.run(
             read, file, limits=Limits(seconds, memory_bytes, memory_bytes, memory_bytes)
@@ -109,59 +105,44 @@ def calibration_of(
     document: CalibrationFile,
     folder: Path,
     where: str,
-    rows: Mapping[int, slice] | None = None,
+    spans: Mapping[int, slice | None] | None = None,
 ) -> Calibration:
-    """Return the calibration of a checked file, whose relative paths start at ``folder``.
+    """Read the data files of a checked calibration file.
 
-    ``rows``: index of a record and its samples, of the records that are read; None: all.
+    Args:
+        document: the calibration file.
+        folder: where relative paths start.
+        where: the calibration file, for messages.
+        spans: index of each record to read and the samples to read of it; None: all records.
+
+    Raises:
+        InputError: a data file cannot be used.
     """
-    quantity = document.reference.quantity
-    described = document
-    document = as_channels(document)
-    records: tuple[Record, ...] = ()
-    table = None
-    more: tuple[SystematicEffect, ...] = ()
-    document = _with_response_unit(document, folder, where)
-    described = described.model_copy(update={"response": document.response})
+    channels = _with_response_unit(as_channels(document), folder, where)
+    data = _read_data(channels, folder, where, spans)
+    update: dict[str, object] = {"response": channels.response}
     if document.interferometer is not None:
-        # loads SciPy, which others do not need
-        from vibrident.data.io.optical_files import read_optical
-
-        records, quantity, unit, more = read_optical(document, folder, where)
-        light = described.reference.model_copy(update={"quantity": quantity, "unit": unit})
-        described = described.model_copy(update={"reference": light})
-    elif document.table:
-        unit = reference_unit(document.reference, "")
-        table = read_table(document, folder, where)
-    else:
-        requests = named_requests(document, folder, where)
-        unit = reference_unit(document.reference, _first_unit(document, requests[0][0], folder))
-        spans = dict.fromkeys(range(len(requests))) if rows is None else rows
-        readings = [
-            read_record(*requests[number], document, folder, unit, span)
-            for number, span in spans.items()
-        ]
-        records = tuple(reading.record for reading in readings)
-        more = timing_effects(readings)
-    temperatures = [
-        t for record in records if (t := record.circumstances.temperature_c) is not None
-    ]
+        motion = {"quantity": data.quantity, "unit": data.unit}
+        update["reference"] = document.reference.model_copy(update=motion)
+    stated = document.model_copy(update=update)
+    reference = known_channel(stated, "reference", folder, where)
+    response = known_channel(stated, "response", folder, where)
+    temperatures = [record.circumstances.temperature_c for record in data.records]
+    temperatures = [temperature for temperature in temperatures if temperature is not None]
     if not temperatures and document.certificate.temperature_c is not None:
         temperatures = [document.certificate.temperature_c]
-    reference = known_channel(described, "reference", folder, where)
-    response = known_channel(described, "response", folder, where)
     return Calibration(
-        records=records,
-        table=table,
+        records=data.records,
+        table=data.table,
         model=document.sensor.model,
-        quantity=quantity,
-        reference_unit=unit if reference.response is None else reference.measured,
+        quantity=stated.reference.quantity,
+        reference_unit=data.unit if reference.response is None else reference.measured,
         reference_standard_uncertainty=document.reference.standard_uncertainty,
         response_unit=response.measured,
         sensor=document.sensor_text,
         source=where,
         certificate=document.certificate.stated(),
-        effects=(*effects_at(document.uncertainty, temperatures, where), *more),
+        effects=(*effects_at(document.uncertainty, temperatures, where), *data.effects),
         capabilities=tuple(entry.capability for entry in document.cmc),
         reference_known_response=reference.response,
         response_known_response=response.response,
@@ -169,26 +150,45 @@ def calibration_of(
     )
 
 
+def _read_data(
+    document: CalibrationFile, folder: Path, where: str, spans: Mapping[int, slice | None] | None
+) -> CalibrationData:
+    """Read the records or the table of a calibration file; arguments as ``calibration_of``."""
+    if document.interferometer is not None:
+        # loads SciPy, which others do not need
+        from vibrident.data.io.optical_files import read_optical
+
+        return read_optical(document, folder, where)
+    quantity = document.reference.quantity
+    if document.table is not None:
+        unit = reference_unit(document.reference, "")
+        return CalibrationData(quantity, unit, table=read_table(document, folder, where))
+    requests = named_requests(document, folder, where)
+    unit = reference_unit(document.reference, _first_unit(document, requests[0][0], folder))
+    spans = dict.fromkeys(range(len(requests))) if spans is None else spans
+    readings = [
+        read_record(*requests[index], document, folder, unit, span) for index, span in spans.items()
+    ]
+    records = tuple(reading.record for reading in readings)
+    return CalibrationData(quantity, unit, records, effects=timing_effects(readings))
+
+
 def _first_unit(document: CalibrationFile, request: RecordRequest, folder: Path) -> str:
-    """Return the unit that the first file states of a drive; "" for none, or another quantity."""
+    """Return the unit of a drive that the first file states; "" for none, or another quantity."""
+    entry = request.entry
     column = document.reference.column
-    if (
-        document.reference.quantity != "drive"
-        or column is None
-        or request.entry.excitation == "decay"
-    ):
+    if document.reference.quantity != "drive" or column is None or entry.excitation == "decay":
         return ""
-    source = open_columns(folder / (request.entry.reference_file or request.file))
+    source = open_columns(folder / (entry.reference_file or request.file))
     return file_unit(source, source.position_of(column, "[reference] column"))[0]
 
 
 def _with_response_unit(document: CalibrationFile, folder: Path, where: str) -> CalibrationFile:
-    """Return the calibration file with the unit of the response decided, by the first data file."""
+    """Return the calibration file with the response's unit, which the first data file may state."""
     response = document.response
     if "unit" in response.model_fields_set:
         return document
-    first = data_files(document, folder, where)[0]
-    source = open_columns(folder / first)
+    source = open_columns(folder / data_files(document, folder, where)[0])
     if document.table is not None:
         unit = table_response_unit(document, source)
     else:
@@ -197,5 +197,4 @@ def _with_response_unit(document: CalibrationFile, folder: Path, where: str) -> 
         unit = response_unit(source, position, response)
     if unit == response.unit:
         return document
-    decided = response.model_copy(update={"unit": unit})
-    return document.model_copy(update={"response": decided})
+    return document.model_copy(update={"response": response.model_copy(update={"unit": unit})})

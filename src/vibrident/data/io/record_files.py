@@ -29,7 +29,7 @@ from vibrident.data.io.header_units import (
     response_conversion,
 )
 from vibrident.data.io.reader import open_columns, sha256
-from vibrident.data.records import FloatArray, Provenance, Record
+from vibrident.data.records import FloatArray, Provenance, Quantity, Record, ResponseTable
 
 _GLOB_SIGNS = re.compile(r"[*?\[]")
 
@@ -165,6 +165,25 @@ def duplicate_name(name: str, where: str) -> InputError:
         where=where,
         remedy="change one of the names",
     )
+
+
+@dataclass(frozen=True)
+class CalibrationData:
+    """Data of a calibration: records or a table.
+
+    Attributes:
+        quantity: of the reference.
+        unit: of the reference.
+        records: in the order of the calibration file; empty where there is a table.
+        table: None where there are records.
+        effects: systematic effects that follow from the data files.
+    """
+
+    quantity: Quantity
+    unit: str
+    records: tuple[Record, ...] = ()
+    table: ResponseTable | None = None
+    effects: tuple[SystematicEffect, ...] = ()
 
 
 @dataclass(frozen=True)

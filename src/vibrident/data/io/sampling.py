@@ -8,8 +8,14 @@ from collections.abc import Callable
 from vibrident.base.errors import InputError
 from vibrident.data.io.columns import Clock, StartTime
 
-_ROUNDING_SAMPLES = 1e-6  # in sampling intervals: a cut this close to a sample is at it
+#: Sampling intervals within which two instants are the same: limit of the arithmetic.
+ROUNDING_SAMPLES = 1e-6
 SAME_RATE = 1e-9  # rates closer than this, relatively, are the same
+
+
+def first_sample_at(time_s: float, rate_hz: float) -> int:
+    """Return the first sample at or after a time, counted like the time from the begin."""
+    return math.ceil(time_s * rate_hz - ROUNDING_SAMPLES)
 
 
 def cut(
@@ -23,10 +29,8 @@ def cut(
         InputError: no sample remains.
     """
     limits = {"start_s": start_s, "stop_s": stop_s}
-    first = 0 if start_s is None else math.ceil(start_s * rate_hz - _ROUNDING_SAMPLES)
-    last = (
-        samples if stop_s is None else min(samples, math.ceil(stop_s * rate_hz - _ROUNDING_SAMPLES))
-    )
+    first = 0 if start_s is None else first_sample_at(start_s, rate_hz)
+    last = samples if stop_s is None else min(samples, first_sample_at(stop_s, rate_hz))
     if first >= last:
         raise InputError(
             "The part of the record is empty.",

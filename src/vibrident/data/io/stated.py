@@ -148,7 +148,7 @@ def _date(text: str) -> StartTime | None:
     except ValueError:
         return None
     east_minutes = int(f"{hours[0]}{60 * int(hours[1:]) + int(minutes)}") if hours else 0
-    return StartTime(int(instant.astype(np.int64)) - east_minutes * 60 * 10**9, epoch=True)
+    return StartTime.on_date(instant, -60.0 * east_minutes)
 
 
 def seconds_since(unit: str) -> tuple[float, StartTime] | None:

@@ -55,43 +55,30 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
     source = open_columns(path)
     positions = _positions(section, source)
     conversions = _conversions(calibration, source, positions)
-    columns, left_out = _load(section, source, positions)
+    columns, skipped_rows = _load(section, source, positions)
     values = {
         key: conversions[key].of_values(columns[key]) * (scale if key in _RESPONSE else 1.0)
         for key in ("frequency", "phase", *_RESPONSE)
         if key in columns
     }
+    size_key = "magnitude"
+    label = size_key
     if "real" in values:
         values["magnitude"] = np.hypot(values["real"], values["imaginary"])
         values["phase"] = np.arctan2(values["imaginary"], values["real"])
-    size_key = "magnitude" if "magnitude" in columns else "real"
-    of = "magnitude" if "magnitude" in columns else "the magnitude of real and imaginary part"
+        size_key = "real"
+        label = "the magnitude of real and imaginary part"
     _require_positive(
-        of, values["magnitude"], columns[size_key], source, positions[size_key], left_out
+        label, values["magnitude"], columns[size_key], source, positions[size_key], skipped_rows
     )
-    deviations = {
-        key: conversions[key].of_uncertainties(
-            columns[key], values[key.removesuffix("_uncertainty")], abs(scale)
-        )
-        for key in _DEVIATIONS
-        if key in columns
-    }
-    magnitude_u = deviations.get("magnitude_uncertainty")
-    phase_u = (
-        conversions["phase_uncertainty"].of_values(columns["phase_uncertainty"])
-        if "phase_uncertainty" in columns
-        else None
-    )
-    if "real_uncertainty" in deviations:
-        magnitude_u, phase_u = _rotated(
-            values, deviations["real_uncertainty"], deviations["imaginary_uncertainty"]
-        )
+    magnitude_u, phase_u = _uncertainties(columns, values, conversions, abs(scale))
+    if magnitude_u is not None:
+        magnitude_u = magnitude_u / section.coverage_factor
+    if phase_u is not None:
+        phase_u = phase_u / section.coverage_factor
     history = _history(calibration, source, positions, conversions)
-    if left_out:
-        history.append(f"left out: {left_out} row at 0 Hz")
-    magnitude_u, phase_u = (
-        None if u is None else u / section.coverage_factor for u in (magnitude_u, phase_u)
-    )
+    if skipped_rows:
+        history.append(f"left out: {skipped_rows} row at 0 Hz")
     table = ResponseTable(
         frequency_hz=values["frequency"],
         magnitude=values["magnitude"],
@@ -101,6 +88,36 @@ def read_table(calibration: CalibrationFile, folder: Path, where: str) -> Respon
         provenance=Provenance(section.file, sha256(path), tuple(history)),
     )
     return table if section.band_hz is None else table.within(section.band_hz)
+
+
+def _uncertainties(
+    columns: Mapping[str, FloatArray],
+    values: Mapping[str, FloatArray],
+    conversions: Mapping[str, ColumnConversion],
+    scale: float,
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Return the uncertainties of magnitude and phase (rad); None where the file states none.
+
+    Args:
+        columns: key → numbers of the file.
+        values: key → converted and scaled values.
+        conversions: key → conversion of the file's numbers.
+        scale: size of the factor on the response.
+    """
+    deviations = {
+        key: conversions[key].of_uncertainties(
+            columns[key], values[key.removesuffix("_uncertainty")], scale
+        )
+        for key in _DEVIATIONS
+        if key in columns
+    }
+    if "real_uncertainty" in deviations:
+        real_u = deviations["real_uncertainty"]
+        return _polar_uncertainties(values, real_u, deviations["imaginary_uncertainty"])
+    phase_u = None
+    if "phase_uncertainty" in columns:
+        phase_u = conversions["phase_uncertainty"].of_values(columns["phase_uncertainty"])
+    return deviations.get("magnitude_uncertainty"), phase_u
 
 
 def table_response_unit(calibration: CalibrationFile, source: ColumnFile) -> str:
@@ -142,15 +159,17 @@ def _require_complex(section: TableSection, source: ColumnFile) -> None:
     where = f"{source.file}, asked for by [table] complex"
     if f"{name}.real" not in source.names:
         arrays = [each.removesuffix(".real") for each in source.names if each.endswith(".real")]
-        split_advice = "write its parts into two columns, and name them with real and imaginary"
+        expected = "a complex array"
+        remedy = "write its parts into two columns, and name them with real and imaginary"
+        if arrays:
+            expected = f"one of {', '.join(map(repr, arrays[:12]))}"
+            remedy = did_you_mean(name, arrays, "give one of these names")
         raise InputError(
             "There is no complex array of that name.",
-            expected=f"one of {', '.join(map(repr, arrays[:12]))}" if arrays else "a complex array",
+            expected=expected,
             found=f"{name!r}" + (", which is not complex" if name in source.names else ""),
             where=where,
-            remedy=did_you_mean(name, arrays, "give one of these names")
-            if arrays
-            else split_advice,
+            remedy=remedy,
         )
     if section.frequency is None and f"{name}.frequency" not in source.names:
         raise InputError(
@@ -235,7 +254,7 @@ def _require_positive(
         )
 
 
-def _rotated(
+def _polar_uncertainties(
     values: Mapping[str, FloatArray], real_u: FloatArray, imaginary_u: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the standard uncertainties of magnitude and phase, to first order (GUM 5.1.2).

@@ -43,7 +43,7 @@ def sensitivity_unit(column: TableColumn) -> str:
 
 
 def _is_unit_of_sensitivity(text: str) -> bool:
-    """Tell whether a name, or the end of one, is such a unit: "mV/g", "mV", "%"."""
+    """Return whether a name, or the end of one, is such a unit: "mV/g", "mV", "%"."""
     is_prefixed = len(text) > 1 and text[0].islower()
     return (
         text.lower() in RELATIVE_UNITS
@@ -57,14 +57,14 @@ def response_label(text: str) -> str:
 
     It is V for multiples of V, else as stated.
     """
-    above, _ = _quotient(text)
-    plain = parse_unit(above or text)
+    numerator, _ = _quotient(text)
+    plain = parse_unit(numerator or text)
     base = _output_of(text)
     if base == "V" or (plain is not None and plain.dimension == (("V", 1),)):
         return "V"
     if base:
-        return (above or text) if plain and plain.dimension == ((base, 1),) else base
-    return above or (text if quantity_of(text) else "")
+        return (numerator or text) if plain and plain.dimension == ((base, 1),) else base
+    return numerator or (text if quantity_of(text) else "")
 
 
 def sensitivity_factor(column: TableColumn, text: str, calibration: CalibrationFile) -> float:
@@ -88,7 +88,7 @@ def sensitivity_factor(column: TableColumn, text: str, calibration: CalibrationF
     if factor is None:
         factor = _factor(text, label, si)
         if factor is None:
-            raise _of_another_quantity(column, text, label or unit, calibration)
+            raise _other_quantity_error(column, text, label or unit, calibration)
         if not is_scaled or (is_open and _output_of(label) != "counts"):
             raise column.refused(
                 f"a multiple of {unit}, the unit of the response",
@@ -101,17 +101,17 @@ def sensitivity_factor(column: TableColumn, text: str, calibration: CalibrationF
         remedy = f"write what it is per, too, such as {text}/({per}) or {text}/{text}"
         raise column.refused(f"a response per {reference.quantity}", text, remedy)
     _refuse_second_conversion(column, text, unit, factor, calibration)
-    above, below = _quotient(text)
-    is_ratio = factor_between(text, label or unit) is None or bool(above)
+    numerator, denominator = _quotient(text)
+    is_ratio = factor_between(text, label or unit) is None or bool(numerator)
     return factor * _factor_of_reference(
-        column, text, calibration, (below or si) if is_ratio else None
+        column, text, calibration, (denominator or si) if is_ratio else None
     )
 
 
 def _quotient(text: str) -> tuple[str, Unit | None]:
-    """Return the text above the slash and the unit below it, of motion or of a drive.
+    """Return the numerator of a quotient as text, and its denominator, of motion or of a drive.
 
-    "" and None where there are none, as in "V/m/s^2", which is not V/(m/s^2).
+    "" and None for a text that is no such quotient, as "V/m/s^2", which is not V/(m/s^2).
     """
     unit = parse_unit(text)
     text = text.strip().translate(PLAIN_BRACKETS).replace(" per ", "/")
@@ -120,15 +120,16 @@ def _quotient(text: str) -> tuple[str, Unit | None]:
         depth += (sign in "([") - (sign in ")]")
         if sign != "/" or depth:
             continue
-        above = text[:index].strip()
-        below = text[index + 1 :].strip()
-        numerator = parse_unit(above)
-        denominator = parse_unit(below)
-        if not above or denominator is None or not (quantity_of(below) or _output_of(below)):
+        numerator = text[:index].strip()
+        divisor = text[index + 1 :].strip()
+        denominator = parse_unit(divisor)
+        is_input = bool(quantity_of(divisor) or _output_of(divisor))
+        if not numerator or denominator is None or not is_input:
             continue
-        if unit is None or (numerator and numerator.over(denominator).dimension == unit.dimension):
-            is_bracketed = above.startswith("(") and above.endswith(")")
-            return (above[1:-1] if is_bracketed else above), denominator
+        output = parse_unit(numerator)
+        if unit is None or (output and output.over(denominator).dimension == unit.dimension):
+            is_bracketed = numerator.startswith("(") and numerator.endswith(")")
+            return (numerator[1:-1] if is_bracketed else numerator), denominator
     return "", None
 
 
@@ -149,31 +150,34 @@ def _factor(text: str, unit: str, si: Unit | None) -> float | None:
     """
     parsed = parse_unit(text)
     target = parse_unit(unit)
-    above, below = _quotient(text)
+    numerator, denominator = _quotient(text)
     if parsed is None or target is None:
-        if above != unit or below is None or (si and below.dimension != si.dimension):
+        if numerator != unit or denominator is None:
             return None
-        return si.factor / below.factor if si else 1.0
-    if parsed.dimension == target.dimension and not above:
+        if si is None:
+            return 1.0
+        is_same = denominator.dimension == si.dimension
+        return si.factor / denominator.factor if is_same else None
+    if parsed.dimension == target.dimension and not numerator:
         return parsed.factor / target.factor
     if si is None:
-        return factor_between(above, unit)
+        return factor_between(numerator, unit)
     per_si = target.over(si)
     return parsed.factor / per_si.factor if parsed.dimension == per_si.dimension else None
 
 
-def quantity_below(text: str, unit: str) -> str:
+def quantity_per(text: str, unit: str) -> str:
     """Return the quantity that ``text`` is a multiple of ``unit`` per; "" for none."""
     if factor_between(text, unit) is not None and not _quotient(text)[0]:
         return ""
     return next((q for q, si in QUANTITY_UNITS.items() if _factor(text, unit, si) is not None), "")
 
 
-def _of_another_quantity(
+def _other_quantity_error(
     column: TableColumn, text: str, unit: str, calibration: CalibrationFile
 ) -> InputError:
     remedy = "name another column; or correct the header, to V/(m/s²) or the like"
-    if quantity := quantity_below(text, unit):
+    if quantity := quantity_per(text, unit):
         remedy = f'set [reference] quantity = "{quantity}", or correct the header'
     return column.refused(f"a response per {calibration.reference.quantity}", text, remedy)
 
@@ -185,12 +189,12 @@ def _refuse_second_conversion(
     response = calibration.response.scale
     reference = calibration.reference.scale
     si = QUANTITY_UNITS.get(calibration.reference.quantity)
-    above, below = _quotient(text)
+    numerator, denominator = _quotient(text)
     conversions = [
         (response / reference, factor),
         (response, factor),
-        (response, factor_between(above, unit)),
-        (reference, below.factor / si.factor if below and si else None),
+        (response, factor_between(numerator, unit)),
+        (reference, denominator.factor / si.factor if denominator and si else None),
     ]
     if si is not None and factor_between(text, unit) is None:  # 9.81 has no other meaning
         conversions += [(reference, STANDARD_GRAVITY), (response, 1.0 / STANDARD_GRAVITY)]
@@ -206,18 +210,18 @@ def _refuse_second_conversion(
 
 
 def _factor_of_reference(
-    column: TableColumn, text: str, calibration: CalibrationFile, below: Unit | None
+    column: TableColumn, text: str, calibration: CalibrationFile, denominator: Unit | None
 ) -> float:
     """Return the factor of [reference] unit, where it is not SI and the file states none.
 
-    ``below``: what the file states that the response is per; None for nothing.
+    ``denominator``: what the file states that the response is per; None for nothing.
     """
     reference = calibration.reference
     factor = factor_between(reference.unit, REFERENCE_UNITS[reference.quantity])
     is_si = reference.quantity == "drive" or not reference.unit or factor == 1.0
-    if below is None or is_si:
+    if denominator is None or is_si:
         return 1.0 / declared_factor(reference, column.source)
-    if parse_unit(reference.unit) == below:
+    if parse_unit(reference.unit) == denominator:
         return 1.0
     remedy = "remove unit under [reference], or correct the header"
     raise column.refused(f"a response per {reference.unit}", text, remedy)

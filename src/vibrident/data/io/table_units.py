@@ -16,7 +16,7 @@ import numpy as np
 from vibrident.data.io.calibration_file import CalibrationFile, TableSection
 from vibrident.data.io.table_column import RELATIVE_UNITS, TableColumn
 from vibrident.data.io.table_ratio import (
-    quantity_below,
+    quantity_per,
     response_label,
     sensitivity_factor,
     sensitivity_unit,
@@ -78,7 +78,7 @@ def stated_sensitivity(column: TableColumn) -> tuple[str, str]:
     level = column.level()
     text = level.unit if level else sensitivity_unit(column)
     label = response_label(text)
-    return label, quantity_below(text, label)
+    return label, quantity_per(text, label)
 
 
 def frequency_conversion(column: TableColumn) -> ColumnConversion:

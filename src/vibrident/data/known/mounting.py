@@ -119,27 +119,31 @@ class Mounting:
         return RationalResponse(poles, zeros, gain)
 
     def _effects(self) -> Iterator[SystematicEffect]:
-        """Yield the effects of what is unsure of it: changes of log response over frequency."""
+        """Yield the effects of its uncertainties: changes of log response over frequency."""
         assert self.frequency_hz is not None
-        unsure = {
+        uncertainties = {
             "frequency_hz": (self.standard_uncertainty, self.frequency_hz),  # relative
             "damping_ratio": (self.damping_uncertainty, 1.0),
             "mass_ratio": (self.mass_ratio_uncertainty if self.mass_ratio > 0.0 else 0.0, 1.0),
         }
-        at = self._rows()
-        for name, (u, unit) in unsure.items():
+        frequency_hz = self._table_frequencies()
+        for name, (u, unit) in uncertainties.items():
             if u == 0.0:
                 continue
             value = float(getattr(self, name))
             step = STEP * (value or 1.0)
-            least = max(value - step, 0.0)
-            ends = [replace(self, **{name: end})._shape.at(at) for end in (least, value + step)]
-            change = unit * np.log(ends[1] / ends[0]) / (value + step - least)
-            rows = zip(at.tolist(), change.real.tolist(), change.imag.tolist(), strict=True)
+            low = max(value - step, 0.0)
+            high = value + step
+            below, above = (
+                replace(self, **{name: end})._shape.at(frequency_hz) for end in (low, high)
+            )
+            change = unit * np.log(above / below) / (high - low)
+            columns = frequency_hz.tolist(), change.real.tolist(), change.imag.tolist()
             source = f"{self._source}, its {name.removesuffix('_hz').replace('_', ' ')}"
-            yield SystematicEffect(source, "mounting", u, pattern=tuple(rows))
+            pattern = tuple(zip(*columns, strict=True))
+            yield SystematicEffect(source, "mounting", u, pattern=pattern)
 
-    def _rows(self) -> FloatArray:
+    def _table_frequencies(self) -> FloatArray:
         """Return the frequencies at which effects are tabulated, Hz, rising."""
         assert self.frequency_hz is not None
         decades = np.linspace(-DECADES_BELOW, DECADES_ABOVE, ROWS)

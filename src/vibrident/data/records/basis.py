@@ -77,6 +77,12 @@ def runs_of_true(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np
     return edges[::2], edges[1::2]
 
 
+def extend_flags(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Return which samples have a flag at most ``reach`` samples away, shape (samples,)."""
+    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
+    return count[2 * reach + 1 :] > count[: -2 * reach - 1]
+
+
 def span_of(flags: NDArray[np.bool_]) -> slice:
     """Return the slice from the first True to the last; empty if there is none."""
     indices = np.flatnonzero(flags)

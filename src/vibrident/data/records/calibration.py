@@ -1,4 +1,4 @@
-"""A calibration: records or a table, and what the channels mean. Validated."""
+"""Hold a calibration: records or a table, and the meaning of their channels, validated."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ from vibrident.data.records.record import Record, ResponseTable
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Calibration of one sensor: records or a table, and what the channels mean.
+    """Calibration of one sensor: records or a table, and the meaning of their channels.
 
     Attributes:
-        records: the recordings; empty where a table is given.
-        table: the tabulated response; None where records are given.
+        records: the recordings; empty if there is a table.
+        table: the tabulated response; None if there are records.
         model: name of the sensor model, such as "accelerometer+delay".
-        quantity: what the reference channel gives.
+        quantity: quantity that the reference channel measures.
         reference_unit: unit of the reference after scaling.
-        reference_standard_uncertainty: relative, systematic: the calibration of the reference.
+        reference_standard_uncertainty: relative; systematic, by the calibration of the reference.
         response_unit: unit of the response after scaling.
         effects: further systematic contributions to the uncertainty.
         sensor: free text for reports (manufacturer, type, serial_number, …).
         source: path of the calibration file; empty for data made in memory.
-        certificate: what a certificate needs besides the data (customer, laboratory, conditions,
-            …), as given; keys as in the calibration file, plain values, dates as ISO text.
-        capabilities: smallest expanded uncertainties of the sensitivity that are stated.
-        reference_known_response: known response of the reference's channel. The records then hold
-            the output of that channel, a table the response per unit of it; ``quantity`` and
-            ``reference_unit`` are of the motion.
-        response_known_response: known response of the response's channel; ``response_unit`` is of
-            the sensor's output.
-        mounting: what is known of the sensor's mounting; one whose frequency is known is taken out
-            of the data with the known response of the reference.
+        certificate: further data of a certificate (customer, laboratory, conditions, …); keys as in
+            the calibration file, plain values, dates as ISO text.
+        capabilities: smallest expanded uncertainties of the sensitivity that may be stated.
+        reference_known_response: known response of the reference channel. Records then hold the
+            output of that channel, and a table the response per unit of that output; ``quantity``
+            and ``reference_unit`` are those of the motion.
+        response_known_response: known response of the response channel; ``response_unit`` is that
+            of the sensor's output.
+        mounting: known properties of the sensor's mounting. If its frequency is known, its effect
+            is removed from the data with the known response of the reference.
 
     Raises:
         InputError: neither or both of records and table are given, or the quantity is unknown.
@@ -115,20 +115,20 @@ class Calibration:
         return functools.partial(Calibration, **values), ()
 
     def within(self, band_hz: tuple[float, float] | None) -> Calibration:
-        """Return the calibration for fits of a band alone; itself without one.
+        """Return the calibration restricted to a band.
 
         Args:
-            band_hz: lowest and highest frequency, Hz, both included.
+            band_hz: lowest and highest frequency, Hz, both included; None: no restriction.
 
         Raises:
             InputError: the band is not valid, or no point of a table is in it.
         """
         if band_hz is None:
             return self
-        low, high = (float(end) for end in band_hz)
+        low, high = map(float, band_hz)
         if not 0.0 < low < high:
             raise InputError(
-                "This is no band.",
+                "The limits of the band are not usable.",
                 expected="two positive numbers, the lower one first",
                 found=f"{low:g} and {high:g}",
                 where="⟦identify.band_hz⟧",
@@ -136,9 +136,8 @@ class Calibration:
             )
         if self.table is not None:
             return replace(self, table=self.table.within((low, high)))
-        return replace(
-            self, records=tuple(replace(record, band_hz=(low, high)) for record in self.records)
-        )
+        records = tuple(replace(record, band_hz=(low, high)) for record in self.records)
+        return replace(self, records=records)
 
     @classmethod
     def from_arrays(
@@ -152,16 +151,16 @@ class Calibration:
         names: Sequence[str] = (),
         **more: Any,
     ) -> Calibration:
-        """Return a calibration of records in memory.
+        """Build a calibration from arrays.
 
         Args:
-            reference: what drove the sensor, in the SI unit of ``quantity``: shape (samples,) for
-                one record, or (records, samples), or a sequence of arrays of any lengths; None for
-                free decays.
-            response: what the sensor answered, alike.
-            sampling_rate_hz: samples per second, of all records or one number a record.
-            quantity: what the reference is.
-            excitation: kind of motion, of all records or one word a record.
+            reference: motion or drive in the SI unit of ``quantity``: shape (samples,) for one
+                record, or (records, samples), or a sequence of arrays of any lengths; None for free
+                decays.
+            response: response of the sensor, in the same shape.
+            sampling_rate_hz: samples per second, for all records or one number for each.
+            quantity: quantity of the reference.
+            excitation: kind of motion, for all records or one for each.
             names: of the records; by default ``record 1``, ….
             more: further fields of a calibration, such as ``model``, ``response_unit``, ``sensor``,
                 ``effects`` and ``reference_known_response``.
@@ -170,29 +169,27 @@ class Calibration:
             InputError: the arguments are of different numbers of records, or a record cannot be
                 used.
         """
-        responses = _each_record(response)
+        responses = _split_records(response)
         count = len(responses)
-        columns = {
-            "reference": [None] * count if reference is None else _each_record(reference),
-            "sampling_rate_hz": [sampling_rate_hz] * count
-            if np.ndim(sampling_rate_hz) == 0
-            else sampling_rate_hz,
-            "excitation": [excitation] * count if isinstance(excitation, str) else excitation,
+        columns: dict[str, Sequence[Any]] = {
+            "reference": [None] * count if reference is None else _split_records(reference),
+            "sampling_rate_hz": _repeat(sampling_rate_hz, count),
+            "excitation": _repeat(excitation, count),
             "name": names or [f"record {number}" for number in range(1, count + 1)],
         }
         for label, column in columns.items():
-            if len(column) != count:  # type: ignore[arg-type]
+            if len(column) != count:
                 raise InputError(
                     f"There is not one {label} a record.",
                     expected=f"{count}, as many as there are responses",
-                    found=f"{len(column)}",  # type: ignore[arg-type]
+                    found=f"{len(column)}",
                     where="arrays of a calibration",
                     remedy="give one for each record, in the same order",
                 )
-        rows = zip(responses, *columns.values(), strict=True)  # type: ignore[arg-type]
+        rows = zip(responses, *columns.values(), strict=True)
         records = [
-            Record(str(name), signal, answer, float(rate), motion)
-            for answer, signal, rate, motion, name in rows
+            Record(str(name), reference, response, float(rate_hz), motion)
+            for response, reference, rate_hz, motion, name in rows
         ]
         return cls(tuple(records), quantity=quantity, **more)
 
@@ -269,24 +266,28 @@ class Calibration:
             )
 
 
-def _each_record(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
-    """Return the arrays of a channel, one a record: a single one if the elements are numbers."""
+def _split_records(channel: ArrayLike | Sequence[ArrayLike]) -> list[Any]:
+    """Return the arrays of a channel, one for each record."""
     elements = list(channel) if isinstance(channel, list | tuple) else list(np.asarray(channel))
-    return elements if elements and np.ndim(elements[0]) > 0 else [channel]
+    is_one_record = not elements or np.ndim(elements[0]) == 0
+    return [channel] if is_one_record else elements
+
+
+def _repeat(value: Any, count: int) -> Sequence[Any]:
+    """Return a value for each record: the given ones, or a single one repeated."""
+    return [value] * count if np.ndim(value) == 0 else value
 
 
 def describe(calibration: Calibration) -> list[dict[str, Any]]:
-    """Return a table row for each record, or one row for the table; labels state the units."""
+    """Return a row for each record, or one row for the table; labels state the units."""
+    units = calibration.units
     if calibration.table is not None:
-        return [
-            _table_row(
-                calibration.table, pretty("{response}/({reference})".format(**calibration.units))
-            )
-        ]
-    return [_record_row(record, calibration) for record in calibration.records]
+        unit = pretty(f"{units['response']}/({units['reference']})")
+        return [_table_row(calibration.table, unit)]
+    return [_record_row(record, units) for record in calibration.records]
 
 
-def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
+def _record_row(record: Record, units: Mapping[str, str]) -> dict[str, Any]:
     return {
         "record": record.name,
         "excitation": record.excitation,
@@ -295,8 +296,8 @@ def _record_row(record: Record, calibration: Calibration) -> dict[str, Any]:
         "left out": int(np.sum(~record.mask)),
         "rate / Hz": record.sampling_rate_hz,
         "duration / s": record.duration_s,
-        **_channel("reference", record.reference, calibration.units["reference"]),
-        **_channel("response", record.response, calibration.units["response"]),
+        **_channel("reference", record.reference, units["reference"]),
+        **_channel("response", record.response, units["response"]),
     }
 
 

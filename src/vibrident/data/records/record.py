@@ -24,6 +24,19 @@ from vibrident.data.records.basis import (
 if TYPE_CHECKING:
     from vibrident.data.interferometer.summary import OpticalSummary
 
+#: Fewest samples of a record.
+MIN_SAMPLES = 8
+#: Relative tolerance of a band's ends: a frequency may miss them in the last digits.
+EDGE_TOLERANCE = 1e-9
+#: Column of a response table → whether its values are positive.
+_TABLE_COLUMNS = {
+    "frequency_hz": True,
+    "magnitude": True,
+    "phase_rad": False,
+    "magnitude_uncertainty": True,
+    "phase_uncertainty_rad": True,
+}
+
 
 @dataclass(frozen=True, eq=False)
 class ResponseTable:
@@ -61,66 +74,56 @@ class ResponseTable:
 
     __repr__ = brief
 
+    def __post_init__(self) -> None:
+        points = np.size(self.frequency_hz)
+        for label, is_positive in _TABLE_COLUMNS.items():
+            if getattr(self, label) is not None:
+                column = frozen(getattr(self, label))
+                self._check_column(label, column, points, is_positive)
+                object.__setattr__(self, label, column)
+
+    @property
+    def _place(self) -> str:
+        """Return the table's name, for messages."""
+        return f"table {self.provenance.file or 'in memory'!r}"
+
+    def _check_column(self, label: str, column: FloatArray, points: int, is_positive: bool) -> None:
+        if column.shape != (points,) or points == 0:
+            raise InputError(
+                f"Column {label} does not fit the table.",
+                expected=f"one dimension, {points or 'at least 1'} points",
+                found=f"shape {column.shape}",
+                where=self._place,
+                remedy="give every column the same number of rows",
+            )
+        bad = np.flatnonzero(~np.isfinite(column) | (is_positive & (column <= 0)))
+        if bad.size:
+            raise InputError(
+                f"Column {label} holds values that cannot be used.",
+                expected="finite numbers" + (" above zero" if is_positive else ""),
+                found=f"{column[bad[0]]} in data row {bad[0] + 1}",
+                where=self._place,
+                remedy="repair or remove that row",
+            )
+        check_size(f"Column {label}", column, self._place)
+
     def within(self, band_hz: tuple[float, float]) -> ResponseTable:
         """Return the points in a band, both ends included.
 
         Raises:
             InputError: no point is in it.
         """
-        inside = in_band(self.frequency_hz, band_hz)
-        if not np.any(inside):
-            raise nothing_in_band(
-                band_hz, self.frequency_hz, f"table {self.provenance.file or 'in memory'!r}"
-            )
+        is_inside = in_band(self.frequency_hz, band_hz)
+        if not np.any(is_inside):
+            raise nothing_in_band(band_hz, self.frequency_hz, self._place)
         columns = {
-            name: None if (column := getattr(self, name)) is None else column[inside]
-            for name in (
-                "frequency_hz",
-                "magnitude",
-                "phase_rad",
-                "magnitude_uncertainty",
-                "phase_uncertainty_rad",
-            )
+            label: column[is_inside]
+            for label in _TABLE_COLUMNS
+            if (column := getattr(self, label)) is not None
         }
-        step = f"{int(np.sum(inside))} of {inside.size} points: {band_hz[0]:g} to {band_hz[1]:g} Hz"
+        low_hz, high_hz = band_hz
+        step = f"{np.sum(is_inside)} of {self.points} points: {low_hz:g} to {high_hz:g} Hz"
         return replace(self, **columns, provenance=self.provenance.then(step))
-
-    def __post_init__(self) -> None:
-        positive = {"frequency_hz", "magnitude", "magnitude_uncertainty", "phase_uncertainty_rad"}
-        shape = np.shape(self.frequency_hz)
-        where = f"table {self.provenance.file or 'in memory'!r}"
-        for label in (
-            "frequency_hz",
-            "magnitude",
-            "phase_rad",
-            "magnitude_uncertainty",
-            "phase_uncertainty_rad",
-        ):
-            values = getattr(self, label)
-            if values is None:
-                continue
-            values = frozen(values)
-            if values.ndim != 1 or values.shape != shape or values.size == 0:
-                raise InputError(
-                    f"Column {label} does not fit the table.",
-                    expected=f"one dimension, {shape[0] if shape else 'at least 1'} points",
-                    found=f"shape {values.shape}",
-                    where=where,
-                    remedy="give every column the same number of rows",
-                )
-            bad = np.flatnonzero(
-                ~np.isfinite(values) | ((values <= 0) if label in positive else False)
-            )
-            if bad.size:
-                raise InputError(
-                    f"Column {label} holds values that cannot be used.",
-                    expected="finite numbers" + (" above zero" if label in positive else ""),
-                    found=f"{values[bad[0]]} in data row {bad[0] + 1}",
-                    where=where,
-                    remedy="repair or remove that row",
-                )
-            check_size(f"Column {label}", values, where)
-            object.__setattr__(self, label, values)
 
     @property
     def points(self) -> int:
@@ -137,7 +140,7 @@ class ResponseTable:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Simultaneous recording of the reference and the response, equally spaced in time.
+    """Reference and response of one sensor, sampled together at a constant rate.
 
     Attributes:
         name: short name for tables and messages (the file name, usually).
@@ -148,20 +151,20 @@ class Record:
         excitation: kind of motion.
         frequency_hz: start value for a sine's frequency; None if the data determine it.
         valid: shape (samples,), False where a sample must be left out of every fit (clipped, say).
-        reference_valid: shape (samples,), where the reference may be used as the sensor's input,
-            though the response is not valid there; None: as ``valid``.
+        reference_valid: shape (samples,), True where the reference may be used as the sensor's
+            input, even if the response is not valid there; None: as ``valid``.
         start_time_s: time of the first sample on the file's own clock.
         reference_full_scale, response_full_scale: largest magnitude a channel can hold, in its
             unit; None if unknown.
         provenance: file, hash and history.
-        reference_noise_order: the noise power of the reference grows with this power of frequency:
-            4 for an acceleration that was made of a displacement with white noise; 0 for white
-            noise.
-        optical: quality of the interferometer's signals that the reference was made from; None for
-            other references.
-        hum_hz: tones of the response that no motion causes; unknowns of every fit to the record.
+        reference_noise_order: power of frequency with which the noise power of the reference grows:
+            0 for white noise, 4 for an acceleration computed from a displacement with white noise.
+        optical: quality of the interferometer signals that the reference was computed from; None
+            for other references.
+        hum_hz: frequencies of tones in the response that no motion causes; every fit to the record
+            estimates them.
         circumstances: run, mounting, axis and temperature, as far as stated.
-        band_hz: lowest and highest frequency that a fit takes from the record; None: all.
+        band_hz: lowest and highest frequency that a fit uses; None: all.
 
     Raises:
         InputError: the arrays are not one-dimensional, differ in length, are shorter than 8 samples
@@ -198,11 +201,37 @@ class Record:
 
     def __post_init__(self) -> None:
         where = f"record {self.name!r}"
-        if not (np.isfinite(self.sampling_rate_hz) and self.sampling_rate_hz > 0):
+        self._check_settings(where)
+        object.__setattr__(self, "excitation", str(self.excitation))
+        response = frozen(self.response)
+        channels = {"response": response}
+        if self.reference is not None:
+            channels["reference"] = frozen(self.reference)
+        for label, values in channels.items():
+            _check_channel(label, values, response.shape, where)
+            object.__setattr__(self, label, values)
+        valid = np.ones(response.shape, dtype=bool)
+        if self.valid is not None:
+            valid = np.array(self.valid, dtype=bool)
+        if valid.shape != response.shape:
+            raise InputError(
+                "The mask of valid samples does not fit the record.",
+                expected=f"shape {response.shape}",
+                found=f"shape {valid.shape}",
+                where=where,
+                remedy="give one truth value a sample",
+            )
+        valid.flags.writeable = False
+        object.__setattr__(self, "valid", valid)
+
+    def _check_settings(self, where: str) -> None:
+        """Check sampling rate, excitation and frequency; ``where`` names the record."""
+        rate_hz = self.sampling_rate_hz
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(
                 "The sampling rate is not usable.",
                 expected="a positive number of samples per second",
-                found=f"{self.sampling_rate_hz!r}",
+                found=f"{rate_hz!r}",
                 where=where,
                 remedy="give rate_hz or time_column under [sampling]",
             )
@@ -216,42 +245,18 @@ class Record:
                 where=where,
                 remedy="name the reference column, or set excitation = 'decay'",
             )
-        object.__setattr__(self, "excitation", str(self.excitation))
-        response = frozen(self.response)
-        channels = {"response": response}
-        if self.reference is not None:
-            channels["reference"] = frozen(self.reference)
-        for label, values in channels.items():
-            _check_channel(label, values, response.shape, where)
-            object.__setattr__(self, label, values)
-        if self.frequency_hz is not None and not 0 < self.frequency_hz < self.sampling_rate_hz / 2:
+        if self.frequency_hz is not None and not 0 < self.frequency_hz < rate_hz / 2:
             raise InputError(
                 "The frequency of a sine record is outside the band that its sampling rate can "
                 "show.",
-                expected=f"0 < frequency_hz < {self.sampling_rate_hz / 2:g} (half the sampling "
-                "rate)",
+                expected=f"0 < frequency_hz < {rate_hz / 2:g} (half the sampling rate)",
                 found=f"{self.frequency_hz:g} Hz",
                 where=where,
                 remedy="correct frequency_hz or rate_hz",
             )
-        valid = (
-            np.ones(response.shape, dtype=bool)
-            if self.valid is None
-            else np.array(self.valid, dtype=bool)
-        )
-        if valid.shape != response.shape:
-            raise InputError(
-                "The mask of valid samples does not fit the record.",
-                expected=f"shape {response.shape}",
-                found=f"shape {valid.shape}",
-                where=where,
-                remedy="give one truth value a sample",
-            )
-        valid.flags.writeable = False
-        object.__setattr__(self, "valid", valid)
 
     def covers_frequency(self, frequency_hz: FloatArray) -> BoolArray:
-        """Return which frequencies are in the band of the record, of their shape."""
+        """Return which frequencies are in the record's band; shape as ``frequency_hz``."""
         return in_band(np.asarray(frequency_hz), self.band_hz)
 
     @property
@@ -286,7 +291,12 @@ class Record:
         return self.mask if self.reference_valid is None else self.reference_valid
 
     def part(self, span: slice, step: str) -> Record:
-        """Return some consecutive samples as a record; ``step``: for the provenance."""
+        """Return a record of consecutive samples.
+
+        Args:
+            span: first sample and one more than the last.
+            step: what was done, for the provenance.
+        """
         return replace(
             self,
             reference=None if self.reference is None else self.reference[span],
@@ -324,10 +334,6 @@ class Record:
         return replace(self, response=response, provenance=self.provenance.then(reason))
 
 
-#: Relative tolerance of a band's ends: a frequency may miss them in the last digits.
-EDGE_TOLERANCE = 1e-9
-
-
 def in_band(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> BoolArray:
     """Return which frequencies are in a band, both ends included; all if there is no band."""
     if band_hz is None:
@@ -342,9 +348,9 @@ def nothing_in_band(
     band_hz: tuple[float, float], frequency_hz: FloatArray, where: str
 ) -> InputError:
     """Return the error of a band without data."""
-    available = (
-        f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz" if frequency_hz.size else "none"
-    )
+    available = "none"
+    if frequency_hz.size:
+        available = f"{np.min(frequency_hz):g} to {np.max(frequency_hz):g} Hz"
     return InputError(
         "No data are in the band.",
         expected=f"data from {band_hz[0]:g} to {band_hz[1]:g} Hz",
@@ -363,10 +369,10 @@ def _check_channel(label: str, values: FloatArray, shape: tuple[int, ...], where
             where=where,
             remedy="give both channels over the same samples",
         )
-    if values.shape[0] < 8:
+    if values.shape[0] < MIN_SAMPLES:
         raise InputError(
             "The record is too short.",
-            expected="at least 8 samples",
+            expected=f"at least {MIN_SAMPLES} samples",
             found=f"{values.shape[0]} samples",
             where=where,
             remedy="check the file and start_s / stop_s",

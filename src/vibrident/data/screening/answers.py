@@ -120,8 +120,8 @@ class PredictedResponse:
     def _usual(self) -> BoolArray:
         """Return which samples have no event of either channel at or before them."""
         usual = (
-            self.response.follows
-            & np.pad(self.reference.follows, (self.delay, 0))[: self.response.follows.size]
+            self.response.has_past
+            & np.pad(self.reference.has_past, (self.delay, 0))[: self.response.has_past.size]
         )
         for channel, delay in ((self.reference, self.delay), (self.response, 0)):
             for event in channel.events:

@@ -31,7 +31,7 @@ SHARE_OF_LARGE_CHANGES = 0.02
 MAX_STAY_SHARE = 0.25
 
 
-def lost_samples(channel: ChannelSamples) -> BoolArray:
+def find_lost_samples(channel: ChannelSamples) -> BoolArray:
     """Return the samples that a recorder lost, shape (samples,).
 
     A run of equal samples ends where one is not valid.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.data.records.basis import extend_flags
 
 #: Order of the autoregression: how many samples predict the next.
 ORDER = 16
@@ -35,23 +36,23 @@ class LinearPrediction:
     taps: FloatArray
     deviation: float
 
-    def both(self, series: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the forward errors and the backward errors of a series.
+    def errors(self, series: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the forward errors and the backward errors of a series, each less its prediction.
 
-        The forward errors lack the first ORDER samples, the backward errors the last.
+        The forward errors lack the first ORDER samples, the backward errors the last ORDER.
         """
         forward = np.convolve(series, self.taps, mode="valid")
         backward = np.convolve(series, self.taps[::-1], mode="valid")
         return forward, backward
 
-    def matched(self, series: FloatArray, judged: BoolArray) -> FloatArray:
+    def matched(self, series: FloatArray, has_both_sides: BoolArray) -> FloatArray:
         """Return forward errors matched to a single wild sample, of variance one.
 
-        Shape (samples,); zero where a sample is not judged.
+        Shape (samples,); zero where ``has_both_sides`` is False.
         """
         scale = self.deviation * float(np.linalg.norm(self.taps))
         double = np.convolve(self.taps, self.taps[::-1]) / scale
-        return np.where(judged, np.convolve(series, double, mode="same"), 0.0)
+        return np.where(has_both_sides, np.convolve(series, double, mode="same"), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class PredictionSamples:
     """Samples that a prediction is fitted to, with those before them, in blocks of a record.
 
     Attributes:
-        windows: each sample behind ORDER others, shape (rows, ORDER + 1).
+        windows: each sample after its ORDER predecessors, shape (rows, ORDER + 1).
         clean: rows to use, shape (rows,).
     """
 
@@ -67,12 +68,12 @@ class PredictionSamples:
     clean: BoolArray
 
     @classmethod
-    def from_series(cls, series: FloatArray, follows: BoolArray) -> PredictionSamples:
+    def from_series(cls, series: FloatArray, has_past: BoolArray) -> PredictionSamples:
         """Return evenly spread samples of a series, and which of them can be predicted.
 
         Args:
             series: shape (samples,).
-            follows: which samples follow ORDER valid ones, shape (samples,).
+            has_past: which samples come after ORDER valid ones, shape (samples,).
         """
         count = series.size - ORDER
         blocks = MAX_BLOCKS if count > BLOCK_SAMPLES * MAX_BLOCKS else 1
@@ -83,7 +84,7 @@ class PredictionSamples:
         )
         index = begins[:, None] + np.arange((BLOCK_SAMPLES if blocks > 1 else count) + ORDER)
         windows = sliding_window_view(series[index], ORDER + 1, axis=1)
-        return cls(windows.reshape(-1, ORDER + 1), follows[index[:, ORDER:]].ravel())
+        return cls(windows.reshape(-1, ORDER + 1), has_past[index[:, ORDER:]].ravel())
 
     def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
@@ -108,9 +109,3 @@ class PredictionSamples:
             if np.sum(clean) > 0.5 * np.sum(self.clean)
             else self
         )
-
-
-def extend_flags(flags: BoolArray, reach: int) -> BoolArray:
-    """Return which samples have a flag within reach, shape (samples,)."""
-    count = np.cumsum(np.pad(flags, (reach + 1, reach)))
-    return count[2 * reach + 1 :] > count[: -2 * reach - 1]

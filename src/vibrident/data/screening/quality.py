@@ -16,9 +16,9 @@ from vibrident.data.records import STATIONARY_EXCITATIONS, BoolArray, FloatArray
 from vibrident.data.records.basis import runs_of_true
 from vibrident.data.screening.answers import PredictedResponse
 from vibrident.data.screening.channel import ChannelSamples
-from vibrident.data.screening.clipping import clipped
+from vibrident.data.screening.clipping import find_clipped
 from vibrident.data.screening.decays import is_sustained
-from vibrident.data.screening.gaps import lost_samples
+from vibrident.data.screening.gaps import find_lost_samples
 from vibrident.data.screening.held import is_stairs
 from vibrident.data.screening.repeats import repeated_block
 from vibrident.data.screening.wild import (
@@ -29,16 +29,16 @@ from vibrident.data.screening.wild import (
     find_motion,
 )
 
-#: Part of half the sampling rate above which no anti-alias filter leaves any power …
+#: Part of half the sampling rate above which no anti-alias filter leaves any power.
 ALIAS_BAND = 0.9
-#: … and share of the reference's power there from which on aliasing is reported.
+#: Share of the reference's power there from which on aliasing is reported.
 MIN_ALIAS_POWER = 0.01
 #: Samples on either side that an interpolation of the reference uses.
 REACH = 40
-#: A record that lost samples is used if at least this share of it is intact over REACH samples on
-#: either side …
+#: Smallest share of a record that is intact over REACH samples on either side: with less, the
+#: record is left out.
 MIN_INTACT_SHARE = 0.05
-#: … and at least this number of samples.
+#: Fewest such samples.
 MIN_INTACT_SAMPLES = 128
 #: A shock is where both channels exceed this share of their largest size: their half width.
 MIN_SHOCK_SIZE = 0.5
@@ -77,7 +77,10 @@ def screen(
                 ScreeningFinding("dead_channel", f"{record.name}: {dead}; the record is left out.")
             )
             continue
-        record, spoilt = _mask_spoilt_samples(record, units or {})
+        screening = _RecordScreening(record, units or {})
+        screening.mask_spoilt_samples()
+        record = screening.record
+        spoilt = screening.findings
         findings += spoilt
         if record.mask.sum() < 8 or (spoilt and _is_too_broken(record)):
             text = (
@@ -164,70 +167,164 @@ def _channels(record: Record) -> list[tuple[str, FloatArray, float | None]]:
     return channels
 
 
-def _mask_spoilt_samples(
-    record: Record, units: Mapping[str, str]
-) -> tuple[Record, list[ScreeningFinding]]:
-    """Return the record without clipped, lost, copied and wild samples, and the findings.
+class _RecordScreening:
+    """Record under screening: it loses samples, and each loss is a finding.
 
-    Only the response is marked where the reference is sound.
+    Attributes:
+        record: the record without the samples that were masked so far.
+        findings: a finding for each loss.
     """
-    findings = []
-    samples = _samples_by_channel(record)
-    for label, _, full_scale in _channels(record):
-        if label == "reference" and record.optical is not None:
-            # It was computed: the optical signals show the converter's limits and losses.
-            continue
-        samples = _samples_by_channel(record, samples)
-        bad, rails = clipped(samples[label], full_scale)
-        if bad.any():
-            levels = " and ".join(amount(level, units.get(label, "1"), 6) for level in rails)
-            observation = f"the {label} channel is clipped at {levels}"
-            record, finding = _mask_samples(
-                record, label, bad, "clipped", observation, f"{label} clipped at {levels}"
-            )
-            findings.append(finding)
-        samples = _samples_by_channel(record, samples)
-        bad = lost_samples(samples[label])
-        if bad.any():
-            stretches = int(np.sum(np.diff(bad.astype(int)) > 0))
-            first = float(np.argmax(bad)) / record.sampling_rate_hz
-            often = _frequency_words(stretches)
+
+    def __init__(self, record: Record, units: Mapping[str, str]) -> None:
+        self.record: Record = record
+        self.findings: list[ScreeningFinding] = []
+        self._units = units
+        self._samples: dict[str, ChannelSamples] = {}
+
+    def mask_spoilt_samples(self) -> None:
+        """Mask clipped, lost, copied and wild samples, and all but the longest unbroken part."""
+        for label, _, full_scale in _channels(self.record):
+            # An optical reference was computed: its signals show the converter's limits and losses.
+            if label != "reference" or self.record.optical is None:
+                self._mask_clipped_samples(label, full_scale)
+                self._mask_lost_samples(label)
+        self._mask_copied_blocks()
+        for longest in _longest_runs(self.record):
+            channels = {
+                label: PredictedChannel.from_samples(samples, longest)
+                for label, samples in self._channel_samples().items()
+            }
+            for label, is_wild in reversed(_find_wild_samples(self.record, channels).items()):
+                observation = _wild_observation(self.record, label, is_wild)
+                self._mask(label, is_wild, "dead_channel", observation, f"{label} wild")
+        self._keep_unbroken_part(channels)
+
+    def _channel_samples(self) -> dict[str, ChannelSamples]:
+        """Return the samples of each channel; sorted anew only where some were masked since."""
+        for label, values, _ in _channels(self.record):
+            samples = self._samples.get(label)
+            if samples is None or not np.array_equal(samples.valid, self.record.mask):
+                self._samples[label] = ChannelSamples(values, self.record.mask)
+        return self._samples
+
+    def _mask(
+        self, label: str, excluded: BoolArray, code: WarningCode, observation: str, reason: str
+    ) -> None:
+        """Mask samples of a channel, and record the finding.
+
+        The reference stays in use where only the response is spoilt.
+
+        Args:
+            label: "reference", "response" or "both".
+            excluded: shape (samples,).
+            code: of the finding.
+            observation: part of a sentence for the finding.
+            reason: for the record's provenance.
+        """
+        record = self.record
+        used = record.reference_mask if label == "reference" else record.mask
+        text = (
+            f"{record.name}: {observation}; {int(np.sum(excluded & used))} of {record.samples} "
+            "samples are left out of the fit."
+        )
+        self.findings.append(ScreeningFinding(code, text))
+        exclude = record.without_response if label == "response" else record.without
+        self.record = exclude(excluded, reason)
+
+    def _mask_clipped_samples(self, label: str, full_scale: float | None) -> None:
+        is_clipped, rails = find_clipped(self._channel_samples()[label], full_scale)
+        if is_clipped.any():
+            unit = self._units.get(label, "1")
+            description = "clipped at " + " and ".join(amount(level, unit, 6) for level in rails)
+            observation = f"the {label} channel is {description}"
+            self._mask(label, is_clipped, "clipped", observation, f"{label} {description}")
+
+    def _mask_lost_samples(self, label: str) -> None:
+        is_lost = find_lost_samples(self._channel_samples()[label])
+        if is_lost.any():
+            begins, _ = runs_of_true(is_lost)
+            first_s = float(np.argmax(is_lost)) / self.record.sampling_rate_hz
             observation = (
-                f"the {label} channel stands still {often}at {first:.4g} s, as where a recorder "
-                "lost samples"
+                f"the {label} channel stands still {_repetitions(begins.size)}at {first_s:.4g} s, "
+                "as where a recorder lost samples"
             )
-            record, finding = _mask_samples(
-                record, label, bad, "dead_channel", observation, f"{label} stands still"
-            )
-            findings.append(finding)
-    samples = _samples_by_channel(record, samples)
-    record, copied = _mask_copied_block(record, samples)
-    findings += copied
-    for longest in _longest_runs(record):
-        samples = _samples_by_channel(record, samples)
-        channels = {
-            label: PredictedChannel.from_samples(channel, longest)
-            for label, channel in samples.items()
+            self._mask(label, is_lost, "dead_channel", observation, f"{label} stands still")
+
+    def _mask_copied_blocks(self) -> None:
+        """Mask the copy of a block that was written twice.
+
+        A steady motion with a copy of both channels is cut at the copy: its longer part remains.
+        """
+        record = self.record
+        blocks = {
+            label: block
+            for label, samples in self._channel_samples().items()
+            if (block := repeated_block(samples)) is not None
         }
-        for label, bad in reversed(_find_wild_samples(record, channels).items()):
-            record, finding = _mask_samples(
-                record,
-                label,
-                bad,
-                "dead_channel",
-                _wild_observation(record, label, bad),
-                f"{label} wild",
+        if not blocks:
+            return
+        if len(set(blocks.values())) == 1 and len(blocks) == len(_channels(record)):
+            blocks = {"both": next(iter(blocks.values()))}
+        for label, block in blocks.items():
+            end = block.second + block.length
+            is_copy = np.zeros(record.samples, dtype=bool)
+            is_copy[block.second : end] = True
+            if label == "both" and record.excitation in STEADY:
+                first_part_is_longer = block.second >= record.samples - end
+                is_copy[slice(end, None) if first_part_is_longer else slice(block.second)] = True
+            name = "both channels" if label == "both" else f"the {label} channel"
+            code = "clock_suspect" if label == "both" else "dead_channel"
+            first_s = block.first / record.sampling_rate_hz
+            second_s = block.second / record.sampling_rate_hz
+            observation = (
+                f"{block.length} samples of {name} at {first_s:.6g} s return at {second_s:.6g} s, "
+                "as where a recorder writes a buffer twice"
             )
-            findings.append(finding)
-    record, broken = _keep_unbroken_part(record, channels)
-    return record, findings + broken
+            self._mask(label, is_copy, code, observation, f"{name} repeated")
+
+    def _keep_unbroken_part(self, channels: Mapping[str, PredictedChannel]) -> None:
+        """Mask all but the longest part of a steady motion in which no time was lost.
+
+        ``channels``: the channels as predicted before; predicted anew where samples were masked
+        since.
+        """
+        record = self.record
+        if record.reference is None or record.excitation not in STEADY:
+            return
+        valid = record.mask & record.reference_mask
+        if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
+            channels = {
+                label: PredictedChannel.from_samples(ChannelSamples(values, valid))
+                for label, values, _ in _channels(record)
+            }
+        breaks = find_breaks(**channels)
+        if breaks.size == 0 or is_stairs(record.reference):
+            return
+        predictions = PredictedResponse.all_from_channels(**channels)
+        breaks = breaks[
+            [all(each.breaks_off(int(index)) for each in predictions) for index in breaks]
+        ]
+        if breaks.size == 0:
+            return
+        # Which of the samples at a break is the last, or the first, is not known.
+        begins = np.concatenate([[0], breaks + 2])
+        ends = np.concatenate([breaks - 2, [record.samples]])
+        longest = int(np.argmax(np.diff(breaks, prepend=0, append=record.samples)))
+        excluded = np.ones(record.samples, dtype=bool)
+        excluded[begins[longest] : ends[longest]] = False
+        times = ", ".join(f"{index / record.sampling_rate_hz:.6g}" for index in breaks)
+        observation = (
+            f"both channels break off at {times} s and go on elsewhere, as where a recorder lost "
+            "time; only the longest unbroken part is used"
+        )
+        reason = "the longest part without lost time"
+        self._mask("both", excluded, "clock_suspect", observation, reason)
 
 
 def _longest_runs(record: Record) -> tuple[int, ...]:
     """Return the longest runs of wild samples to look for, one after the other.
 
-    In a shock a long run is wild where the reference rests alone, a short one amidst the motion
-    too.
+    In a shock a long run is wild only where the reference rests, a short one amidst the motion too.
     """
     if record.reference is None or record.excitation not in (*LINEAR, "shock"):
         return (MAX_SHORT_RUN_SAMPLES,)
@@ -243,113 +340,25 @@ def _is_linear(record: Record, channels: Mapping[str, PredictedChannel]) -> bool
     )
 
 
-def _wild_observation(record: Record, label: str, bad: BoolArray) -> str:
+def _wild_observation(record: Record, label: str, is_wild: BoolArray) -> str:
     """Describe the wild samples of a channel for a finding."""
-    begins, ends = runs_of_true(bad)
-    most = int(np.max(ends - begins))
-    what = (
+    begins, ends = runs_of_true(is_wild)
+    longest = int(np.max(ends - begins))
+    deviation = (
         "a single sample far off its neighbours"
-        if most == 1
-        else f"up to {most} samples far off those around them"
+        if longest == 1
+        else f"up to {longest} samples far off those around them"
     )
-    often = _frequency_words(begins.size)
     first_s = float(begins[0]) / record.sampling_rate_hz
     return (
-        f"the {label} channel has {what} {often}at {first_s:.6g} s, as where a recorder or a "
-        "contact fails"
+        f"the {label} channel has {deviation} {_repetitions(begins.size)}at {first_s:.6g} s, "
+        "as where a recorder or a contact fails"
     )
 
 
-def _frequency_words(number: int) -> str:
-    return "" if number == 1 else f"{number} times, first "
-
-
-def _samples_by_channel(
-    record: Record, earlier: Mapping[str, ChannelSamples] | None = None
-) -> dict[str, ChannelSamples]:
-    """Return each channel's samples to look at: those ``earlier`` where none was marked since."""
-    channels = dict[str, ChannelSamples]()
-    for label, values, _ in _channels(record):
-        channel = earlier.get(label) if earlier else None
-        if channel is None or not np.array_equal(channel.valid, record.mask):
-            channel = ChannelSamples(values, record.mask)
-        channels[label] = channel
-    return channels
-
-
-def _mask_copied_block(
-    record: Record, channels: Mapping[str, ChannelSamples]
-) -> tuple[Record, list[ScreeningFinding]]:
-    """Return the record without the copy of a block that was written twice, and the findings."""
-    candidates = {label: repeated_block(channel) for label, channel in channels.items()}
-    blocks = {label: block for label, block in candidates.items() if block is not None}
-    if not blocks:
-        return record, []
-    findings = []
-    times = len(set(blocks.values())) == 1 and len(blocks) == len(_channels(record))
-    for label, block in list(blocks.items())[: 1 if times else None]:
-        bad = np.zeros(record.samples, dtype=bool)
-        bad[block.second : block.second + block.length] = True
-        channel_words = "both channels" if times else f"the {label} channel"
-        if times and record.excitation in STEADY:
-            before = block.second >= record.samples - block.second - block.length
-            bad[block.second :] |= before
-            bad[: block.second] |= not before
-        first_s, second_s = (at / record.sampling_rate_hz for at in (block.first, block.second))
-        observation = (
-            f"{block.length} samples of {channel_words} at {first_s:.6g} s return at "
-            f"{second_s:.6g} s, as where a recorder writes a buffer twice"
-        )
-        label, code = ("both", "clock_suspect") if times else (label, "dead_channel")
-        record, finding = _mask_samples(
-            record, label, bad, code, observation, f"{channel_words} repeated"
-        )
-        findings.append(finding)
-    return record, findings
-
-
-def _keep_unbroken_part(
-    record: Record, channels: Mapping[str, PredictedChannel]
-) -> tuple[Record, list[ScreeningFinding]]:
-    """Return the longest part of a steady motion in which no time was lost, and the finding.
-
-    ``channels``: the record's channels as predicted before; computed anew where samples were
-    marked since.
-    """
-    if record.reference is None or record.excitation not in STEADY:
-        return record, []
-    valid = record.mask & record.reference_mask
-    if not all(np.array_equal(valid, channel.valid) for channel in channels.values()):
-        channels = {
-            label: PredictedChannel.from_samples(ChannelSamples(values, valid))
-            for label, values, _ in _channels(record)
-        }
-    break_index = find_breaks(**channels)
-    if break_index.size and is_stairs(record.reference):
-        return record, []
-    if break_index.size:
-        answers = PredictedResponse.all_from_channels(**channels)
-        break_index = break_index[
-            [all(answer.breaks_off(int(index)) for answer in answers) for index in break_index]
-        ]
-    if break_index.size == 0:
-        return record, []
-    edges = np.concatenate([[0], break_index, [record.samples]])
-    longest = int(np.argmax(np.diff(edges)))
-    outside = np.ones(record.samples, dtype=bool)
-    # Which of the samples at a break is the last, or the first, is not known.
-    outside[
-        edges[longest] + 2 * (longest > 0) : edges[longest + 1] - 2 * (longest < break_index.size)
-    ] = False
-    times = ", ".join(f"{index / record.sampling_rate_hz:.6g}" for index in break_index)
-    observation = (
-        f"both channels break off at {times} s and go on elsewhere, as where a recorder lost time; "
-        "only the longest unbroken part is used"
-    )
-    record, finding = _mask_samples(
-        record, "both", outside, "clock_suspect", observation, "the longest part without lost time"
-    )
-    return record, [finding]
+def _repetitions(count: int) -> str:
+    """Return how often a finding occurs, for a sentence; empty for once."""
+    return "" if count == 1 else f"{count} times, first "
 
 
 def _find_wild_samples(
@@ -362,41 +371,52 @@ def _find_wild_samples(
     once are wild: a sensor answers for longer.
     """
     wild = {label: channel.wild.copy() for label, channel in channels.items()}
-    if len(wild) == 1 or not any(bad.any() for bad in wild.values()):
-        return {label: bad for label, bad in wild.items() if bad.any()}
-    linear = _is_linear(record, channels)
-    answers = PredictedResponse.all_from_channels(**channels)
-    for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
-        if not wild[label].any():
-            continue
-        moved = find_motion(channels[label], other_channel, wild[label])
-        for first, end in zip(*runs_of_true(wild[label]), strict=True):
-            run = slice(first, end)
-            if record.excitation == "shock" and any(
-                _is_shock(channels, wild, label, run, answer.delay) for answer in answers
-            ):
-                wild[label][first:end] = False
+    if len(wild) == 2 and any(flags.any() for flags in wild.values()):
+        is_linear = _is_linear(record, channels)
+        predictions = PredictedResponse.all_from_channels(**channels)
+        for label, other_channel in zip(wild, [*channels.values()][::-1], strict=True):
+            if not wild[label].any():
                 continue
-            at_once = [
-                event.may_be_short_wild
-                for event in other_channel.events
-                if event.first <= end and first <= event.end
-            ]
-            if moved[first:end].any() and not (
-                linear and end - first <= MAX_SHORT_RUN_SAMPLES and at_once and all(at_once)
-            ):
-                wild[label][first:end] = False
-            events = [
-                event
-                for event in channels[label].events
-                if event.wild and first <= event.first < end
-            ]
-            if not any(
-                event.may_be_short_wild or all(answer.denies(label, event) for answer in answers)
-                for event in events
-            ):
-                wild[label][first:end] = False
-    return {label: bad for label, bad in wild.items() if bad.any()}
+            is_motion = find_motion(channels[label], other_channel, wild[label])
+            for first, end in zip(*runs_of_true(wild[label]), strict=True):
+                run = slice(first, end)
+                is_shock = record.excitation == "shock" and any(
+                    _is_shock(channels, wild, label, run, each.delay) for each in predictions
+                )
+                may_be_motion = is_motion[run].any() and not (
+                    is_linear and _is_short_in_both(run, other_channel)
+                )
+                if (
+                    is_shock
+                    or may_be_motion
+                    or not _is_denied(label, run, channels[label], predictions)
+                ):
+                    wild[label][run] = False
+    return {label: flags for label, flags in wild.items() if flags.any()}
+
+
+def _is_short_in_both(run: slice, other_channel: PredictedChannel) -> bool:
+    """Return whether one or two wild samples may explain a run and the other channel's events."""
+    at_once = [
+        event.may_be_short_wild
+        for event in other_channel.events
+        if event.first <= run.stop and run.start <= event.end
+    ]
+    return run.stop - run.start <= MAX_SHORT_RUN_SAMPLES and bool(at_once) and all(at_once)
+
+
+def _is_denied(
+    label: str,
+    run: slice,
+    channel: PredictedChannel,
+    predictions: Sequence[PredictedResponse],
+) -> bool:
+    """Return whether a run holds wild samples that no motion explains, as all predictions say."""
+    return any(
+        event.may_be_short_wild or all(each.denies(label, event) for each in predictions)
+        for event in channel.events
+        if event.wild and run.start <= event.first < run.stop
+    )
 
 
 def _is_shock(
@@ -429,24 +449,6 @@ def _is_shock(
         largest = max(float(np.max(size)), np.finfo(float).tiny)
         ratios.append(float(np.max(size[around], initial=0.0)) / largest)
     return length > MAX_SHORT_RUN_SAMPLES and min(ratios) > MIN_SHOCK_SIZE
-
-
-def _mask_samples(
-    record: Record, label: str, bad: BoolArray, code: WarningCode, observation: str, reason: str
-) -> tuple[Record, ScreeningFinding]:
-    """Return the record without the ``bad`` samples, and the finding that says so.
-
-    The reference stays in use where only the response is spoilt.
-    """
-    count = int(np.sum(bad & (record.reference_mask if label == "reference" else record.mask)))
-    text = (
-        f"{record.name}: {observation}; {count} of {record.samples} samples are left out of the "
-        "fit."
-    )
-    remaining = (
-        record.without_response(bad, reason) if label == "response" else record.without(bad, reason)
-    )
-    return remaining, ScreeningFinding(code, text)
 
 
 @functools.lru_cache(maxsize=4)

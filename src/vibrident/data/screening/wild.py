@@ -2,9 +2,9 @@
 
 A channel is predicted from the samples before each one and, with the same coefficients, from those
 after it (autoregression; Vaseghi 2008, ch. 13). Both errors are noise where the motion goes on as
-elsewhere. The forward error first stands out at the first sample that those before it do not
-explain, the backward error last at the last sample that those after it do not explain. So the
-samples from the one to the other are wild; where none lies between them, the motion broke off and
+elsewhere. The forward error first stands out at the first sample that its past does not explain,
+the backward error last stands out at the last sample that its future does not explain. The samples
+from the first to the last of these are wild. Where none lies between them, the motion broke off and
 went on elsewhere, began, or has a corner.
 """
 
@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.data.records.basis import runs_of_true
+from vibrident.data.records.basis import extend_flags, runs_of_true
 from vibrident.data.screening.channel import ChannelSamples
 from vibrident.data.screening.prediction import (
     MAX_NOISE_SIGMA,
@@ -27,7 +27,6 @@ from vibrident.data.screening.prediction import (
     ORDER,
     LinearPrediction,
     PredictionSamples,
-    extend_flags,
 )
 from vibrident.data.screening.steps import converter_step
 
@@ -43,8 +42,9 @@ MIN_RELATIVE_SIZE = 1e-7
 ROUGHNESS_ORDER = 3
 #: A channel rests where half its samples are nearer to its median than this share of its range.
 MAX_REST = 1e-3
-#: Longest run of wild samples if a reference shows the motion, and without one.
+#: Longest run of wild samples where a reference shows the motion.
 MAX_RUN_SAMPLES = 40
+#: Longest run of wild samples without a reference.
 MAX_SHORT_RUN_SAMPLES = 2
 #: Samples next to a longer run that are probably wild, too, but not far enough off to show it.
 GUARD_SAMPLES = 4
@@ -62,17 +62,17 @@ MIN_BREAK = 2e-3
 SIDE_SAMPLES = 64
 MIN_DEVIATION_RATIO = 0.2
 
-
+#: Samples before and after an event that may be wild, too, the fewest first.
 _EXTENSIONS = sorted(itertools.product(range(GUARD_SAMPLES), repeat=2), key=sum)
 
 
 @dataclass(frozen=True)
 class ChannelEvent:
-    """Place where a channel does not go on as predicted.
+    """Event: samples at which a channel does not go on as predicted.
 
     Attributes:
-        first: first sample that those before it do not explain.
-        end: sample behind the last that those after it do not explain.
+        first: first sample that its past does not explain.
+        end: one more than the last sample that its future does not explain.
         strength: largest error, in its standard deviation.
         lone: whether wild samples from ``first`` to ``end`` explain the whole event.
         wild: whether those samples exceed the noise, too.
@@ -100,7 +100,7 @@ class ChannelEvent:
         return not self.wild and self.end - self.first <= MAX_SHORT_RUN_SAMPLES
 
     def meets(self, event: ChannelEvent) -> bool:
-        """Tell whether another channel's event happens at the same time."""
+        """Return whether another channel's event happens at the same time."""
         (low, high), (event_low, event_high) = (
             sorted((each.first, each.end)) for each in (self, event)
         )
@@ -114,48 +114,44 @@ class PredictedChannel:
     Attributes:
         series: about its median, over its largest size, zero where not valid; shape (samples,).
         valid: samples to look at, shape (samples,).
-        longest: longest run of wild samples.
+        max_run_samples: longest run of wild samples to look for.
     """
 
     series: FloatArray
     valid: BoolArray
-    longest: int = MAX_SHORT_RUN_SAMPLES
+    max_run_samples: int = MAX_SHORT_RUN_SAMPLES
 
     @classmethod
     def from_samples(
-        cls, channel: ChannelSamples, longest: int = MAX_SHORT_RUN_SAMPLES
+        cls, channel: ChannelSamples, max_run_samples: int = MAX_SHORT_RUN_SAMPLES
     ) -> PredictedChannel:
-        """Return a channel from its samples."""
+        """Scale a channel's samples, and set those that are not valid to zero."""
         middle = channel.middle
         size = float(np.max(np.abs(channel.ordered[[0, -1]] - middle))) if channel.span else 1.0
         series = (channel.values - middle) / size
-        return cls(
-            series if channel.all_valid else np.where(channel.valid, series, 0.0),
-            channel.valid,
-            longest,
-        )
+        if not channel.all_valid:
+            series = np.where(channel.valid, series, 0.0)
+        return cls(series, channel.valid, max_run_samples)
 
     @functools.cached_property
-    def follows(self) -> BoolArray:
-        """Return which samples follow ORDER valid ones, shape (samples,)."""
+    def has_past(self) -> BoolArray:
+        """Return which samples come after ORDER valid ones, shape (samples,)."""
         bad = np.cumsum(np.concatenate([[0], ~self.valid]))
         return np.concatenate([np.zeros(ORDER, dtype=bool), bad[ORDER + 1 :] == bad[: -ORDER - 1]])
 
     @functools.cached_property
-    def judged(self) -> BoolArray:
+    def has_both_sides(self) -> BoolArray:
         """Return which samples have ORDER valid ones on both sides, shape (samples,)."""
-        return self.follows & np.concatenate([self.follows[ORDER:], np.zeros(ORDER, dtype=bool)])
+        return self.has_past & np.concatenate([self.has_past[ORDER:], np.zeros(ORDER, dtype=bool)])
 
     @functools.cached_property
-    def readable(self) -> bool:
+    def is_readable(self) -> bool:
         """Return whether the channel has enough valid samples to judge."""
-        return bool(
-            self.valid.size > 8 * ORDER and np.sum(self.judged) >= 8 * ORDER and np.any(self.series)
-        )
+        return bool(np.sum(self.has_both_sides) >= 8 * ORDER and np.any(self.series))
 
     @functools.cached_property
-    def smallest(self) -> float:
-        """Return the smallest size that a wild sample can have."""
+    def min_wild_size(self) -> float:
+        """Return the smallest size that a wild sample can have, in units of the series."""
         return max(MIN_STEPS * converter_step(self.series, self.valid), MIN_RELATIVE_SIZE)
 
     @functools.cached_property
@@ -170,29 +166,29 @@ class PredictedChannel:
         The first fit stands where its errors are noise or rounding: where the largest of them is
         below MAX_NOISE_SIGMA standard deviations, estimated by their median.
         """
-        samples = PredictionSamples.from_series(self.series, self.follows)
+        samples = PredictionSamples.from_series(self.series, self.has_past)
         prediction = samples.fit()
-        errors = prediction.matched(self.series, self.judged)
+        errors = prediction.matched(self.series, self.has_both_sides)
         size = np.abs(errors)
-        if np.count_nonzero(
-            size > MEDIAN_OF_NORMAL / MAX_NOISE_SIGMA * np.max(size)
-        ) > 0.5 * np.count_nonzero(self.judged):
+        is_usual = size > MEDIAN_OF_NORMAL / MAX_NOISE_SIGMA * np.max(size)
+        if np.count_nonzero(is_usual) > 0.5 * np.count_nonzero(self.has_both_sides):
             return prediction, errors
         for _ in range(REFITS):
             prediction = samples.without_worst(prediction).fit()
-        return prediction, prediction.matched(self.series, self.judged)
+        return prediction, prediction.matched(self.series, self.has_both_sides)
 
     @functools.cached_property
     def errors(self) -> FloatArray:
         """Return the errors matched to a single wild sample, in standard deviations.
 
-        Shape (samples,); zero where a sample is not judged.
+        Shape (samples,); zero without ORDER valid samples on both sides.
         """
         return self._fitted[1]
 
-    def level(self, index: NDArray[np.int_]) -> FloatArray:
+    def usual_size(self, index: NDArray[np.int_]) -> FloatArray:
         """Return the usual size of the errors around samples, in standard deviations; 1 or more."""
-        reach = NEIGHBOURS + 2 * self.longest  # less than a third of the samples are disturbed
+        # Wild samples disturb less than a third of these.
+        reach = NEIGHBOURS + 2 * self.max_run_samples
         around = sliding_window_view(
             np.pad(np.abs(self.errors), reach, mode="reflect"), 2 * reach + 1
         )
@@ -201,13 +197,13 @@ class PredictedChannel:
     @functools.cached_property
     def events(self) -> tuple[ChannelEvent, ...]:
         """Return the places where the channel does not go on as predicted; none if too many."""
-        if not self.readable:
+        if not self.is_readable:
             return ()
         size = np.abs(self.errors)
         index = np.flatnonzero(size > MAX_NOISE_SIGMA)
         if not index.size:
             return ()
-        level = self.level(index)
+        level = self.usual_size(index)
         significant = size[index] > MAX_NOISE_SIGMA * level
         index = index[significant]
         level = level[significant]
@@ -225,78 +221,76 @@ class PredictedChannel:
             return ()
         usual = level * self.prediction.deviation
         peak = int(index[np.argmax(np.abs(self.errors[index]))])
-        forward, backward = self.prediction.both(self.series[low - ORDER : high + ORDER])
-        after = np.flatnonzero(np.abs(forward[:-ORDER]) > MAX_NOISE_SIGMA * usual)
-        before = np.flatnonzero(np.abs(backward[ORDER:]) > MAX_NOISE_SIGMA * usual)
-        first = low + int(after[0]) if after.size else peak
-        end = low + int(before[-1]) + 1 if before.size else peak + 1
+        forward, backward = self.prediction.errors(self.series[low - ORDER : high + ORDER])
+        without_past = np.flatnonzero(np.abs(forward[:-ORDER]) > MAX_NOISE_SIGMA * usual)
+        without_future = np.flatnonzero(np.abs(backward[ORDER:]) > MAX_NOISE_SIGMA * usual)
+        first = low + int(without_past[0]) if without_past.size else peak
+        end = low + int(without_future[-1]) + 1 if without_future.size else peak + 1
         if first == low or end == high:  # the event reaches beyond the samples that can be judged
             return ()
         strength = float(np.abs(self.errors[peak])) / level
         around_peak = [(peak, peak + 1), (peak, peak + 2), (peak - 1, peak + 1)]
-        candidates = [
-            (first - before_first, end + behind_end)
-            for before_first, behind_end in _EXTENSIONS
-            if end > first
-        ]
-        for begin, behind in candidates or around_peak:
-            if begin < low or behind - begin > self.longest:
+        candidates = around_peak
+        if end > first:
+            candidates = [(first - before, end + after) for before, after in _EXTENSIONS]
+        for begin, stop in candidates:
+            if begin < low or stop - begin > self.max_run_samples:
                 break
-            errors = forward[begin - low : behind - low + ORDER]
-            lone, wild = self._explained(errors, usual, behind - begin)
+            errors = forward[begin - low : stop - low + ORDER]
+            lone, wild = self._explained(errors, usual, stop - begin)
             # A corner of the motion looks much like a wild sample that neither error shows.
-            if lone and not (self.rests and self._is_smooth(begin, behind)):
-                return (ChannelEvent(begin, behind, strength, lone, wild and end > first),)
+            if lone and not (self.is_mostly_at_rest and self._is_smooth(begin, stop)):
+                return (ChannelEvent(begin, stop, strength, lone, wild and end > first),)
         motion = ChannelEvent(first, end, strength, lone=False, wild=False)
-        for begin, behind in around_peak:
-            if self._far_off(begin, behind):
-                return ChannelEvent(begin, behind, strength, lone=True, wild=True), *[motion] * (
-                    not motion.is_abrupt
-                )
+        for begin, stop in around_peak:
+            if self._is_far_off(begin, stop):
+                wild_event = ChannelEvent(begin, stop, strength, lone=True, wild=True)
+                return (wild_event,) if motion.is_abrupt else (wild_event, motion)
         return (motion,)
 
     @functools.cached_property
-    def rests(self) -> bool:
+    def is_mostly_at_rest(self) -> bool:
         """Return whether the channel rests for most of the record, and a prediction fits that."""
         return float(np.median(np.abs(self.series))) < MAX_REST
 
-    def _is_smooth(self, begin: int, behind: int) -> bool:
-        """Tell whether samples go on smoothly from those beside them, as tops of pulses do."""
-        rough = np.abs(np.diff(self.series[begin - ORDER : behind + ORDER], n=ROUGHNESS_ORDER))
+    def _is_smooth(self, begin: int, stop: int) -> bool:
+        """Return whether samples are as smooth as their neighbours, as tops of pulses are."""
+        roughness = np.abs(np.diff(self.series[begin - ORDER : stop + ORDER], n=ROUGHNESS_ORDER))
         margin = ORDER - ROUGHNESS_ORDER
-        usual = max(float(np.max(rough[:margin])), float(np.max(rough[-margin:])))
-        return float(np.max(rough)) < MIN_WILD_SIGMA * usual
+        usual = max(float(np.max(roughness[:margin])), float(np.max(roughness[-margin:])))
+        return float(np.max(roughness)) < MIN_WILD_SIGMA * usual
 
-    def _far_off(self, begin: int, behind: int) -> bool:
-        """Tell whether samples lie far off a motion that no prediction explains.
+    def _is_far_off(self, begin: int, stop: int) -> bool:
+        """Return whether samples lie far off a motion that no prediction explains.
 
         The scale is the largest change between neighbouring samples of that motion.
         """
-        before = np.arange(max(begin - ORDER, 0), begin)
-        neighbours = np.append(before, np.arange(behind, min(behind + ORDER, self.series.size)))
-        off = self.series[begin:behind] - np.interp(
-            np.arange(begin, behind), neighbours, self.series[neighbours]
-        )
+        past = np.arange(max(begin - ORDER, 0), begin)
+        future = np.arange(stop, min(stop + ORDER, self.series.size))
+        neighbours = np.append(past, future)
+        index = np.arange(begin, stop)
+        deviation = self.series[index] - np.interp(index, neighbours, self.series[neighbours])
         change = float(np.max(np.abs(np.diff(self.series[neighbours]))))
-        return float(np.min(np.abs(off))) > max(MIN_WILD_SIGMA * change, self.smallest)
+        limit = max(MIN_WILD_SIGMA * change, self.min_wild_size)
+        return float(np.min(np.abs(deviation))) > limit
 
     def _explained(self, errors: FloatArray, usual: float, length: int) -> tuple[bool, bool]:
-        """Tell whether wild samples may explain the forward errors, and whether they surely do.
+        """Return whether wild samples may explain the forward errors, and whether they surely do.
 
         Args:
             errors: forward errors from the first of these samples on.
             usual: standard deviation of the errors.
             length: number of wild samples.
         """
-        sizes, remainder = self._split(errors, length)
-        gained = float(errors @ errors - remainder @ remainder) / usual**2
+        sizes, remainder = self._fit_wild_sizes(errors, length)
+        reduction = float(errors @ errors - remainder @ remainder) / usual**2
         lone = (
             float(np.max(np.abs(remainder))) <= MAX_NOISE_SIGMA * usual
-            and float(np.max(np.abs(sizes))) > self.smallest
+            and float(np.max(np.abs(sizes))) > self.min_wild_size
         )
-        return lone, lone and gained > MIN_WILD_SIGMA**2 + length
+        return lone, lone and reduction > MIN_WILD_SIGMA**2 + length
 
-    def _split(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
+    def _fit_wild_sizes(self, errors: FloatArray, length: int) -> tuple[FloatArray, FloatArray]:
         """Return by how much the first ``length`` samples are off, and the errors that remain."""
         taps = np.pad(self.prediction.taps, (length - 1, max(errors.size - ORDER - 1, 0)))
         design = sliding_window_view(taps[: errors.size + length - 1], errors.size)[::-1].T
@@ -304,7 +298,7 @@ class PredictedChannel:
         return sizes, errors - design @ sizes
 
     def prominence(self, span: slice) -> float:
-        """Return the largest size of some samples over that of all others."""
+        """Return the largest size of the samples in a span over that of all others."""
         size = np.abs(self.series)
         largest_elsewhere = max(
             float(np.max(size[: span.start], initial=0.0)),
@@ -315,14 +309,14 @@ class PredictedChannel:
 
     def sizes(self, event: ChannelEvent) -> FloatArray:
         """Return by how much wild samples differ from the prediction of their neighbours."""
-        errors = self.prediction.both(self.series[event.first - ORDER : event.end + ORDER])[0]
-        return self._split(errors, event.end - event.first)[0]
+        errors = self.prediction.errors(self.series[event.first - ORDER : event.end + ORDER])[0]
+        return self._fit_wild_sizes(errors, event.end - event.first)[0]
 
     @functools.cached_property
     def wild(self) -> BoolArray:
         """Return the wild samples, shape (samples,)."""
         flags = np.zeros(self.series.shape, dtype=bool)
-        if self.readable:
+        if self.is_readable:
             runs = [event for event in self.events if event.wild]
             for run in runs if len(runs) <= max(4, MAX_WILD_SHARE * flags.size) else []:
                 guard = GUARD_SAMPLES * (run.end - run.first > MAX_SHORT_RUN_SAMPLES)
@@ -347,8 +341,9 @@ def find_motion(
     Returns:
         shape (samples,).
     """
-    bad_index = np.flatnonzero(bad)
-    moved = np.zeros(bad.shape, dtype=bool)
+    is_motion = np.zeros(bad.shape, dtype=bool)
+    if not bad.any():
+        return is_motion
     short_runs = [
         slice(first, end)
         for first, end in zip(*runs_of_true(bad), strict=True)
@@ -357,26 +352,25 @@ def find_motion(
     for order in range(3):  # motion of one channel is that of the other up to two derivatives
         if order:
             series = np.diff(other_channel.series, prepend=other_channel.series[:1])
-            other_channel = PredictedChannel.from_samples(
-                ChannelSamples(series, other_channel.valid & np.roll(other_channel.valid, 1))
-            )
-        if bad_index.size and other_channel.readable:
-            odd = np.zeros(bad.shape, dtype=bool)
-            reach = MAX_SAMPLES_APART + order
-            near = np.flatnonzero(extend_flags(bad, reach))
-            odd[near] = np.abs(other_channel.errors[near]) > MAX_NOISE_SIGMA * other_channel.level(
-                near
-            )
-            midst = np.zeros(bad.shape, dtype=bool)
-            for event in other_channel.events:
-                midst[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
-            explained = extend_flags(odd, reach)
-            for run in short_runs:
-                around = slice(max(run.start - reach, 0), run.stop + reach)
-                stands_out = channel.prominence(run) > other_channel.prominence(around)
-                explained[run] &= ~(midst[run] & stands_out)
-            moved |= bad & explained
-    return moved
+            valid = other_channel.valid & np.roll(other_channel.valid, 1)
+            other_channel = PredictedChannel.from_samples(ChannelSamples(series, valid))
+        if not other_channel.is_readable:
+            continue
+        reach = MAX_SAMPLES_APART + order
+        near = np.flatnonzero(extend_flags(bad, reach))
+        limit = MAX_NOISE_SIGMA * other_channel.usual_size(near)
+        is_odd = np.zeros(bad.shape, dtype=bool)
+        is_odd[near] = np.abs(other_channel.errors[near]) > limit
+        is_amid_event = np.zeros(bad.shape, dtype=bool)
+        for event in other_channel.events:
+            is_amid_event[event.first + reach + 1 : max(event.end - reach - 1, 0)] = True
+        explained = extend_flags(is_odd, reach)
+        for run in short_runs:
+            around = slice(max(run.start - reach, 0), run.stop + reach)
+            stands_out = channel.prominence(run) > other_channel.prominence(around)
+            explained[run] &= ~(is_amid_event[run] & stands_out)
+        is_motion |= bad & explained
+    return is_motion
 
 
 def find_breaks(reference: PredictedChannel, response: PredictedChannel) -> NDArray[np.int_]:
@@ -386,37 +380,33 @@ def find_breaks(reference: PredictedChannel, response: PredictedChannel) -> NDAr
     before and after: a knock would last. The begin or end of a motion is not a break, nor is one of
     several breaks close together, where the sensor was moved.
     """
-    break_index = []
+    candidates = []
     for event in reference.events:
         for answer in filter(event.meets, response.events):
             strongest = max(event, answer, key=lambda each: each.strength)
-            first = max(strongest.first, 0)
-            significant = strongest.strength > MIN_WILD_SIGMA and not (
-                event.may_be_wild and answer.may_be_wild
-            )
-            if significant and event.is_abrupt and answer.is_abrupt:
-                break_index += [first] * all(
-                    _is_break(channel, first) for channel in (reference, response)
-                )
-    apart = np.diff(
-        np.unique(np.array(break_index, dtype=int)),
-        prepend=-SIDE_SAMPLES,
-        append=reference.valid.size + SIDE_SAMPLES,
-    )
-    return np.unique(np.array(break_index, dtype=int))[
-        (apart[:-1] >= SIDE_SAMPLES) & (apart[1:] >= SIDE_SAMPLES)
-    ]
+            if (
+                strongest.strength > MIN_WILD_SIGMA
+                and not (event.may_be_wild and answer.may_be_wild)
+                and event.is_abrupt
+                and answer.is_abrupt
+                and _is_break(reference, strongest.first)
+                and _is_break(response, strongest.first)
+            ):
+                candidates.append(strongest.first)
+    breaks = np.unique(np.array(candidates, dtype=int))
+    distances = np.diff(breaks, prepend=-SIDE_SAMPLES, append=reference.valid.size + SIDE_SAMPLES)
+    return breaks[(distances[:-1] >= SIDE_SAMPLES) & (distances[1:] >= SIDE_SAMPLES)]
 
 
 def _is_break(channel: PredictedChannel, index: int) -> bool:
-    """Tell whether a channel jumps at a sample between motions of about the same size."""
+    """Return whether a channel jumps at a sample between motions of about the same size."""
     series = channel.series
-    errors = channel.prediction.both(series[max(index - 2 * ORDER, 0) : index + 2 * ORDER])[0]
-    before = series[max(index - SIDE_SAMPLES - ORDER, 0) : index]
-    after = series[index : index + ORDER + SIDE_SAMPLES]
-    if min(before.size, after.size) < ORDER or float(np.max(np.abs(errors))) < MIN_BREAK * float(
-        np.std(series)
-    ):
+    errors, _ = channel.prediction.errors(series[max(index - 2 * ORDER, 0) : index + 2 * ORDER])
+    past = series[max(index - SIDE_SAMPLES - ORDER, 0) : index]
+    future = series[index : index + ORDER + SIDE_SAMPLES]
+    if min(past.size, future.size) < ORDER:
         return False
-    sizes = sorted((float(np.std(before)), float(np.std(after))))
-    return sizes[0] > MIN_DEVIATION_RATIO * sizes[1]
+    if float(np.max(np.abs(errors))) < MIN_BREAK * float(np.std(series)):
+        return False
+    smaller, larger = sorted((float(np.std(past)), float(np.std(future))))
+    return smaller > MIN_DEVIATION_RATIO * larger

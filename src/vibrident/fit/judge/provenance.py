@@ -57,7 +57,7 @@ def provenance(fitted: Fitted) -> dict[str, Any]:
         "python": platform.python_version(),
         "libraries": _versions((*_ALWAYS, *sorted(participants() | read_by))),
         **({"plug_ins": packages} if packages else {}),
-        **({"model": source_of(model)} if MODELS.is_given(model.name) else {}),
+        **({"model": source_of(model)} if MODELS.is_registered(model.name) else {}),
         "calibration_file": calibration.source,
         "files": [
             *(

@@ -1,4 +1,4 @@
-"""Steps of a run: find, hash and identify calibrations in batches, then write table and page."""
+"""Run a fleet: find, hash and identify calibrations in batches, then write table and page."""
 
 from __future__ import annotations
 
@@ -26,10 +26,21 @@ from vibrident.lab.fleet.schedulers import Reply, Scheduler
 from vibrident.lab.fleet.table import Tally, identified_keys, index_of, write_table
 from vibrident.lab.fleet.worker import Task
 
-BATCH_S = 10.0  # of work: long against the time to send a batch, short against an acceptable loss
-_MIN_BATCH_S = 0.5  # of work: the last calibrations are divided among all workers
-_MAX_BATCH_SIZE = 1000  # calibrations, however short they are
-_NEWEST_SHARE = 0.5  # share of the newest batch in a shape's time
+#: Seconds of work of a batch: much longer than it takes to send, short enough to be lost.
+BATCH_S = 10.0
+#: Seconds of work of the shortest batches, in which the last calibrations are divided.
+_MIN_BATCH_S = 0.5
+_MAX_BATCH_SIZE = 1000  # calibrations
+_NEWEST_WEIGHT = 0.5  # of the newest batch in the time of a shape
+_GUESSED_S = 1.0  # time of a calibration whose shape has not been measured
+WINDOW = 2  # calls of a worker at once: one that it works on, one that waits for it
+_FIRST_HASHES = 8  # calibrations hashed by each of the first calls, so that work begins at once
+_MAX_HASHES = 100  # calibrations hashed by a later call
+_REPORT_INTERVAL_S = 0.5  # between updates of the number of workers and of the progress
+_MAX_RESENT = 4  # how often a calibration is sent again after its worker was lost
+_MAX_REHASHED = 3  # how often it is hashed again after its files changed
+_HEX_DIGITS = frozenset("0123456789abcdef")
+_KEY_DIGITS = 64
 
 
 @dataclass
@@ -46,51 +57,36 @@ class Batches:
         """Add a calibration to the waiting ones."""
         self.waiting.setdefault(shape, deque()).append(task)
 
-    def measured(self, shape: str, seconds: float, calibrations: int) -> None:
+    def update_time(self, shape: str, seconds: float, calibrations: int) -> None:
         """Update the time of a shape from a finished batch."""
-        each = seconds / calibrations
-        self.seconds[shape] = (1 - _NEWEST_SHARE) * self.seconds.get(
-            shape, each
-        ) + _NEWEST_SHARE * each
+        newest = seconds / calibrations
+        previous = self.seconds.get(shape, newest)
+        self.seconds[shape] = (1 - _NEWEST_WEIGHT) * previous + _NEWEST_WEIGHT * newest
+
+    def _waiting_s(self, shape: str) -> float:
+        return len(self.waiting[shape]) * self.seconds.get(shape, _GUESSED_S)
 
     def ahead_s(self) -> float:
-        """Return the seconds of waiting work.
-
-        A calibration of a shape without a measured time counts as one second.
-        """
-        return sum(
-            len(tasks) * self.seconds.get(shape, 1.0) for shape, tasks in self.waiting.items()
-        )
+        """Return the seconds of waiting work."""
+        return sum(map(self._waiting_s, self.waiting))
 
     def take(self, workers: int) -> tuple[str, list[Task]]:
-        """Take the next batch, of the shape with most waiting work.
+        """Remove the next batch, of the shape with most waiting work, and return it.
 
-        At least one calibration must be waiting. Of a shape without a measured time, the batch is
-        one calibration.
+        At least one calibration must be waiting. The first batch of a shape is one calibration,
+        which measures its time.
         """
-        shape = max(
-            self.waiting, key=lambda name: len(self.waiting[name]) * self.seconds.get(name, 1.0)
-        )
+        shape = max(self.waiting, key=self._waiting_s)
         tasks = self.waiting[shape]
-        each = self.seconds.get(shape)
-        wanted_s = min(BATCH_S, max(_MIN_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
-        size = (
-            1 if each is None else max(1, min(_MAX_BATCH_SIZE, round(wanted_s / max(each, 1e-6))))
-        )
-        batch = [tasks.popleft() for _ in range(min(size, len(tasks)))]
+        size = 1
+        if shape in self.seconds:
+            batch_s = min(BATCH_S, max(_MIN_BATCH_S, self.ahead_s() / (2 * max(workers, 1))))
+            size = round(batch_s / max(self.seconds[shape], 1e-6))
+            size = max(1, min(_MAX_BATCH_SIZE, size, len(tasks)))
+        batch = [tasks.popleft() for _ in range(size)]
         if not tasks:
             del self.waiting[shape]
         return shape, batch
-
-
-WINDOW = 2  # calls of a worker at once: one that it works on, one that waits for it
-_FIRST_HASHED_AT_ONCE = (
-    8  # calibrations hashed by each of the first calls, so that work begins at once
-)
-_MAX_HASHED_AT_ONCE = 100  # calibrations hashed by a later call
-_TURN_S = 0.5  # seconds between updates of the number of workers and of the progress
-_MAX_RESENT = 4  # how often a calibration is sent again after its worker was lost
-_MAX_REHASHED = 3  # how often it is hashed again after its files changed
 
 
 @dataclass(frozen=True)
@@ -108,10 +104,10 @@ class RunRequest:
 class RunProgress:
     """Progress of a run."""
 
-    done: int  # calibrations that have a row, including those of earlier runs
+    done: int  # calibrations with a row, including those of earlier runs
     total: int  # calibrations
     rate: float  # calibrations finished in this run, per second
-    left_s: float | None  # seconds left at that rate; None before a rate is known
+    left_s: float | None  # remaining seconds at that rate; None before a rate is known
     workers: int  # at work now
 
 
@@ -153,12 +149,11 @@ def run(
         InputError: a pattern names nothing, the folder cannot be written, the connection to the
             scheduler is lost, or pyarrow is not installed.
     """
-    parts.arrow()  # before the work that it would come after
+    parts.arrow()  # refuse now, not after the work
     begin = time.monotonic()
     began_at = time.time()
-    orders = replace(
-        request.orders, folder=os.path.abspath(request.orders.folder), run=uuid.uuid4().hex
-    )
+    folder = os.path.abspath(request.orders.folder)
+    orders = replace(request.orders, folder=folder, run=uuid.uuid4().hex)
     try:
         named = patterns.find_files(request.patterns)
         _prepare(orders, fresh=request.fresh)
@@ -174,28 +169,30 @@ def run(
         is_hashed = work.keys != b""
         names = itertools.compress(named.paths, is_hashed.tolist())
         keys = work.keys[is_hashed]
-        table = Path(orders.folder) / "fleet.parquet"
-        left_out = int(np.sum(~is_hashed))
         del work
         memory.return_freed()
+        table = Path(folder) / "fleet.parquet"
         tally = write_table(table, names, keys, orders)
         memory.return_freed()
         page = write_page(table.with_suffix(".html"), table, tally, request.specification, began_at)
     except OSError as error:
-        raise parts.unwritable(error, orders.folder) from error
+        raise parts.unwritable(error, folder) from error
+    left_out = int(np.sum(~is_hashed))
     return Outcome(tally, [table, page], computed, left_out, seconds, orders.results_folder)
 
 
 def _prepare(orders: Orders, *, fresh: bool) -> None:
+    """Make the folders, remove what earlier runs left, and check that files can be written.
+
+    ``fresh``: whether to remove all rows and results, too.
+    """
     orders.parts_folder.mkdir(parents=True, exist_ok=True)
     for folder, ending in ((orders.parts_folder, ".parquet"), (orders.results_folder, ".json")):
         if folder.is_dir():
             parts.remove_left(folder)
             for path in folder.glob(f"*{ending}") if fresh else ():
-                if len(path.stem) == 64 and set(path.stem) <= set(
-                    "0123456789abcdef"
-                ):  # ours, by its name
-                    path.unlink(missing_ok=True)
+                if len(path.stem) == _KEY_DIGITS and _HEX_DIGITS.issuperset(path.stem):
+                    path.unlink(missing_ok=True)  # a file of ours, by its name
     if orders.results:
         orders.results_folder.mkdir(exist_ok=True)
     trial = orders.parts_folder / ".trial"
@@ -205,7 +202,12 @@ def _prepare(orders: Orders, *, fresh: bool) -> None:
 
 
 class _Work:
-    """Open calls, and the remaining work."""
+    """Work of a run: calls on their way to workers, and calibrations that wait.
+
+    Attributes:
+        keys: of the calibrations; empty where one is not hashed yet, or is no calibration.
+        computed: number of calibrations that this run has finished.
+    """
 
     def __init__(
         self,
@@ -215,140 +217,141 @@ class _Work:
         scheduler: Scheduler,
         progress: Callable[[RunProgress], None],
     ) -> None:
-        self.named = named
-        self.orders = orders
-        self.scheduler = scheduler
-        self.progress = progress
-        self.keys = np.zeros(
-            len(named.paths), dtype=parts.PACKED
-        )  # empty: not hashed yet, or no calibration
+        self.keys = np.zeros(len(named.paths), dtype=parts.PACKED)
         self.computed = 0
-        self._lost: Counter[str] = Counter()
-        self._moves: Counter[int] = Counter()
-        self._finished = finished  # or on the way
+        self._named = named
+        self._orders = orders
+        self._scheduler = scheduler
+        self._progress = progress
+        self._losses: Counter[str] = Counter()  # lost workers by key
+        self._rehashed: Counter[int] = Counter()  # by index
+        self._known_keys = finished  # or on the way
         self._batches = Batches()
-        self._hashing: dict[int, list[int]] = {}
-        self._work: dict[int, tuple[str, list[Task]]] = {}
-        self._next = 0
+        self._hash_calls: dict[int, list[int]] = {}
+        self._work_calls: dict[int, tuple[str, list[Task]]] = {}
+        self._next = 0  # index of the first calibration that no call hashes yet
         self._hashed = 0
-        self._waiting_for = 0
+        self._unfinished = 0
         self._begin = time.monotonic()
 
     def do(self) -> None:
         """Run until every calibration has a row."""
         reported_at = 0.0
-        while self._next < len(self.named.paths) or self._hashing or self._batches or self._work:
+        while self._is_unhashed or self._hash_calls or self._batches or self._work_calls:
             self._send()
-            if (reply := self.scheduler.next_reply(_TURN_S)) is not None:
-                self._take(reply)
-            if time.monotonic() - reported_at >= _TURN_S:
+            if (reply := self._scheduler.next_reply(_REPORT_INTERVAL_S)) is not None:
+                self._receive(reply)
+            if time.monotonic() - reported_at >= _REPORT_INTERVAL_S:
                 reported_at = time.monotonic()
                 self._report_progress()
         self._report_progress()
 
+    @property
+    def _is_unhashed(self) -> bool:
+        return self._next < len(self._named.paths)
+
     def _send(self) -> None:
+        """Submit calls until every worker has enough: to hash calibrations, or to identify some."""
         # an adaptive cluster starts workers only once work is submitted
-        workers = max(self.scheduler.workers(), 1)
-        while len(self._hashing) + len(self._work) < WINDOW * workers:
-            ahead = self._batches.ahead_s() >= WINDOW * workers * BATCH_S
-            if (
-                self._next < len(self.named.paths)
-                and not ahead
-                and len(self._hashing) <= workers // 2
-            ):
-                size = (
-                    _FIRST_HASHED_AT_ONCE
-                    if self._hashed < WINDOW * _MAX_HASHED_AT_ONCE
-                    else _MAX_HASHED_AT_ONCE
-                )
+        workers = max(self._scheduler.workers(), 1)
+        while len(self._hash_calls) + len(self._work_calls) < WINDOW * workers:
+            needs_work = self._batches.ahead_s() < WINDOW * workers * BATCH_S
+            if self._is_unhashed and needs_work and len(self._hash_calls) <= workers // 2:
+                size = _FIRST_HASHES if self._hashed < WINDOW * _MAX_HASHES else _MAX_HASHES
                 first = self._next
-                self._next = min(self._next + size, len(self.named.paths))
-                self._hash(list(range(first, self._next)))
+                self._next = min(first + size, len(self._named.paths))
+                self._submit_hashes(list(range(first, self._next)))
             elif self._batches:
-                shape, tasks = self._batches.take(workers)
-                self._work[self.scheduler.submit(work_off, tasks, self.orders)] = (shape, tasks)
+                self._submit_work(*self._batches.take(workers))
             else:
                 return
 
-    def _hash(self, indices: list[int]) -> None:
-        paths = [os.path.abspath(self.named.paths[index]) for index in indices]
-        self._hashing[self.scheduler.submit(fingerprints, paths, self.orders)] = indices
+    def _path(self, index: int) -> str:
+        return os.path.abspath(self._named.paths[index])
 
-    def _take(self, reply: Reply) -> None:
+    def _submit_hashes(self, indices: list[int]) -> None:
+        paths = [self._path(index) for index in indices]
+        self._hash_calls[self._scheduler.submit(fingerprints, paths, self._orders)] = indices
+
+    def _submit_work(self, shape: str, tasks: list[Task]) -> None:
+        self._work_calls[self._scheduler.submit(work_off, tasks, self._orders)] = (shape, tasks)
+
+    def _receive(self, reply: Reply) -> None:
+        """Store a reply, or send its call again if the worker was lost."""
         if reply.error is not None:
             raise reply.error
-        if reply.call in self._hashing:
-            indices = self._hashing.pop(reply.call)
-            self._hash(indices) if reply.lost else self._take_hashes(indices, reply.value)
+        if reply.call in self._hash_calls:
+            indices = self._hash_calls.pop(reply.call)
+            if reply.lost:
+                self._submit_hashes(indices)
+            else:
+                self._store_hashes(indices, reply.value)
             return
-        shape, tasks = self._work.pop(reply.call)
+        shape, tasks = self._work_calls.pop(reply.call)
         if not reply.lost:
-            self._done(shape, tasks, reply.value)
-        elif len(tasks) == 1 and self._lost[tasks[0][1]] >= _MAX_RESENT:
-            row = lost(*tasks[0], self.orders)
-            part_file = parts.write_part(
-                self.orders.parts_folder, [row], self.orders.time_limit_s, None
-            )
-            self._done(shape, tasks, Done(part_file, {row["status"]: 1}, 0.0, {}))
+            self._finish(shape, tasks, reply.value)
+        elif len(tasks) == 1 and self._losses[tasks[0][1]] >= _MAX_RESENT:
+            row = lost(*tasks[0], self._orders)
+            limit_s = self._orders.time_limit_s
+            part_file = parts.write_part(self._orders.parts_folder, [row], limit_s, None)
+            self._finish(shape, tasks, Done(part_file, {row["status"]: 1}, 0.0, {}))
         else:  # in halves: one of them holds the calibration that ended the workers
-            self._lost.update(key for _, key in tasks)
+            self._losses.update(key for _, key in tasks)
             middle = (len(tasks) + 1) // 2
             for half in filter(None, (tasks[:middle], tasks[middle:])):
-                self._work[self.scheduler.submit(work_off, half, self.orders)] = (shape, half)
+                self._submit_work(shape, half)
 
-    def _take_hashes(self, indices: list[int], hashes: list[Fingerprint]) -> None:
+    def _store_hashes(self, indices: list[int], hashes: list[Fingerprint]) -> None:
+        """Store the keys of calibrations, and let those wait whose key is new."""
+        self._hashed += len(indices)
         for index, fingerprint in zip(indices, hashes, strict=True):
-            self._hashed += 1
-            if self.named.in_folder[index] and not fingerprint.calibration:
+            path = self._path(index)
+            if self._named.in_folder[index] and not fingerprint.calibration:
                 continue
-            if not fingerprint.exists and os.path.exists(self.named.paths[index]):
+            if not fingerprint.exists and os.path.exists(path):
                 raise InputError(
                     "A worker does not see the calibrations.",
                     expected="the same files under the same names on all machines",
                     found="no file of that name, where the worker runs",
-                    where=os.path.abspath(self.named.paths[index]),
-                    remedy=(
-                        "put data and output on a drive that all machines share, or start the "
-                        "workers on this machine"
-                    ),
+                    where=path,
+                    remedy="put data and output on a drive that all machines share, or start the "
+                    "workers on this machine",
                 )
             self.keys[index] = key = parts.packed([fingerprint.key])[0]
-            if key not in self._finished:
-                self._finished.add(bytes(key))
-                self._waiting_for += 1
-                self._batches.add(
-                    fingerprint.shape, (os.path.abspath(self.named.paths[index]), fingerprint.key)
-                )
+            if key not in self._known_keys:
+                self._known_keys.add(bytes(key))
+                self._unfinished += 1
+                self._batches.add(fingerprint.shape, (path, fingerprint.key))
 
-    def _done(self, shape: str, tasks: list[Task], done: Done) -> None:
+    def _finish(self, shape: str, tasks: list[Task], done: Done) -> None:
+        """Count finished calibrations; hash those again whose files have changed."""
         self.computed += len(tasks)
-        self._waiting_for -= len(tasks)
-        self._batches.measured(shape, done.seconds, len(tasks))
-        for before, after in done.moved.items():
-            self._moved(before, after)
+        self._unfinished -= len(tasks)
+        self._batches.update_time(shape, done.seconds, len(tasks))
+        for old_key, new_key in done.moved.items():
+            self._change_key(old_key, new_key)
 
-    def _moved(self, before: str, after: str) -> None:
-        """Hash again all calibrations of a key, as files changed after they were hashed."""
-        old, new = parts.packed([before, after]).tolist()
-        self._finished.discard(old)
-        self._finished.add(new)
-        indices = np.flatnonzero(self.keys == old).tolist()
-        again = [index for index in indices if self._moves[index] < _MAX_REHASHED]
-        for index in set(indices) - set(again):  # its files keep changing: use the latest row
-            self.keys[index] = new
-        self._moves.update(again)
-        self._hashed -= len(again)
-        if again:
-            self._hash(again)
+    def _change_key(self, old_key: str, new_key: str) -> None:
+        """Hash all calibrations of a key again, as files changed after they were hashed."""
+        old, new = parts.packed([old_key, new_key]).tolist()
+        self._known_keys.discard(old)
+        self._known_keys.add(new)
+        rehashed = []
+        for index in np.flatnonzero(self.keys == old).tolist():
+            if self._rehashed[index] < _MAX_REHASHED:
+                rehashed.append(index)
+            else:  # its files keep changing: use the latest row
+                self.keys[index] = new
+        self._rehashed.update(rehashed)
+        self._hashed -= len(rehashed)
+        if rehashed:
+            self._submit_hashes(rehashed)
 
     def _report_progress(self) -> None:
-        elapsed = time.monotonic() - self._begin
-        rate = self.computed / elapsed if elapsed > 0 else 0.0
-        remaining = len(self.named.paths) - self._hashed + self._waiting_for
+        elapsed_s = time.monotonic() - self._begin
+        rate = self.computed / elapsed_s if elapsed_s > 0 else 0.0
+        total = len(self._named.paths)
+        remaining = total - self._hashed + self._unfinished
         left_s = remaining / rate if rate > 0 else None
-        workers = self.scheduler.workers()
-        self.progress(
-            RunProgress(
-                len(self.named.paths) - remaining, len(self.named.paths), rate, left_s, workers
-            )
-        )
+        workers = self._scheduler.workers()
+        self._progress(RunProgress(total - remaining, total, rate, left_s, workers))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -93,40 +94,36 @@ def content(
 
 
 class _ListedRows:
-    """Single rows on the page: outliers, and refused or failed calibrations."""
+    """Single rows on the page: outliers, and refused or failed calibrations.
+
+    Attributes:
+        outliers: row → calibration, serial number and key.
+        kinds: number of refused or failed calibrations by status and problem.
+        examples: message of the first calibration of each kind, and names of some.
+        seconds: duration of each calibration, shape (rows,).
+    """
 
     def __init__(self, table: Path, rows: Sequence[int]) -> None:
         import pyarrow.parquet as pq
 
-        self.of: dict[int, tuple[str, str, str]] = {}  # row → calibration, serial number, key
-        self.kinds: Counter[tuple[str, str]] = Counter()  # status and problem
-        self.examples: dict[tuple[str, str], tuple[str, list[str]]] = {}  # message, calibrations
-        listed = set(rows)
-        start = 0
-        seconds = []
+        self.outliers: dict[int, tuple[str, str, str]] = {}
+        self.kinds: Counter[tuple[str, str]] = Counter()
+        self.examples: dict[tuple[str, str], tuple[str, list[str]]] = {}
+        seconds = [np.zeros(0)]
+        numbers = itertools.count()
+        listed = frozenset(rows)
+        names = ["calibration", "key", "status", "message", "serial_number"]
         with pq.ParquetFile(table) as file:
-            columns = ["calibration", "key", "status", "message", "serial_number", "seconds"]
-            for batch in file.iter_batches(_BATCH_ROWS, columns=columns):
-                columns_of_batch = batch.to_pydict()
-                for i, status in enumerate(columns_of_batch["status"]):
-                    if start + i in listed:
-                        texts = (
-                            columns_of_batch["calibration"][i],
-                            columns_of_batch["serial_number"][i] or "",
-                            columns_of_batch["key"][i],
-                        )
-                        self.of[start + i] = texts
+            for batch in file.iter_batches(_BATCH_ROWS, columns=[*names, "seconds"]):
+                seconds.append(np.asarray(batch["seconds"], dtype=float))
+                texts = (batch[name].to_pylist() for name in names)
+                for calibration, key, status, message, serial_number in zip(*texts, strict=True):
+                    number = next(numbers)
+                    if number in listed:
+                        self.outliers[number] = (calibration, serial_number or "", key)
                     if status != IDENTIFIED:
-                        self._count(
-                            status,
-                            columns_of_batch["message"][i],
-                            columns_of_batch["calibration"][i],
-                        )
-                seconds.append(
-                    np.asarray(batch["seconds"].to_numpy(zero_copy_only=False), dtype=float)
-                )
-                start += batch.num_rows
-        self.seconds = np.concatenate(seconds) if seconds else np.zeros(0)
+                        self._count(status, message, calibration)
+        self.seconds = np.concatenate(seconds)
 
     def _count(self, status: str, message: str, calibration: str) -> None:
         kind = status, message.partition("\n")[0]
@@ -149,10 +146,8 @@ def _verdict(tally: Tally, fleet: Statistics) -> Sentence:
         "failed": tally.statuses[FAILED],
         "identified with a doubt": tally.doubtful,
     }
-    doubts = (
-        ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        or "none refused, failed or doubtful"
-    )
+    doubts = ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
+    doubts = doubts or "none refused, failed or doubtful"
     kind = "doubt" if tally.doubts else "fine"
     return Sentence(f"{doubts}.", kind, f"{conforming} of {tally.rows} calibrations {rule};")
 
@@ -210,8 +205,9 @@ def _distributions(fleet: Statistics, specification: Specification) -> Iterator[
             gallery = Beside(tuple(drawn))
             if drawn:
                 yield Folded("Derived parameters", (gallery,)) if derived else gallery
-    if fleet.more:
-        yield Sentence(f"{fleet.more} smaller groups are in fleet.parquet and not drawn.", "note")
+    if fleet.hidden_groups:
+        text = f"{fleet.hidden_groups} smaller groups are in fleet.parquet and not drawn."
+        yield Sentence(text, "note")
 
 
 def _numbers(group: FleetGroup, specification: Specification) -> Table:
@@ -284,7 +280,7 @@ def _outliers(fleet: Statistics, listed: _ListedRows, results: bool) -> Iterator
     rows = []
     links = {}
     for i, outlier in enumerate(fleet.outliers):
-        calibration, serial_number, key = listed.of[outlier.row]
+        calibration, serial_number, key = listed.outliers[outlier.row]
         scale = scaled(outlier.unit, outlier.value)
         rows.append(
             (
@@ -302,7 +298,7 @@ def _outliers(fleet: Statistics, listed: _ListedRows, results: bool) -> Iterator
         )
         if results:
             links[i] = f"results/{key}.json"
-    more = (f"{fleet.more_outliers} more are not listed.",) if fleet.more_outliers else ()
+    more = (f"{fleet.hidden_outliers} more are not listed.",) if fleet.hidden_outliers else ()
     heads = (
         *columns("sensor", "parameter"),
         *columns("value", "U (k = 2)", kind="number"),

@@ -1,4 +1,4 @@
-"""Statistics of a fleet's table: distributions, outliers and yield."""
+"""Compute the statistics of a fleet's table: distributions, outliers and yield."""
 
 from __future__ import annotations
 
@@ -45,21 +45,19 @@ class Histogram:
 class Distribution:
     """Distribution of a parameter in a group."""
 
-    parameter: str  # its name
+    parameter: str
     unit: str  # of all that follows
-    count: int  # values
-    # median, sd, least, greatest: of the values
+    count: int  # of the values
     median: float
     sd: float
     least: float
     greatest: float
-    median_u: float | None  # of the standard uncertainties; None if no uncertainty is stated
-    histogram: Histogram  # of the values
-    limit: Limit | None  # for these values; None if there is no limit, or it is in another unit
+    median_u: float | None  # of the standard uncertainties; None if none is stated
+    histogram: Histogram
+    limit: Limit | None  # None if there is none, or it is in another unit
     conforming: int  # values within the limit
-    certain: int  # verdicts that hold for all values within U
-    # Cpk, the distance of the mean from the nearer limit in units of 3 sd; None without a limit
-    capability: float | None
+    certain: int  # values whose verdict holds for all values within U
+    capability: float | None  # Cpk: mean to nearer limit, in units of 3 sd; None without a limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +75,12 @@ class FleetOutlier:
     """Outlier, or value that does not conform."""
 
     row: int  # number in the table
-    parameter: str  # its name
+    parameter: str
     unit: str  # of value and u
-    value: float  # of the parameter
-    u: float | None  # its standard uncertainty; None if it is not stated
+    value: float
+    u: float | None  # standard uncertainty; None if it is not stated
     distance: float  # from the median, in robust standard deviations
-    outside: bool  # it does not conform to a limit
+    outside: bool  # whether it lies outside a limit
 
 
 @dataclass(frozen=True)
@@ -104,84 +102,101 @@ class Statistics:
     """Statistics of a fleet."""
 
     groups: tuple[FleetGroup, ...]  # the largest first
-    more: int  # groups that are not shown
+    hidden_groups: int  # number of groups that are not shown
     outliers: tuple[FleetOutlier, ...]  # the farthest first
-    more_outliers: int  # that are not listed
-    yields: tuple[Yield, ...]  # by type, in the order of their numbers
+    hidden_outliers: int  # number of outliers that are not listed
+    yields: tuple[Yield, ...]  # by type, the most calibrations first
     limited: bool  # whether any limit applies
 
 
 def statistics(table: Path, tally: Tally, specification: Specification) -> Statistics:
-    """Read a fleet's table and count."""
+    """Return the statistics of a fleet's table.
+
+    Args:
+        table: the file.
+        tally: counts of its rows.
+        specification: limits of the parameters, by type.
+    """
     columns = _Columns(table)
     identified = columns.is_text("status", IDENTIFIED)
     types = columns.codes("type")
     models = columns.codes("model")
-    kinds, group = _grouped((types.numbers, models.numbers, tally.units_of), identified)
-    sets = tally.units
-    units = [sets[number] for number in kinds[2].tolist()]
-    sizes = np.bincount(group[identified], minlength=len(units))
-    distributions_of: list[list[Distribution]] = [[] for _ in units[:MAX_GROUPS]]
+    kinds, group_of_row = _group_rows((types.numbers, models.numbers, tally.units_of), identified)
+    group_types = [types.name(number) for number in kinds[0].tolist()]
+    all_units = tally.units
+    group_units = [all_units[number] for number in kinds[2].tolist()]
+    shown = range(min(len(group_units), MAX_GROUPS))
+    distributions: list[list[Distribution]] = [[] for _ in shown]
     outliers: list[FleetOutlier] = []
-    verdict = _LimitVerdict(identified, group)
+    verdict = _LimitVerdict(identified, group_of_row)
     for parameter in columns.parameters:
         values = columns.numbers(parameter)
         u = columns.numbers(f"{parameter}_u")
         limits = [
-            _limit(specification, types.name(number), parameter, unit)
-            for number, unit in zip(kinds[0].tolist(), units, strict=True)
+            _limit(specification, type_name, parameter, units)
+            for type_name, units in zip(group_types, group_units, strict=True)
         ]
         verdict.judge(values, u, limits)
-        for number, distributions in enumerate(distributions_of):
-            rows = np.flatnonzero((group == number) & np.isfinite(values))
+        for group in shown:
+            rows = np.flatnonzero((group_of_row == group) & np.isfinite(values))
             if rows.size:
-                unit = units[number].get(parameter, "")
-                distributions.append(
-                    _distribution(parameter, unit, values[rows], u[rows], limits[number])
+                unit = group_units[group].get(parameter, "")
+                limit = limits[group]
+                distributions[group].append(
+                    _distribution(parameter, unit, values[rows], u[rows], limit)
                 )
-                outliers += _outliers(parameter, unit, rows, values, u, limits[number])
+                outliers += _outliers(parameter, unit, rows, values[rows], u[rows], limit)
     outliers.sort(key=lambda outlier: (not outlier.outside, -outlier.distance, outlier.row))
+    sizes = np.bincount(group_of_row[identified], minlength=len(group_units))
     groups = [
         FleetGroup(
-            types.name(int(kinds[0, number])),
-            models.name(int(kinds[1, number])) or "",
-            int(sizes[number]),
-            tuple(outlier),
+            group_types[group],
+            models.name(int(kinds[1, group])) or "",
+            int(sizes[group]),
+            tuple(distributions[group]),
         )
-        for number, outlier in enumerate(distributions_of)
+        for group in shown
     ]
     return Statistics(
         tuple(groups),
-        len(units) - len(groups),
+        len(group_units) - len(groups),
         tuple(outliers[:MAX_OUTLIERS]),
         max(0, len(outliers) - MAX_OUTLIERS),
-        tuple(_yields(types, identified, *verdict.of_all(columns.sound()))),
+        tuple(_yields(types, identified, *verdict.conforming_rows(columns.sound()))),
         bool(verdict.limited.any()),
     )
 
 
-def _grouped(
+def _group_rows(
     columns: tuple[NDArray[np.int32], ...], identified: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return the kinds that occur, and the kind of each row.
+    """Group the identified rows that agree in all columns.
+
+    Args:
+        columns: numbers of the rows' values, −1 where there is none; each of shape (rows,).
+        identified: shape (rows,).
 
     Returns:
-        Kinds, the most frequent first, shape (parts, kinds); kind of each row, −1 if it is not
-        identified.
+        The values of each group, the largest group first, shape (columns, groups); and the group of
+        each row, −1 if it is not identified, shape (rows,).
     """
-    sizes = tuple(int(column.max(initial=-1)) + 2 for column in columns)  # −1 is a number too
+    sizes = tuple(int(column.max(initial=-1)) + 2 for column in columns)
     kind = np.ravel_multi_index(tuple(column[identified] + 1 for column in columns), sizes)
-    distinct, of_row, counts = np.unique(kind, return_inverse=True, return_counts=True)
+    distinct, index, counts = np.unique(kind, return_inverse=True, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(order.size, dtype=np.int32)
     rank[order] = np.arange(order.size)
     group = np.full(identified.size, -1, dtype=np.int32)
-    group[identified] = rank[of_row]
+    group[identified] = rank[index]
     return np.stack(np.unravel_index(distinct[order], sizes)) - 1, group
 
 
 class _LimitVerdict:
-    """Verdict of the limits on every row."""
+    """Verdict of the limits on every row.
+
+    Attributes:
+        limited: whether a limit applies to a row, shape (rows,).
+    """
 
     def __init__(self, identified: NDArray[np.bool_], group: NDArray[np.int32]) -> None:
         self._identified = identified
@@ -195,24 +210,27 @@ class _LimitVerdict:
         for number, limit in enumerate(limits):
             if limit is not None:
                 in_group = self._group == number
-                inside = limit.inside(values[in_group])
+                conforms = limit.inside(values[in_group])
                 self.limited |= in_group
-                self._conforming[in_group] &= inside
-                self._certain[in_group] &= inside & limit.certain(values[in_group], u[in_group])
+                self._conforming[in_group] &= conforms
+                self._certain[in_group] &= conforms & limit.certain(values[in_group], u[in_group])
 
-    def of_all(self, sound: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def conforming_rows(
+        self, sound: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the rows that conform, and those that conform for all values within U.
 
-        Without limits they are the sound rows.
+        A row without limits conforms if it is identified and sound.
         """
-        plain = self._identified & sound
-        return np.where(self.limited, self._conforming, plain), np.where(
-            self.limited, self._certain, plain
+        unlimited = self._identified & sound
+        return (
+            np.where(self.limited, self._conforming, unlimited),
+            np.where(self.limited, self._certain, unlimited),
         )
 
 
 def outlier_limit(count: int) -> float:
-    """Return the distance from the median above which one of ``count`` values is an outlier.
+    """Return the smallest distance of an outlier among ``count`` values from their median.
 
     It is in robust standard deviations.
     """
@@ -220,12 +238,13 @@ def outlier_limit(count: int) -> float:
 
 
 def _limit(
-    specification: Specification, type_: str | None, parameter: str, units: dict[str, str]
+    specification: Specification, type_name: str | None, parameter: str, units: dict[str, str]
 ) -> Limit | None:
-    limit = specification.limit(type_, parameter)
-    return (
-        limit if limit is None or limit.unit is None or limit.unit == units.get(parameter) else None
-    )
+    """Return the limit of a parameter; None if there is none, or it is in another unit."""
+    limit = specification.limit(type_name, parameter)
+    if limit is None or limit.unit in (None, units.get(parameter)):
+        return limit
+    return None
 
 
 def _distribution(
@@ -263,9 +282,7 @@ def _histogram(values: FloatArray, limit: Limit | None) -> Histogram:
 
     Values outside it are counted separately.
     """
-    low, first, third, high = (
-        float(quantile) for quantile in np.quantile(values, [0.0, 0.25, 0.75, 1.0])
-    )
+    low, first, third, high = map(float, np.quantile(values, [0.0, 0.25, 0.75, 1.0]))
     spread = third - first
     if spread > 0:
         low = max(low, first - 4 * spread)
@@ -288,33 +305,38 @@ def _outliers(
     parameter: str,
     unit: str,
     rows: NDArray[np.intp],
-    every: FloatArray,
+    values: FloatArray,
     u: FloatArray,
     limit: Limit | None,
 ) -> list[FleetOutlier]:
-    """Return the outliers of one group's rows of the table.
+    """Return the outliers of a group, and its values outside the limit.
 
-    ``every`` and ``u`` are columns of the whole table.
+    Args:
+        parameter: its name.
+        unit: of the values.
+        rows: their numbers in the table, shape (n,).
+        values: of the parameter, shape (n,).
+        u: standard uncertainties, NaN where not stated, shape (n,).
+        limit: for the values; None if there is none.
     """
-    values = every[rows]
-    none = np.zeros(rows.size, dtype=bool)
-    median = float(np.median(values))
-    spread = SD_PER_MAD * float(np.median(np.abs(values - median)))
-    distance = np.abs(values - median) / spread if spread > 0 else np.zeros(rows.size)
-    apart = distance > outlier_limit(rows.size) if rows.size >= MIN_OUTLIER_VALUES else none
-    outside = none if limit is None else ~limit.inside(values)
+    deviation = np.abs(values - np.median(values))
+    spread = SD_PER_MAD * float(np.median(deviation))
+    distance = deviation / spread if spread > 0 else np.zeros(rows.size)
+    is_outside = np.zeros(rows.size, dtype=bool) if limit is None else ~limit.inside(values)
+    is_listed = is_outside
+    if rows.size >= MIN_OUTLIER_VALUES:
+        is_listed = is_outside | (distance > outlier_limit(rows.size))
     return [
         FleetOutlier(
-            row=row,
+            row=int(rows[i]),
             parameter=parameter,
             unit=unit,
-            value=float(every[row]),
-            u=float(u[row]) if np.isfinite(u[row]) else None,
+            value=float(values[i]),
+            u=float(u[i]) if np.isfinite(u[i]) else None,
             distance=float(distance[i]),
-            outside=bool(outside[i]),
+            outside=bool(is_outside[i]),
         )
-        for i, row in enumerate(rows.tolist())
-        if apart[i] or outside[i]
+        for i in np.flatnonzero(is_listed)
     ]
 
 
@@ -324,17 +346,15 @@ def _yields(
     conforming: NDArray[np.bool_],
     certain: NDArray[np.bool_],
 ) -> list[Yield]:
-    numbers, of_type = np.unique(types.numbers, return_inverse=True)
-    counts = [
-        np.bincount(of_type, weights=rows, minlength=numbers.size)
-        for rows in (identified, conforming, certain)
-    ]
-    total = np.bincount(of_type, minlength=numbers.size)
+    """Return the yield of each type, the one with most calibrations first."""
+    numbers, index = np.unique(types.numbers, return_inverse=True)
+    flags = (np.ones_like(identified), identified, conforming, certain)
+    counts = np.array([np.bincount(index, weights=rows) for rows in flags]).astype(int)
     yields = [
-        Yield(types.name(int(number)), int(total[i]), *(int(rows[i]) for rows in counts))
-        for i, number in enumerate(numbers)
+        Yield(types.name(int(number)), *row)
+        for number, row in zip(numbers, counts.T.tolist(), strict=True)
     ]
-    return sorted(yields, key=lambda rows: -rows.calibrations)
+    return sorted(yields, key=lambda each: -each.calibrations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,9 +382,8 @@ class _Columns:
         return self._file.read([name])[name].combine_chunks()
 
     def numbers(self, name: str) -> FloatArray:
-        return np.array(
-            self._column(name).to_numpy(zero_copy_only=False), dtype=float
-        )  # null as NaN
+        """Return a column of numbers, NaN where there is none."""
+        return np.array(self._column(name).to_numpy(zero_copy_only=False), dtype=float)
 
     def sound(self) -> NDArray[np.bool_]:
         """Return the rows whose model is adequate, without a warning."""
@@ -374,10 +393,10 @@ class _Columns:
         return adequate.to_numpy(zero_copy_only=False) & (count == 0)
 
     def is_text(self, name: str, text: str) -> NDArray[np.bool_]:
+        """Return the rows with this text in a column."""
         codes = self.codes(name)
-        return np.array([*(own_text == text for own_text in codes.texts), False])[
-            codes.numbers
-        ]  # −1 takes the last
+        is_text = np.array([*(each == text for each in codes.texts), False])
+        return is_text[codes.numbers]  # −1 takes the last
 
     def codes(self, name: str) -> _Codes:
         column = self._column(name)

@@ -1,7 +1,8 @@
-"""Life of a sensor in one quantity: its valid calibrations, their shared errors, and its series."""
+"""Describe a sensor over the years in one quantity: valid calibrations, shared errors, series."""
 
 from __future__ import annotations
 
+import bisect
 import datetime
 import itertools
 import json
@@ -38,11 +39,11 @@ class Entry(NamedTuple):
 
     id: int  # number of the calibration in the store
     date: datetime.date  # of the calibration
-    value: float | None  # in the quantity's unit; None if the result has no value
-    u: float | None  # standard uncertainty, same unit; None if not stated
-    unit: str  # of both
+    value: float | None  # None if the result has no such value
+    u: float | None  # standard uncertainty of the value; None if not stated
+    unit: str  # of value and u
     frequency_hz: float | None = None  # if the quantity is a sensitivity at a frequency
-    # standard uncertainty, same unit, of each source that other calibrations may share
+    # source that other calibrations may share → its standard uncertainty, same unit
     shared: Mapping[str, float] = MappingProxyType({})
     data_files: str = "[]"  # hashes of its data files, a JSON list
     standing: str = ""  # the newest of ``approved``, ``superseded``, ``recalled``; else empty
@@ -68,16 +69,20 @@ class Event:
     note: str = ""
     recorded: str = ""
 
+    @property
+    def changes_sensor(self) -> bool:
+        """Return whether it recalls or repairs the sensor itself, not one of its calibrations."""
+        return self.kind in ("recalled", "repaired") and self.calibration_id is None
+
 
 @dataclass(frozen=True)
 class NormalisedError:
     """E_n of a calibration and the one before it."""
 
     ordinary: float | None  # as if both were independent; None if there is no uncertainty
-    correlated: float | None  # without the shared sources in the uncertainty of their difference
-    # the same, but for sources that no instrument identifies: these are taken as new each time
-    identified: float | None
-    assumed: tuple[str, ...]  # the words of those sources
+    correlated: float | None  # shared sources cancel in the difference
+    identified: float | None  # only sources of identified instruments cancel
+    assumed: tuple[str, ...]  # shared sources that no instrument identifies
     correlation: float  # of the two values
 
 
@@ -114,19 +119,16 @@ class Life:
 
     @cached_property
     def identified_covariance(self) -> FloatArray:
-        """Return the covariance with shared sources of identified instruments alone.
-
-        Its shape is (n, n).
-        """
-        few = [entry._replace(shared=stated_sources(entry.shared)) for entry in self.entries]
-        return np.array([[covariance(a, b) for b in few] for a in few])
+        """Return the covariance by shared sources of identified instruments only, shape (n, n)."""
+        entries = [entry._replace(shared=stated_sources(entry.shared)) for entry in self.entries]
+        return np.array([[covariance(a, b) for b in entries] for a in entries])
 
     @cached_property
     def assumed(self) -> tuple[str, ...]:
-        """Return the words of the sources that neighbours in time share by assumption."""
+        """Return the sources that successive calibrations share by assumption, in words."""
         pairs = itertools.pairwise(self.entries)
-        words = (assumed_sources(earlier.shared, later.shared) for earlier, later in pairs)
-        return tuple(dict.fromkeys(itertools.chain.from_iterable(words)))
+        sources = (assumed_sources(earlier.shared, later.shared) for earlier, later in pairs)
+        return tuple(dict.fromkeys(itertools.chain.from_iterable(sources)))
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
@@ -141,10 +143,10 @@ class Life:
 
     def _repaired(self) -> list[int]:
         """Return the first calibration after each repair that has calibrations on both sides."""
-        days = [event.date for event in self.events if event.kind == "repaired"]
         dates = [entry.date for entry in self.entries]
-        firsts = {next((i for i, date in enumerate(dates) if date >= day), 0) for day in days}
-        return sorted(firsts - {0})
+        repairs = [event.date for event in self.events if event.kind == "repaired"]
+        firsts = {bisect.bisect_left(dates, repair) for repair in repairs}
+        return sorted(firsts - {0, len(dates)})
 
     def _unexplained_step(self, explained: Sequence[Break]) -> Break | None:
         """Return the most significant step without an event, or None.
@@ -155,19 +157,21 @@ class Life:
         gaps = [i for i in range(1, len(self.entries)) if group[i] == group[i - 1]]
         suspects = [i for i in gaps if abs(self.agreement(i).correlated or 0.0) > 1.0]
         probabilities = {i: self._step_probability(explained, i) for i in suspects}
-        best = min(probabilities, key=lambda i: probabilities[i], default=0)
-        if best and probabilities[best] < MAX_STEP_PROBABILITY / (len(self.entries) - 1):
-            return Break(best, "the value stepped, and no event explains it")
+        if not probabilities:
+            return None
+        index = min(probabilities, key=lambda i: probabilities[i])
+        if probabilities[index] < MAX_STEP_PROBABILITY / (len(self.entries) - 1):
+            return Break(index, "the value stepped, and no event explains it")
         return None
 
     def _step_probability(self, explained: Sequence[Break], index: int) -> float:
         """Return the probability of a step as large if the sensor has not changed."""
         group = self._groups(explained)
-        drift = SensorDrift(self.years, self.value, self.covariance, group)
         if group[index] != group[index - 1]:
             return 1.0
-        below = drift.step(index).below(0.0)
-        return 2 * min(below, 1 - below)
+        step = SensorDrift(self.years, self.value, self.covariance, group).step(index)
+        chance_negative = step.below(0.0)
+        return 2 * min(chance_negative, 1 - chance_negative)
 
     def _groups(self, breaks: Sequence[Break]) -> NDArray[np.int_]:
         starts = {item.index for item in breaks}
@@ -203,15 +207,10 @@ class Life:
 
         It is empty if the sensor was calibrated or repaired since.
         """
-        changes = [
-            event
-            for event in self.events
-            if event.kind in ("recalled", "repaired") and event.calibration_id is None
-        ]
-        withdrawn = (
-            changes and changes[-1].kind == "recalled" and changes[-1].date >= self.entries[-1].date
-        )
-        return f"recalled on {changes[-1].date}" if withdrawn else ""
+        last = next((e for e in reversed(self.events) if e.changes_sensor), None)
+        if last is None or last.kind == "repaired" or last.date < self.entries[-1].date:
+            return ""
+        return f"recalled on {last.date}"
 
     def agreement(self, index: int) -> NormalisedError:
         """Return E_n of calibration ``index`` and the one before it."""
@@ -223,13 +222,13 @@ def life(entries: Sequence[Entry], events: Sequence[Event]) -> Life:
     valid = []
     left_out = []
     ordered = sorted(entries, key=lambda entry: (entry.date, entry.id))
-    files = [(entry, frozenset(json.loads(entry.data_files))) for entry in ordered]
-    present = next((entry for entry in reversed(ordered) if exclude_reason(entry) == ""), None)
+    files = {entry.id: frozenset(json.loads(entry.data_files)) for entry in ordered}
+    latest = next((entry for entry in reversed(ordered) if exclude_reason(entry) == ""), None)
     for entry in ordered:
         reason = (
             exclude_reason(entry)
-            or other_quantity_reason(entry, present)
-            or same_data_reason(entry, files)
+            or other_quantity_reason(entry, latest)
+            or same_data_reason(entry, ordered, files)
         )
         if reason:
             left_out.append((entry, reason))
@@ -250,27 +249,33 @@ def exclude_reason(entry: Entry) -> str:
     return ""
 
 
-def other_quantity_reason(entry: Entry, present: Entry | None) -> str:
-    """Return the reason why an entry is of another quantity than the present one."""
-    if present is None or entry.unit != present.unit:
+def other_quantity_reason(entry: Entry, latest: Entry | None) -> str:
+    """Return the reason why an entry is of another quantity than the latest; empty if it is not."""
+    if latest is None or entry.unit != latest.unit:
         return f"in {entry.unit}"
-    if entry.frequency_hz is None or present.frequency_hz is None:
+    if entry.frequency_hz is None or latest.frequency_hz is None:
         return ""
-    same = abs(entry.frequency_hz / present.frequency_hz - 1.0) < 1e-6
-    return "" if same else f"at {entry.frequency_hz:.6g} Hz"
+    is_same = abs(entry.frequency_hz / latest.frequency_hz - 1.0) < 1e-6
+    return "" if is_same else f"at {entry.frequency_hz:.6g} Hz"
 
 
-def same_data_reason(entry: Entry, files: Sequence[tuple[Entry, frozenset[str]]]) -> str:
+def same_data_reason(
+    entry: Entry, entries: Sequence[Entry], files: Mapping[int, frozenset[str]]
+) -> str:
     """Return the reason why another evaluation of the same measurement counts instead.
 
     Of several evaluations the approved one counts, else the newest.
+
+    Args:
+        entry: the evaluation.
+        entries: all evaluations of the sensor.
+        files: number of an entry → hashes of its data files.
     """
-    of_entry = next(hashes for each, hashes in files if each is entry)
-    for rival, hashes in files:
-        if rival is not entry and of_entry & hashes and not exclude_reason(rival):
-            first, second = ((e.standing == "approved", e.id) for e in (entry, rival))
-            if second > first:
-                return f"the same data as calibration {rival.id}"
+    for rival in entries:
+        if rival is entry or not files[entry.id] & files[rival.id] or exclude_reason(rival):
+            continue
+        if (rival.standing == "approved", rival.id) > (entry.standing == "approved", entry.id):
+            return f"the same data as calibration {rival.id}"
     return ""
 
 
@@ -293,20 +298,20 @@ def agreement(entry: Entry, before: Entry) -> NormalisedError:
     """Return E_n of two calibrations, with and without shared errors (U, k = 2)."""
     u = float(entry.u or 0.0)
     u_before = float(before.u or 0.0)
-    both = covariance(entry, before)
+    shared = covariance(entry, before)
     identified = shared_covariance(stated_sources(entry.shared), before.shared)
-    arguments = (
+    values = (
         float(entry.value or 0.0),
         COVERAGE_FACTOR * u,
         float(before.value or 0.0),
         COVERAGE_FACTOR * u_before,
     )
     return NormalisedError(
-        normalized_error(*arguments),
-        normalized_error(*arguments, both),
-        normalized_error(*arguments, identified),
-        assumed_sources(entry.shared, before.shared),
-        both / (u * u_before) if u * u_before > 0 else 0.0,
+        ordinary=normalized_error(*values),
+        correlated=normalized_error(*values, shared),
+        identified=normalized_error(*values, identified),
+        assumed=assumed_sources(entry.shared, before.shared),
+        correlation=shared / (u * u_before) if u * u_before > 0 else 0.0,
     )
 
 

@@ -1,4 +1,4 @@
-"""The store: one connection at a time, transactions, the version of its schema, and its errors."""
+"""Open a store: connections, transactions, the version of its schema, and its errors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import sqlalchemy as sa
@@ -20,7 +19,7 @@ from vibrident.lab.history.location import FORMS, printable, sqlite_file, store_
 
 PATIENCE_S = 60  # how long a writer waits for another one
 _SCHEMA_LOCK = 8_247_163_905  # number of PostgreSQL's advisory lock for changes of the schema
-#: What a database says; the problem, and what to do about it.
+#: Texts in a database's error → the problem and its remedy; the last entry fits every error.
 _CAUSES = (
     (("append-only",), "Rows of the history cannot be changed.", "add an event"),
     (
@@ -54,7 +53,7 @@ class Store:
     def __init__(self, url: str | None = None) -> None:
         self.url: str = store_url(url)
         self._file = sqlite_file(self.url)  # None for another database
-        self._engine = self._connected_lazily()
+        self._engine = self._create_engine()
         if self._file:
             event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "do_connect", _read_only)
@@ -64,19 +63,16 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections to the database."""
         self._engine.dispose()
 
-    def _connected_lazily(self) -> sa.Engine:
+    def _create_engine(self) -> sa.Engine:
         try:
-            if (
-                self._file
-            ):  # as a path, because releases of SQLAlchemy differ in how they unescape a URL
+            if self._file:  # as a path: releases of SQLAlchemy differ in how they unescape a URL
                 url = sa.URL.create("sqlite", database=str(self._file))
                 return sa.create_engine(url, connect_args={"timeout": PATIENCE_S})
             options = {"connect_timeout": 10, "options": f"-c lock_timeout={PATIENCE_S}s"}
@@ -121,6 +117,7 @@ class Store:
 
     @contextlib.contextmanager
     def _connected(self, **options: Any) -> Iterator[sa.Connection]:
+        """Open a connection with execution options to an existing store."""
         with self._explained():
             if self._file and not self._file.exists():
                 raise self._absent()
@@ -196,11 +193,13 @@ class Store:
         )
 
     def _other_version(self, revision: str) -> InputError:
-        newer = revision > schema.REVISION
-        upgrade = "⟦command = history upgrade⟧; keep a copy of the store before"
-        remedy = "install the newer version" if newer else upgrade
+        age = "an older"
+        remedy = "⟦command = history upgrade⟧; keep a copy of the store before"
+        if revision > schema.REVISION:
+            age = "a newer"
+            remedy = "install the newer version"
         return InputError(
-            f"The store was laid out by {'a newer' if newer else 'an older'} version of vibrident.",
+            f"The store was laid out by {age} version of vibrident.",
             expected=f"schema {schema.REVISION}",
             found=f"schema {revision}",
             where=self.printed,
@@ -219,7 +218,7 @@ class Store:
         except exc.DBAPIError as error:
             text = str(error.orig).lower()
             problem, remedy = next(
-                advice for words, *advice in _CAUSES if any(word in text for word in words)
+                advice for texts, *advice in _CAUSES if any(each in text for each in texts)
             )
             raise self._failed(problem, error.orig, remedy) from None
 
@@ -229,11 +228,12 @@ class Store:
 
 
 def _read_only(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
-    """Open a file that this account cannot write for reading; SQLite would make files beside it."""
+    """Open a file read-only that this account cannot write: SQLite would create files beside it."""
     file = Path(arguments[0])
     if file.exists() and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
-        writers = file.with_name(f"{file.name}-wal").exists()
-        arguments[0] = f"{file.absolute().as_uri()}?mode=ro{'' if writers else '&immutable=1'}"
+        has_writers = file.with_name(f"{file.name}-wal").exists()
+        immutable = "" if has_writers else "&immutable=1"
+        arguments[0] = f"{file.absolute().as_uri()}?mode=ro{immutable}"
         options["uri"] = True
 
 

@@ -1,4 +1,4 @@
-"""Network weights W1…W4 from the physics, by the name of the discretisation.
+"""Compute the network's weights W1…W4 from the physics, by a discretisation.
 
 The paper's layer (eq. 6) takes state x_k and inputs c_k to the new state and the output:
 
@@ -11,9 +11,8 @@ and the output read from the old state, C and D, which never needs Φ⁻¹ (near
 sensor); ``table`` gives W1…W4.
 
 A delay τ = (n − f) Ts moves the output inside the step: y(t_k + f Ts) needs only the step's own
-inputs. Its fraction f therefore lives in the output weights, and its whole samples n in the
-alignment of the records. (For the band-limited method the inputs are interpolated at the delay
-expected, and f holds the rest, near zero.)
+inputs. The output weights hold its fraction f, the alignment of the records its whole samples n.
+(The band-limited method interpolates the inputs at the expected delay; f is then near zero.)
 
 Zero-, first-order hold and the band-limited step share one matrix exponential (Van Loan 1978): with
 g(x)ᵀ = (P_0, …, P_{q−1})(2x − 1) = g(0)ᵀ e^{F x},
@@ -95,11 +94,11 @@ def _expm(matrix: Any) -> Any:
     for terms in range(TAYLOR_TERMS, 0, -1):
         power = unit + scaled @ power / terms
     for squared in range(int(np.max(squarings, initial=0.0))):
-        more = squarings > squared
-        if np.all(more):
+        unfinished = squarings > squared
+        if np.all(unfinished):
             power = power @ power
         else:
-            power[more] = power[more] @ power[more]
+            power[unfinished] = power[unfinished] @ power[unfinished]
     return power
 
 
@@ -139,7 +138,7 @@ class Method:
         order: order of convergence for smooth signals; None if it is faster than any power.
         fixed_terms: inputs a step; None if the sensor's stiffness decides.
         step: (system, sampling interval, fraction f, terms) → Weights.
-        late_samples: by which the input's samples come after their stamps.
+        late_samples: delay of the input's samples behind their time stamps, in samples.
     """
 
     name: str
@@ -150,7 +149,7 @@ class Method:
 
     @property
     def takes_many(self) -> bool:
-        """Return whether ``step`` takes many systems at once, with an axis of these first."""
+        """Return whether ``step`` takes many systems at once, along a leading axis."""
         return self.step is _exponential_step
 
     @property
@@ -208,31 +207,32 @@ def legendre_shift(terms: int) -> np.ndarray:
 
 
 def _exponential_step(system: StateSpace, ts: Any, fraction: Any, terms: int) -> Weights:
+    """Return the exact step for an input of ``terms`` Legendre terms, of one system or of many."""
     xp = array_library(system.a, system.b, ts, fraction)
     n = system.order
-    many = system.b.shape[:-1]
+    batch = system.b.shape[:-1]
     start = (-1.0) ** np.arange(terms)  # P_j(−1)
     shift = legendre_shift(terms)
     size = xp.asarray(drive_size(system.b, system.scale))
     drive = (system.b / size[..., None])[..., None] * (ts * start)
-    top = xp.concatenate([system.a * ts, drive], axis=-1)
-    below = np.concatenate([np.zeros((terms, n)), shift], axis=1)
-    generator = xp.concatenate([top, xp.broadcast_to(below, (*many, *below.shape))], axis=-2)
+    upper = xp.concatenate([system.a * ts, drive], axis=-1)
+    lower = np.concatenate([np.zeros((terms, n)), shift], axis=1)
+    generator = xp.concatenate([upper, xp.broadcast_to(lower, (*batch, *lower.shape))], axis=-2)
     step = expm(generator)
-    if not getattr(fraction, "ndim", 0) and isinstance(fraction, float) and fraction == 0.0:
+    if isinstance(fraction, float) and fraction == 0.0:
         output = system.c  # read at the sample itself: no second exponential
-        basis = xp.broadcast_to(start, (*many, terms))
-        feedthrough = xp.zeros((*many, terms))
+        basis = xp.broadcast_to(start, (*batch, terms))
+        feedthrough = xp.zeros((*batch, terms))
     else:
         exponential = expm(generator * xp.asarray(fraction)[..., None, None])
-        read = (system.c[..., None, :] @ exponential[..., :n, :])[..., 0, :]
-        output = read[..., :n]
-        feedthrough = size[..., None] * read[..., n:]
+        row = (system.c[..., None, :] @ exponential[..., :n, :])[..., 0, :]
+        output = row[..., :n]
+        feedthrough = size[..., None] * row[..., n:]
         basis = start @ exponential[..., n:, n:]
-    for m, d in enumerate(system.d):
-        feedthrough = feedthrough + xp.asarray(d)[..., None] * basis
-        if m + 1 < len(system.d):
+    for order, direct in enumerate(system.d):  # of the derivatives of the input
+        if order > 0:
             basis = basis @ shift / ts
+        feedthrough = feedthrough + xp.asarray(direct)[..., None] * basis
     drive = size[..., None, None] * step[..., :n, n:]
     return Weights(step[..., :n, :n], drive, output, feedthrough)
 
@@ -263,6 +263,7 @@ def _at_fraction(weights: Weights, fraction: Any) -> Weights:
 
 
 def _direct(system: StateSpace) -> Any:
+    """Return the response to the input itself; zero where the sensor smooths it."""
     return system.d[0] if system.d else 0.0
 
 
@@ -305,13 +306,8 @@ METHODS: dict[str, Method] = {
 def method(name: str) -> Method:
     """Return the discretisation of that name."""
     if name not in METHODS:
-        raise unknown(
-            f"The discretisation {name!r} is not known.",
-            name,
-            METHODS,
-            "discretisation",
-            kind=ModelError,
-        )
+        problem = f"The discretisation {name!r} is not known."
+        raise unknown(problem, name, METHODS, "discretisation", kind=ModelError)
     return METHODS[name]
 
 

@@ -1,13 +1,13 @@
-"""Sensor models: one core a file, add-ons beside them, put together by name.
+"""Build sensor models by name: a core and its add-ons.
 
-``parse("accelerometer+delay")`` gives a :class:`SensorModel`. A new core (:class:`Model`) or add-on
-is one file in ``cores/`` or ``add_ons/``, or an entry point of the group ``vibrident.models``. A
-core may also be given to ``identify``.
+``parse("accelerometer+delay")`` returns a :class:`SensorModel`. Each core (:class:`Model`) and
+add-on is one file in ``cores/`` or ``add_ons/``, or an entry point of the group
+``vibrident.models``. ``identify`` also takes a core as an object.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from vibrident.base.errors import ModelError, did_you_mean
@@ -41,15 +41,16 @@ _Element = TypeVar("_Element", Model, AddOn)
 
 
 class _Elements(Mapping[str, _Element]):
-    """Mapping of name → core, or add-on in the order of their places; those of plug-ins too."""
+    """Mapping of name → element of one kind, plug-ins included, in the given order."""
 
-    def __init__(self, kind: type[_Element]) -> None:
+    def __init__(self, kind: type[_Element], key: Callable[[Any], Any] | None = None) -> None:
         self._kind = kind
+        self._key = key
 
     def _all(self) -> dict[str, _Element]:
         elements = [element for element in MODELS.all().values() if isinstance(element, self._kind)]
-        if self._kind is AddOn:
-            elements.sort(key=_chain_order)
+        if self._key is not None:
+            elements.sort(key=self._key)
         return {element.name: element for element in elements}
 
     def __getitem__(self, name: str) -> _Element:
@@ -62,17 +63,17 @@ class _Elements(Mapping[str, _Element]):
         return len(self._all())
 
 
-CORES: Mapping[str, Model] = _Elements(Model)
-ADD_ONS: Mapping[str, AddOn] = _Elements(AddOn)
-
-
-def _chain_order(addon: Any) -> tuple[int, str]:
-    """Return the sort key of an add-on: its place, then its name."""
+def _chain_order(addon: AddOn) -> tuple[int, str]:
+    """Return the sort key of an add-on: its place in the chain, then its name."""
     return addon.place, addon.name
 
 
+CORES: Mapping[str, Model] = _Elements(Model)
+ADD_ONS: Mapping[str, AddOn] = _Elements(AddOn, _chain_order)
+
+
 def parse_model(name: str) -> SensorModel:
-    """Build the model that ``name`` says: a core, then add-ons joined by "+", in any order.
+    """Build the model of a name: a core, then add-ons joined by "+", in any order.
 
     Raises:
         ModelError: the core or an add-on is unknown, an add-on is named twice, or two of them
@@ -91,7 +92,7 @@ def parse_model(name: str) -> SensorModel:
     core_name, _, add_on_names = name.partition("+")
     core = MODELS.find(core_name.strip())
     if not isinstance(core, Model):
-        raise _unknown("sensor model", core_name.strip(), CORES, name)
+        raise _unknown_element("sensor model", core_name.strip(), CORES, name)
     return with_add_ons(core, add_on_names) if "+" in name else SensorModel(core.name, core)
 
 
@@ -105,22 +106,21 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
         ModelError: as :func:`parse`.
     """
     add_ons: list[AddOn] = []
-    name = f"{core.name}+{names}"
-    for addon_name in (addon_name.strip() for addon_name in names.split("+")):
-        addon = _add_on(addon_name, core, name)
+    stated_name = f"{core.name}+{names}"
+    for addon_name in map(str.strip, names.split("+")):
+        addon = _add_on(addon_name, core, stated_name)
         if addon in add_ons:
             raise ModelError(
                 f"The add-on {addon_name!r} is named twice.",
                 expected="each add-on at most once",
-                found=repr(name),
+                found=repr(stated_name),
                 where="model",
                 remedy=f"leave one {addon_name!r} out",
             )
         add_ons.append(addon)
     add_ons.sort(key=_chain_order)
-    model = SensorModel(
-        "+".join([core.name, *(addon.name for addon in add_ons)]), core, tuple(add_ons)
-    )
+    name = "+".join([core.name, *(addon.name for addon in add_ons)])
+    model = SensorModel(name, core, tuple(add_ons))
     _check_names(model)
     _check_parallel(model)
     if not model.is_linear:
@@ -128,16 +128,16 @@ def with_add_ons(core: Model, names: str) -> SensorModel:
     return model
 
 
-def _add_on(addon_name: str, core: Model, name: str) -> AddOn:
-    """Return the add-on of a part of a model's name: ``delay``, or ``mounting:0.2``.
+def _add_on(addon_name: str, core: Model, model_name: str) -> AddOn:
+    """Return the add-on of its name in a model's: ``delay``, or ``mounting:0.2``.
 
     Raises:
-        ModelError: it is unknown, or takes no number, or not this one.
+        ModelError: it is unknown, takes no number, or its number cannot be used.
     """
-    word, colon, number = addon_name.partition(":")
-    addon = MODELS.find(word)
+    kind, colon, number = addon_name.partition(":")
+    addon = MODELS.find(kind)
     if not isinstance(addon, AddOn):
-        raise _unknown("add-on", word, ADD_ONS, name)
+        raise _unknown_element("add-on", kind, ADD_ONS, model_name)
     if not colon:
         return addon
     try:
@@ -145,43 +145,48 @@ def _add_on(addon_name: str, core: Model, name: str) -> AddOn:
     except ValueError:
         value = None
     if value is None or addon.with_number is None:
-        takers = [each.name for each in ADD_ONS.values() if each.with_number is not None]
+        with_number = [each.name for each in ADD_ONS.values() if each.with_number is not None]
         raise ModelError(
-            f"The add-on {word!r} cannot be read.",
-            expected=f"a number behind the colon, of {' or '.join(takers)} alone",
-            found=repr(name),
+            f"The add-on {kind!r} cannot be read.",
+            expected=f"a number behind the colon, of {' or '.join(with_number)} alone",
+            found=repr(model_name),
             where="model",
-            remedy=f"write {word!r} without the colon, or a number behind it",
+            remedy=f"write {kind!r} without the colon, or a number behind it",
         )
     return addon if value == 0.0 else addon.with_number(value, core)
 
 
 def _require_reference(model: SensorModel, calibration: Calibration) -> None:
-    """Check that a model stands behind what the reference measures, in the unit that it needs.
+    """Check that a model suits the quantity of the reference and the unit of the response.
 
     Raises:
-        ModelError: a sensor of motion stands behind a force, a structure behind none, or its
-            response is in another unit.
+        ModelError: the model is of a sensor of motion and the reference a force, or the reverse;
+            or the response is in another unit.
     """
-    if calibration.table is None and all(
-        record.reference is None for record in calibration.records
-    ):
+    has_reference = any(record.reference is not None for record in calibration.records)
+    if calibration.table is None and not has_reference:
         return  # free decays
     core = model.core
-    by_force = calibration.quantity == "force"
-    on_mounting = by_force and any(addon.before_sensor for addon in model.add_ons)
-    if on_mounting or (core.behind != "any" and (core.behind == "force") != by_force):
-        fitting = [each.name for each in CORES.values() if each.behind != "motion"]
+    where = calibration.source or "model"
+    remedy = "choose a model of these, or correct the quantity of the reference"
+    observation = f"{model.name!r} with quantity = {calibration.quantity!r}"
+    if calibration.quantity == "force":
+        if core.behind == "motion" or any(addon.before_sensor for addon in model.add_ons):
+            fitting = [each.name for each in CORES.values() if each.behind != "motion"]
+            raise ModelError(
+                "The model needs a motion as its reference.",
+                expected=f"{' | '.join(fitting)}, without a mounting",
+                found=observation,
+                where=where,
+                remedy=remedy,
+            )
+    elif core.behind == "force":
         raise ModelError(
-            "This model does not stand behind a force."
-            if by_force
-            else "This model stands behind a force.",
-            expected=f"{' | '.join(fitting)}, without a mounting"
-            if by_force
-            else '[reference] quantity = "force", in N',
-            found=f"{model.name!r} with quantity = {calibration.quantity!r}",
-            where=calibration.source or "model",
-            remedy="choose a model of these, or correct the quantity of the reference",
+            "The model needs a force as its reference.",
+            expected='[reference] quantity = "force", in N',
+            found=observation,
+            where=where,
+            remedy=remedy,
         )
     needed = core.response_unit
     if needed and not _is_same_unit(calibration.response_unit, needed):
@@ -189,7 +194,7 @@ def _require_reference(model: SensorModel, calibration: Calibration) -> None:
             f"The response is not in the unit of {core.name}.",
             expected=f'[response] unit = "{needed}"',
             found=f'unit = "{calibration.response_unit}"',
-            where=calibration.source or "model",
+            where=where,
             remedy=f'state unit = "{needed}" with scale = {needed} per unit of the file, '
             "or a known_response of the sensor",
         )
@@ -203,16 +208,16 @@ def _is_same_unit(unit: str, needed: str) -> bool:
 
 
 def with_number_moved(model: SensorModel, step: float) -> SensorModel:
-    """Return a model whose add-on with a number in its name, if there is one, has another one."""
-    pieces = [addon.name.partition(":") for addon in model.add_ons]
-    names = [
-        f"{word}:{float(number) + step!r}" if colon else word for word, colon, number in pieces
-    ]
+    """Return a model with ``step`` added to the numbers in the names of its add-ons."""
+    names = []
+    for addon in model.add_ons:
+        kind, colon, number = addon.name.partition(":")
+        names.append(f"{kind}:{float(number) + step!r}" if colon else kind)
     return with_add_ons(model.core, "+".join(names)) if names else model
 
 
 def named(model: GivenModel | None) -> str | None:
-    """Return the name of a model; one made in Python is known by it in this process from now on.
+    """Return the name of a model, and register a model given as an object under its name.
 
     Raises:
         ModelError: it is no model, or its name is that of an installed one.
@@ -228,7 +233,7 @@ def named(model: GivenModel | None) -> str | None:
             where="model",
             remedy="give a name or a Model",
         )
-    MODELS.give(core)
+    MODELS.register(core)
     return model.name
 
 
@@ -236,44 +241,46 @@ def model_of(calibration: Calibration, name: str | None = None) -> SensorModel:
     """Return the model of a name, or without one that of the calibration.
 
     Raises:
-        ModelError: as :func:`parse`; it names the calibration file where the name stands there.
+        ModelError: as :func:`parse`, or the model does not suit the calibration; it names the
+            calibration file where that states the model.
     """
-    if name is not None:
-        return _as_mounted(parse(name), calibration)
     try:
-        return _as_mounted(parse(calibration.model), calibration)
+        return _as_mounted(parse(calibration.model if name is None else name), calibration)
     except ModelError as error:
-        raise (
-            error.at(f"{calibration.source}, [sensor] model") if calibration.source else error
-        ) from None
+        if name is None and calibration.source:
+            raise error.at(f"{calibration.source}, [sensor] model") from None
+        raise
 
 
 def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
-    """Return a model with the mass ratio that the calibration states of a mounting to be fitted.
+    """Return the model whose mounting has the mass ratio that the calibration states.
 
     Raises:
-        ModelError: the mounting is known and fitted, or neither.
+        ModelError: the mounting is both known and fitted, or neither.
     """
     _require_reference(model, calibration)
     mounting = calibration.mounting
     fitted = next((addon for addon in model.add_ons if addon.before_sensor), None)
     if mounting is None or (mounting.is_known and fitted is None):
         return model
-    if mounting.is_known or fitted is None:
+    expected = "its frequency in the calibration, or the add-on 'mounting' in the model"
+    if mounting.is_known:
         raise ModelError(
-            "The mounting is both known and fitted."
-            if mounting.is_known
-            else "The mounting is neither known nor fitted.",
-            expected="its frequency in the calibration, or the add-on 'mounting' in the model",
-            found=f"{model.name!r}, and a frequency of the mounting"
-            if mounting.is_known
-            else f"{model.name!r}, and the mass ratio alone",
+            "The mounting is both known and fitted.",
+            expected=expected,
+            found=f"{model.name!r}, and a frequency of the mounting",
             where="model",
-            remedy="leave one of the two out"
-            if mounting.is_known
-            else f"use {model.name + '+mounting'!r}, or state frequency_hz under [mounting]",
+            remedy="leave one of the two out",
         )
-    if fitted.with_number is None:  # the model has its own number
+    if fitted is None:
+        raise ModelError(
+            "The mounting is neither known nor fitted.",
+            expected=expected,
+            found=f"{model.name!r}, and the mass ratio alone",
+            where="model",
+            remedy=f"use {model.name + '+mounting'!r}, or state frequency_hz under [mounting]",
+        )
+    if fitted.with_number is None:  # the model states its mass ratio
         return model
     numbered = f"{fitted.name}:{float(mounting.mass_ratio)!r}"
     names = [numbered if addon is fitted else addon.name for addon in model.add_ons]
@@ -281,9 +288,9 @@ def _as_mounted(model: SensorModel, calibration: Calibration) -> SensorModel:
 
 
 def installed(name: str) -> SensorModel | None:
-    """Return the model of this name, or None if it cannot be built.
+    """Return the model of this name.
 
-    A part of it is not installed, or two parts cannot be combined.
+    None if a part is not installed, or if two parts cannot be combined.
     """
     try:
         return parse(name)
@@ -294,19 +301,19 @@ def installed(name: str) -> SensorModel | None:
 def _check_names(model: SensorModel) -> None:
     """Check that no two parameters have the same name."""
     names = model.parameter_names
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
         raise ModelError(
             "Two parts of the model have a parameter of the same name.",
             expected="parts with parameters of their own",
-            found=f"{', '.join(twice)} twice in {model.name!r}",
+            found=f"{', '.join(repeated)} twice in {model.name!r}",
             where="model",
             remedy="leave one of the parts out",
         )
 
 
 def _check_parallel(model: SensorModel) -> None:
-    """Check that nothing stands parallel to a core whose own mass acts back on its mounting."""
+    """Check that nothing is parallel to a core whose seismic mass acts back on its mounting."""
     alone = [addon.name for addon in model.add_ons if addon.moves_poles]
     parallel = [addon.name for addon in model.add_ons if not addon.in_series]
     if alone and parallel:
@@ -320,10 +327,7 @@ def _check_parallel(model: SensorModel) -> None:
 
 
 def _check_nonlinear(model: SensorModel) -> None:
-    """Check that the equation of a nonlinear add-on holds.
-
-    V is the core's response, with at most a delay in series.
-    """
+    """Check that a nonlinear add-on has a second-order core, and at most a delay beside it."""
     nonlinear = [addon.name for addon in model.add_ons if addon.force is not None]
     unfit = [addon.name for addon in model.add_ons if addon.force is None and not addon.is_delay]
     if model.core.output != "displacement" or unfit:
@@ -337,7 +341,7 @@ def _check_nonlinear(model: SensorModel) -> None:
         )
 
 
-def _unknown(
+def _unknown_element(
     kind: str, element: str, table: Mapping[str, Model] | Mapping[str, AddOn], name: str
 ) -> ModelError:
     return ModelError(

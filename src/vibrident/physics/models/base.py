@@ -6,22 +6,23 @@ tracers; a model needs no array library of its own. A sensor is linear and time-
     response(s) = gain · N(s)/D(s) · e^{−s τ} · acceleration(s),   D monic.
 
 A reference given as velocity or displacement multiplies N by s or s². An add-on with a ``force`` is
-the exception: it acts back on the mass by what the core's response is, in time only, and vanishes
-faster than the response.
+nonlinear: the force on the mass depends on the core's response at the same instant, and for small
+responses it vanishes faster than the response.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from vibrident.base.errors import ModelError
+from vibrident.physics.models.ratio import Coefficients, Ratio
 
-#: Powers of s that turn the reference quantity into acceleration. A drive acts as acceleration up
-#: to a constant; a force is what the models behind a force are per.
+#: Powers of s that turn the reference quantity into acceleration. A drive is proportional to
+#: acceleration; the response of a model of a structure is per unit of force.
 DERIVATIVES: Mapping[str, int] = {
     "acceleration": 0,
     "drive": 0,
@@ -104,6 +105,12 @@ class Rational:
     numerator: tuple[Any, ...]
     denominator: tuple[Any, ...]
     angular_scale: Any
+
+
+def in_parallel(system: Rational, share: Any, denominator: Coefficients) -> Rational:
+    """Return the system gain · [N(s)/D(s) + share/denominator(s)]; coefficients ascending."""
+    total = Ratio(system.numerator, system.denominator) + Ratio((share,), denominator)
+    return replace(system, numerator=total.numerator, denominator=total.denominator)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,9 @@
-"""Ratio of polynomials in s, to compute with as with a number.
+"""Ratio of polynomials in s that takes part in arithmetic like a number.
 
-So a formula becomes coefficients. A formula of s in Python operators, evaluated with :data:`S` in
-place of a number, gives its numerator and denominator. Coefficients are numbers, arrays or tracers.
-Zeros and ones that are integers stand in the formula itself and are never computed with, so that
-the order of a polynomial does not depend on values. A formula that is not rational raises TypeError
-or AttributeError.
+Evaluate a formula of s in Python operators with :data:`S` in place of a number to get its numerator
+and denominator. Coefficients are numbers, arrays or tracers. Integer zeros and ones are literals of
+the formula and are never computed with, so that the order of a polynomial does not depend on
+values. A formula that is not rational raises TypeError or AttributeError.
 """
 
 from __future__ import annotations
@@ -14,20 +13,20 @@ from typing import Any
 
 Coefficients = tuple[Any, ...]  # ascending powers of s
 
-_UNITY: Coefficients = (1,)
+_ONE: Coefficients = (1,)
 
 
 class Ratio:
-    """Ratio of polynomials with ascending coefficients; it does not change.
+    """Immutable ratio of polynomials with ascending coefficients.
 
-    What is the same object in numerator and denominator cancels: a voltage divider with one
-    impedance twice has no pole too many.
+    A factor that is the same object in numerator and denominator cancels, so that a voltage divider
+    with one impedance twice has no superfluous pole.
     """
 
     __slots__ = ("denominator", "numerator")
     __array_ufunc__ = None  # NumPy leaves the operators to this class, and refuses functions of it
 
-    def __init__(self, numerator: Coefficients, denominator: Coefficients = _UNITY) -> None:
+    def __init__(self, numerator: Coefficients, denominator: Coefficients = _ONE) -> None:
         self.numerator: Coefficients = numerator
         self.denominator: Coefficients = denominator
 
@@ -39,10 +38,10 @@ class Ratio:
         if term.denominator is self.denominator:
             return Ratio(_sum(self.numerator, term.numerator), self.denominator)
         crossed = (
-            _product(self.numerator, term.denominator),
-            _product(term.numerator, self.denominator),
+            product(self.numerator, term.denominator),
+            product(term.numerator, self.denominator),
         )
-        return Ratio(_sum(*crossed), _product(self.denominator, term.denominator))
+        return Ratio(_sum(*crossed), product(self.denominator, term.denominator))
 
     def __mul__(self, operand: Any) -> Ratio:
         """Multiply with a ratio or a number."""
@@ -54,8 +53,8 @@ class Ratio:
         if factor.denominator is self.numerator:
             return Ratio(factor.numerator, self.denominator)
         return Ratio(
-            _product(self.numerator, factor.numerator),
-            _product(self.denominator, factor.denominator),
+            product(self.numerator, factor.numerator),
+            product(self.denominator, factor.denominator),
         )
 
     def __truediv__(self, operand: Any) -> Ratio:
@@ -72,7 +71,7 @@ class Ratio:
         if not isinstance(power, int):
             return NotImplemented
         if power == 0:
-            return Ratio(_UNITY)
+            return Ratio(_ONE)
         result = self
         for _ in range(abs(power) - 1):
             result = result * self
@@ -169,11 +168,11 @@ def _sum(first: Coefficients, second: Coefficients) -> Coefficients:
     return tuple(terms)
 
 
-def _product(first: Coefficients, second: Coefficients) -> Coefficients:
-    """Return the product of two polynomials."""
-    if second is _UNITY:
+def product(first: Coefficients, second: Coefficients) -> Coefficients:
+    """Return the product of two polynomials with ascending coefficients."""
+    if second is _ONE:
         return first
-    if first is _UNITY:
+    if first is _ONE:
         return second
     if len(first) == 1:
         return tuple([_times(first[0], coefficient) for coefficient in second])

@@ -1,14 +1,13 @@
-"""The unrolled network of a sensor with a force: the same chunks, joined by Newton's method.
+"""Unroll the network of a sensor with a force in chunks, joined by Newton's method.
 
-A nonlinear recursion does not split into "from rest" and "free response". It is cut by multiple
-shooting (Bock & Plitt 1984): every chunk runs from a guess of its state, with the derivative of its
-end and outputs by that state; a step of Newton's method then moves all guesses so that each chunk
-begins at the end of the one before, and each segment's initial state and offset to their
-least-squares values. The guess is the linear network's, and three or four steps converge to
-rounding.
+A nonlinear recursion does not split into a response from rest and a free response. Multiple
+shooting (Bock & Plitt 1984) runs every chunk from a guess of its start state, with the derivative
+of its end and outputs by that state. A Newton step then moves all guesses so that each chunk begins
+at the end of its predecessor, and sets the initial state and offset of each segment to their
+least-squares values. From the linear network's states, three or four steps converge to rounding.
 
-The derivative by the parameters is forward-mode differentiation of the recursion within each chunk,
-carried from chunk to chunk; initial states and offsets are then projected out as for the linear
+Derivatives by the parameters come from forward-mode differentiation within each chunk and are
+carried from chunk to chunk. Initial states and offsets are then projected out as for the linear
 network.
 """
 
@@ -35,6 +34,8 @@ from vibrident.physics.network.unroll import (
 MAX_NEWTON_STEPS = 20
 #: Relative change of the states that ends the steps.
 STATE_TOLERANCE = 1e-12
+#: Largest relative change of the states in the last step; with more, the cost is NaN.
+MAX_CHANGE = 1e-6
 
 Force = Callable[[Any], Any]
 
@@ -57,25 +58,29 @@ def forced_response(
     """
     value_rounds, slope_rounds = rounds
     phi, gamma, c, d = (per_lane(w, lanes.rate) for w in weights.linear)
-    pull, pull_output, at_state, at_drive, among = (per_lane(w, lanes.rate) for w in weights[1:])
+    force_state, force_output, node_state, node_drive, node_force = (
+        per_lane(w, lanes.rate) for w in weights[1:]
+    )
 
     def step(x: Any, u: Any) -> tuple[Any, Any]:
-        alone = product(at_state, x) + product(at_drive, u)
-        fixed = lax.stop_gradient((alone, among))
-        f = lax.fori_loop(
-            0, value_rounds, lambda _, f: force(fixed[0] + product(fixed[1], f)), force(fixed[0])
-        )
+        linear = product(node_state, x) + product(node_drive, u)  # V at the nodes without force
+        fixed_linear, fixed_matrix = lax.stop_gradient((linear, node_force))
+
+        def iterate(_: Any, f: Any) -> Any:
+            return force(fixed_linear + product(fixed_matrix, f))
+
+        f = lax.fori_loop(0, value_rounds, iterate, force(fixed_linear))
         f = lax.stop_gradient(f)
         for _ in range(slope_rounds):
-            f = force(alone + product(among, f))
-        y = product(c, x) + product(d, u) + product(pull_output, f)
-        return product(phi, x) + product(gamma, u) + product(pull, f), y
+            f = force(linear + product(node_force, f))
+        y = product(c, x) + product(d, u) + product(force_output, f)
+        return product(phi, x) + product(gamma, u) + product(force_state, f), y
 
     ends, outputs = lax.scan(step, starts, lanes.inputs)
     return outputs, ends
 
 
-class _Shots(NamedTuple):
+class _Shooting(NamedTuple):
     """Iterate of the multiple shooting.
 
     Attributes:
@@ -113,11 +118,12 @@ def forced_normal_equations(
     """
     n = linear.output.shape[-1]
     p = z.shape[0]
-    shots = _join_chunks(simulate, z, solve_starts(linear, lanes, segments)[2], lanes, segments)
+    _, _, linear_starts = solve_starts(linear, lanes, segments)
+    shots = _join_chunks(simulate, z, linear_starts, lanes, segments)
 
-    def shifted(y: Any, shift: Any) -> tuple[Any, Any]:
-        simulated = simulate(y, shots.starts + shift[:, None])
-        return simulated, simulated[0]
+    def shifted(parameters: Any, shift: Any) -> tuple[Any, Any]:
+        outputs, ends = simulate(parameters, shots.starts + shift[:, None])
+        return (outputs, ends), outputs
 
     slopes, outputs = jax.jacfwd(shifted, argnums=(0, 1), has_aux=True)(z, jnp.zeros(n))
     (by_z, by_start), (ends_z, ends_start) = slopes
@@ -129,26 +135,23 @@ def forced_normal_equations(
     columns = [(by_z[..., a] + product(by_start, states_z[:, a])) * scale for a in range(p)]
     rows = _nuisance_rows(by_start, carry_from_segments(ends_start, lanes), lanes)
     inverse = inverse_of_segments(_gram(rows, lanes, segments))
-    removed = []
+    projected = []
     for column in columns:
         share = jnp.einsum("sij,sj->si", inverse, _moments(rows, column, lanes, segments))
-        removed.append(
-            column - lanes.weight * dot(rows, [share[lanes.segment, i] for i in range(n + 1)])
-        )
-    matrix = jnp.stack(
-        [jnp.stack([jnp.vdot(removed[a], removed[b]) for b in range(p)]) for a in range(p)]
-    )
-    gradient = jnp.stack([jnp.vdot(column, residual) for column in removed])
+        by_lane = [share[lanes.segment, i] for i in range(n + 1)]
+        projected.append(column - lanes.weight * dot(rows, by_lane))
+    matrix = jnp.stack([jnp.stack([jnp.vdot(a, b) for b in projected]) for a in projected])
+    gradient = jnp.stack([jnp.vdot(column, residual) for column in projected])
     squares = jax.ops.segment_sum(noise**2 * jnp.sum(residual**2, axis=0), lanes.segment, segments)
-    cost = jnp.where(shots.change < 1e-6, jnp.vdot(residual, residual), jnp.nan)
-    return NormalEquations(matrix, gradient, cost, squares, response, removed)
+    cost = jnp.where(shots.change < MAX_CHANGE, jnp.vdot(residual, residual), jnp.nan)
+    return NormalEquations(matrix, gradient, cost, squares, response, projected)
 
 
-def _join_chunks(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) -> _Shots:
+def _join_chunks(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int) -> _Shooting:
     """Solve for the chunks' start states and the segments' offsets, by Newton's method."""
     n = starts.shape[0]
 
-    def step(shots: _Shots) -> _Shots:
+    def step(shots: _Shooting) -> _Shooting:
         def shifted(shift: Any) -> tuple[Any, Any]:
             simulated = simulate(z, shots.starts + shift[:, None])
             return simulated, simulated
@@ -159,25 +162,23 @@ def _join_chunks(simulate: Any, z: Any, starts: Any, lanes: Lanes, segments: int
         carry = carry_from_segments(ends_start, lanes)
         # To the next chunk's start; never used at a segment's end.
         gaps = ends - jnp.roll(shots.starts, -1, axis=1)
-        moved = chain_states(ends_start, gaps, lanes.first, 0.0)
+        shift = chain_states(ends_start, gaps, lanes.first, 0.0)
         rows = _nuisance_rows(by_start, carry, lanes)
-        joined = outputs + product(by_start, moved)
+        joined = outputs + product(by_start, shift)
+        residual = (lanes.response - joined) * lanes.weight
         inverse = inverse_of_segments(_gram(rows, lanes, segments))
-        right_side = _moments(rows, (lanes.response - joined) * lanes.weight, lanes, segments)
-        solved = jnp.einsum("sij,sj->si", inverse, right_side)
-        moved = moved + jnp.einsum("iam,ma->im", carry, solved[:, :n][lanes.segment])
+        solved = jnp.einsum("sij,sj->si", inverse, _moments(rows, residual, lanes, segments))
+        shift = shift + jnp.einsum("iam,ma->im", carry, solved[:, :n][lanes.segment])
         size = jnp.max(jnp.abs(shots.starts)) + jnp.max(jnp.abs(outputs))
-        return _Shots(
-            shots.starts + moved, solved[:, n], jnp.max(jnp.abs(moved)) / size, shots.steps + 1
-        )
+        change = jnp.max(jnp.abs(shift)) / size
+        return _Shooting(shots.starts + shift, solved[:, n], change, shots.steps + 1)
 
-    def is_unfinished(shots: _Shots) -> Any:
+    def is_unfinished(shots: _Shooting) -> Any:
         # NaN ends the loop and shows in the cost.
         return (shots.steps < MAX_NEWTON_STEPS) & (shots.change > STATE_TOLERANCE)
 
-    return lax.while_loop(
-        is_unfinished, step, _Shots(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0)
-    )
+    first = _Shooting(starts, jnp.zeros(segments), jnp.asarray(jnp.inf), 0)
+    return lax.while_loop(is_unfinished, step, first)
 
 
 def _nuisance_rows(by_start: Any, carry: Any, lanes: Lanes) -> list[Any]:

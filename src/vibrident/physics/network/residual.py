@@ -24,8 +24,13 @@ import numpy as np
 
 from vibrident.base.errors import ModelError
 from vibrident.physics.models import SensorModel
-from vibrident.physics.models.add_ons.mode2 import in_parallel
-from vibrident.physics.models.base import AddOn, Parameters, ParameterSpec, Rational
+from vibrident.physics.models.base import (
+    AddOn,
+    Parameters,
+    ParameterSpec,
+    Rational,
+    in_parallel,
+)
 
 #: Start of the neurons' slopes, times the largest response.
 INITIAL_SLOPE = 0.5

@@ -1,8 +1,8 @@
-"""Simulation of a calibration: sensor, excitations, truth, channels.
+"""Simulate a calibration: sensor, excitations, exact responses, noise of the channels.
 
-A shock has corners, hence content above half the sampling rate. Sampled without a filter, that
-content aliases; with it the records are band-limited, like recorded ones. The same filter on both
-channels leaves the sensor's response to the reference unchanged.
+A shock has corners, hence content above half the sampling rate, which aliases unless a filter
+removes it before sampling. Both channels pass the same filter, which leaves the sensor's response
+to the reference unchanged.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy import fft
 
 from vibrident.base.fft_lengths import fast_length
 from vibrident.data.records import QUANTITIES, Calibration, FloatArray, Provenance, Quantity, Record
-from vibrident.physics.models import parse
+from vibrident.physics.models import SensorModel, parse
 from vibrident.physics.simulation.checks import require, require_choice, require_positive
 from vibrident.physics.simulation.excitation import Sine
 from vibrident.physics.simulation.motion import Motion
@@ -35,43 +35,43 @@ from vibrident.physics.simulation.scheme import (
 from vibrident.physics.simulation.sensors import Sensor, sensor_named
 from vibrident.physics.simulation.truth import Start, exact_reference, exact_response
 
-#: Simulated rate over the sampling rate: a corner's aliasing at 1/f² falls with its square.
+#: Simulated rate over the sampling rate: the aliasing of a corner falls with its square.
 OVERSAMPLING = 64
-#: Edges of the filter's pass band and stop band over the sampling rate.
+#: Edge of the filter's pass band over the sampling rate.
 PASS_BAND_EDGE = 0.32
+#: Edge of the filter's stop band over the sampling rate.
 STOP_BAND_EDGE = 0.42
 #: Attenuation of the stop band, dB.
 STOP_BAND_ATTENUATION_DB = 160.0
 
 
 @functools.cache
-def _filter() -> FloatArray:
-    """Return the filter: a Kaiser-windowed sinc at the fine rate, odd length, sum one.
+def _filter_taps() -> FloatArray:
+    """Return the filter's taps: a Kaiser-windowed sinc at the simulated rate, odd length, sum one.
 
     Kaiser (1974) gives length and shape of the window for a stop band and a transition.
     """
-    width = 2.0 * np.pi * (STOP_BAND_EDGE - PASS_BAND_EDGE) / OVERSAMPLING
-    half = int(np.ceil((STOP_BAND_ATTENUATION_DB - 8.0) / (2.285 * width) / 2.0))
+    transition_rad = 2.0 * np.pi * (STOP_BAND_EDGE - PASS_BAND_EDGE) / OVERSAMPLING
+    half = int(np.ceil((STOP_BAND_ATTENUATION_DB - 8.0) / (2.285 * transition_rad) / 2.0))
     n = np.arange(-half, half + 1)
-    # Twice the band's middle, in cycles per fine sample.
-    cut = (PASS_BAND_EDGE + STOP_BAND_EDGE) / OVERSAMPLING
+    cut = (PASS_BAND_EDGE + STOP_BAND_EDGE) / OVERSAMPLING  # over half the simulated rate
     shape = 0.1102 * (STOP_BAND_ATTENUATION_DB - 8.7)
     taps = cut * np.sinc(cut * n) * np.kaiser(2 * half + 1, shape)
     return taps / taps.sum()
 
 
 def filtered(
-    fine: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int
+    channel: Callable[[float, int], FloatArray], sampling_rate_hz: float, samples: int
 ) -> FloatArray:
-    """Return a channel sampled behind the filter; at rest before its first sample.
+    """Return the samples of a channel behind the filter; at rest before its first sample.
 
-    ``fine``: from (sampling rate, number of samples) to the channel's values, from t = 0 on.
+    ``channel``: (sampling rate, number of samples) → values from t = 0 on.
     """
-    taps = _filter()
+    taps = _filter_taps()
     half = len(taps) // 2
     # The filter looks ahead by half its length.
     count = (samples + math.ceil(half / OVERSAMPLING)) * OVERSAMPLING
-    values = fine(sampling_rate_hz * OVERSAMPLING, count)
+    values = channel(sampling_rate_hz * OVERSAMPLING, count)
     size = fast_length(count + 2 * half)
     spectrum = np.asarray(fft.rfft(values, size)) * np.asarray(fft.rfft(taps, size))
     smooth = np.asarray(fft.irfft(spectrum, size))
@@ -147,57 +147,65 @@ def simulate(
         >>> sweep.records[0].excitation, sweep.records[0].response.shape
         ('sweep', (4000,))
     """
-    truth = _sensor(sensor)
+    true_sensor = _sensor(sensor)
     require_choice("The start", start, ("rest", "steady"))
     require_choice("The method", method, ("exact", "rk4"))
     require_choice("The reference quantity", quantity, QUANTITIES)
-    rate = truth.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz)
-    peak = truth.amplitude if amplitude is None else float(amplitude)
-    natural = parse(truth.model).typical_frequency(truth.parameters)
-    plan = SimulationSettings(
-        _frequencies(frequencies_hz, truth), rate, samples, peak, natural, seed
+    if antialias:
+        require_choice("With antialias the method", method, ("exact",))
+        require_choice("With antialias the start", start, ("rest",))
+    model = parse(true_sensor.model)
+    parameters = true_sensor.parameters
+    settings = SimulationSettings(
+        _frequencies(frequencies_hz, true_sensor),
+        true_sensor.sampling_rate_hz if sampling_rate_hz is None else float(sampling_rate_hz),
+        samples,
+        true_sensor.amplitude if amplitude is None else float(amplitude),
+        model.typical_frequency(parameters),
+        seed,
     )
-    takes = plan.takes(excitation, repeats)
+    takes = settings.takes(excitation, repeats)
     if excitation_snr_db is not None:
-        snr_db = excitation_snr_db
-        band_hz = excitation_noise_band_hz
-        draws = [stream(seed, index, "excitation noise") for index in range(len(takes))]
-        takes = [
-            with_excitation_noise(take, rng, snr_db, band_hz)
-            for take, rng in zip(takes, draws, strict=True)
-        ]
+        for index, take in enumerate(takes):
+            rng = stream(seed, index, "excitation noise")
+            takes[index] = with_excitation_noise(
+                take, rng, excitation_snr_db, excitation_noise_band_hz
+            )
     if keep_takes is not None:
         keep_takes.extend(takes)
-    behind = _behind_filter(takes, antialias, method, start)
-    responses = _responses(truth, takes, start, method, substeps, behind)
-    values = ", ".join(f"{name} {value:.9g}" for name, value in truth.parameters.items())
+
+    may_filter = antialias is not False and method == "exact" and start == "rest"
+    has_filter = [may_filter and (bool(antialias) or t.motion.kind == "shock") for t in takes]
+    if method == "exact":
+        responses = _exact_responses(model, parameters, takes, has_filter, start)
+    else:
+        responses = rk4_response(
+            model,
+            parameters,
+            [take.motion for take in takes],
+            sampling_rates_hz=[take.sampling_rate_hz for take in takes],
+            samples=samples,
+            start=start,
+            substeps=substeps,
+        )
+    values = ", ".join(f"{name} {value:.9g}" for name, value in parameters.items())
     history = (
-        f"simulated: {truth.model} ({values}); "
-        f"{method} response, start {start}, seed {_seed_words(seed)}"
+        f"simulated: {true_sensor.model} ({values}); "
+        f"{method} response, start {start}, seed {_seed_text(seed)}"
     )
-    records = [
-        _record(take, row, quantity, history, is_filtered)
-        for take, row, is_filtered in zip(takes, responses, behind, strict=True)
-    ]
-    about = {"manufacturer": "simulated", "type": truth.title}
-    unit = truth.response_unit
     calibration = Calibration(
-        tuple(records), None, truth.model, quantity, response_unit=unit, sensor=about
+        tuple(
+            _record(take, response, quantity, history, is_filtered)
+            for take, response, is_filtered in zip(takes, responses, has_filter, strict=True)
+        ),
+        model=true_sensor.model,
+        quantity=quantity,
+        response_unit=true_sensor.response_unit,
+        sensor={"manufacturer": "simulated", "type": true_sensor.title},
     )
     return with_noise(
         calibration, reference_noise=reference_noise, response_noise=response_noise, seed=seed
     )
-
-
-def _behind_filter(
-    takes: list[Take], antialias: bool | None, method: str, start: Start
-) -> list[bool]:
-    """Return which records pass an anti-alias filter."""
-    if antialias:
-        require_choice("With antialias the method", method, ("exact",))
-        require_choice("With antialias the start", start, ("rest",))
-    possible = antialias is not False and method == "exact" and start == "rest"
-    return [possible and (bool(antialias) or take.motion.kind == "shock") for take in takes]
 
 
 def with_noise(
@@ -261,7 +269,7 @@ def _noisy(record: Record, index: int, noises: Mapping[str, ChannelNoise], seed:
         changes: dict[str, Any] = {channel: values}
         if noise.full_scale is not None:
             changes[f"{channel}_full_scale"] = noise.full_scale
-        step = f"{channel} channel: {noise.words}, seed {_seed_words(seed)}"
+        step = f"{channel} channel: {noise.words}, seed {_seed_text(seed)}"
         changed = replace(changed, **changes, provenance=changed.provenance.then(step))
     return changed
 
@@ -301,75 +309,68 @@ def _frequencies(frequencies_hz: Sequence[float] | FloatArray | None, sensor: Se
     return frequencies
 
 
-def _responses(
-    sensor: Sensor, takes: list[Take], start: Start, method: str, substeps: int, behind: list[bool]
+def _exact_responses(
+    model: SensorModel,
+    parameters: Mapping[str, float],
+    takes: Sequence[Take],
+    has_filter: Sequence[bool],
+    start: Start,
 ) -> list[FloatArray]:
-    model = parse(sensor.model)
-    if method == "rk4":
-        rows = rk4_response(
-            model,
-            sensor.parameters,
-            [take.motion for take in takes],
-            sampling_rates_hz=[take.sampling_rate_hz for take in takes],
-            samples=takes[0].samples,
-            start=start,
-            substeps=substeps,
-        )
-        return list(rows)
+    """Return the response of each take, shape (samples,), behind a filter where it has one."""
 
-    def exact(take: Take, rate: float, samples: int) -> FloatArray:
+    def response(take: Take, rate_hz: float, count: int) -> FloatArray:
         return exact_response(
             model,
-            sensor.parameters,
+            parameters,
             take.motion,
-            sampling_rate_hz=rate,
-            samples=samples,
+            sampling_rate_hz=rate_hz,
+            samples=count,
             start=start,
         )
 
     return [
-        _sampled(functools.partial(exact, take), take, is_filtered)
-        for take, is_filtered in zip(takes, behind, strict=True)
+        _sampled(functools.partial(response, take), take, is_filtered)
+        for take, is_filtered in zip(takes, has_filter, strict=True)
     ]
 
 
-def _sampled(channel: Callable[[float, int], FloatArray], take: Take, behind: bool) -> FloatArray:
-    """Return a channel's samples, ``behind`` an anti-alias filter or as they are."""
-    if behind:
+def _sampled(
+    channel: Callable[[float, int], FloatArray], take: Take, is_filtered: bool
+) -> FloatArray:
+    """Return a channel's samples, behind an anti-alias filter or as they are."""
+    if is_filtered:
         return filtered(channel, take.sampling_rate_hz, take.samples)
     return channel(take.sampling_rate_hz, take.samples)
 
 
 def _record(
-    take: Take, response: FloatArray, quantity: Quantity, history: str, behind: bool
+    take: Take, response: FloatArray, quantity: Quantity, history: str, is_filtered: bool
 ) -> Record:
+    """Return the record of a take and its response."""
     motion = take.motion
-    base = getattr(motion, "terms", (motion,))[0]
+    excitation = getattr(motion, "terms", (motion,))[0]  # without noise on it
     reference = None
     if motion.kind != "decay":
 
-        def exact(rate: float, samples: int) -> FloatArray:
-            return exact_reference(motion, quantity, sampling_rate_hz=rate, samples=samples)
+        def reference_channel(rate_hz: float, count: int) -> FloatArray:
+            return exact_reference(motion, quantity, sampling_rate_hz=rate_hz, samples=count)
 
-        reference = _sampled(exact, take, behind)
+        reference = _sampled(reference_channel, take, is_filtered)
+    steps = [history, f"motion: {motion.words}"]
+    if is_filtered:
+        steps.append("anti-alias filter")
     return Record(
         take.name,
         reference,
         response,
         take.sampling_rate_hz,
         motion.kind,
-        frequency_hz=base.frequency_hz if isinstance(base, Sine) else None,
-        provenance=Provenance(
-            history=(
-                history,
-                f"motion: {motion.words}",
-                *(("anti-alias filter",) if behind else ()),
-            )
-        ),
+        frequency_hz=excitation.frequency_hz if isinstance(excitation, Sine) else None,
+        provenance=Provenance(history=tuple(steps)),
     )
 
 
-def _seed_words(seed: Seed) -> str:
+def _seed_text(seed: Seed) -> str:
     """Return a seed in words, for a record's history."""
     if isinstance(seed, np.random.SeedSequence):
         return f"{seed.entropy}{list(seed.spawn_key) or ''}"

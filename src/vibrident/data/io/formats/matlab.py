@@ -87,14 +87,16 @@ def _variables(path: Path) -> dict[str, Any]:
     import scipy.io
 
     if not _is_version_4(path):
-        return mat5.variables(path)
+        return mat5.read_variables(path)
     contents = scipy.io.whosmat(path, appendmat=False)
     require_room(path, sum(math.prod(shape) for _, shape, _ in contents))
     return scipy.io.loadmat(path, appendmat=False, variable_names=[name for name, *_ in contents])
 
 
 def _array(path: Path, name: str) -> Any:
-    return _variables(path)[name] if _is_version_4(path) else mat5.numbers_of(path, name.split("."))
+    if _is_version_4(path):
+        return _variables(path)[name]
+    return mat5.read_numbers(path, name.split("."))
 
 
 def _leaves(

@@ -28,6 +28,7 @@ from vibrident.data.io.columns import (
     library,
     reading,
     real_numbers,
+    reason_against_type,
     require_room,
 )
 from vibrident.data.io.reader import Reader
@@ -139,6 +140,7 @@ def _listed(file: Any) -> list[tuple[int, int, str]]:
 
 
 def _reason_against(file: Any, group: int, index: int) -> str:
+    """Return why a channel is refused; "" if it is not."""
     content = file.groups[group]
     if content.channel_group.cycles_nr == 0:
         return "empty"
@@ -149,11 +151,7 @@ def _reason_against(file: Any, group: int, index: int) -> str:
     first = file.get(group=group, index=index, record_count=1).samples
     if first.ndim != 1 or first.dtype.names:
         return "an array or a structure at each instant"
-    if first.dtype.kind in "iufb":
-        return ""
-    return {"c": "complex", "S": "text", "U": "text", "O": "text"}.get(
-        first.dtype.kind, str(first.dtype)
-    )
+    return reason_against_type(first.dtype)
 
 
 def _unit(channel: Any) -> str:

@@ -46,35 +46,25 @@ class ParquetFile(ColumnFile):
             schema = file.schema_arrow
         channels: list[Channel] = []
         refused: dict[str, str] = {}
-        of_file = _metadata(schema.metadata)
-        pandas = of_file.pop("pandas", None)
-        pandas = pandas if isinstance(pandas, dict) else {}
-        if isinstance(attributes := pandas.get("attributes"), dict):
-            of_file.update(attributes)
-        of_columns = {
-            column.get("field_name"): column.get("metadata")
-            for column in pandas.get("columns") or ()
-            if isinstance(column, dict)
+        number_types = (types.is_integer, types.is_floating, types.is_boolean)
+        file_metadata = _metadata(schema.metadata)
+        pandas = _mapping(file_metadata.pop("pandas", None))
+        file_metadata |= _mapping(pandas.get("attributes"))
+        pandas_columns = {
+            column.get("field_name"): _mapping(column.get("metadata"))
+            for column in map(_mapping, pandas.get("columns") or ())
         }
         for field in schema:
-            timed = types.is_timestamp(field.type) or types.is_duration(field.type)
-            if not timed and not any(
-                is_kind(field.type)
-                for is_kind in (types.is_integer, types.is_floating, types.is_boolean)
-            ):
-                refused[field.name] = f"of type {field.type}"
+            name = field.name
+            is_time = types.is_timestamp(field.type) or types.is_duration(field.type)
+            if not is_time and not any(is_type(field.type) for is_type in number_types):
+                refused[name] = f"of type {field.type}"
                 continue
-            metadata = of_columns.get(field.name)
-            metadata = {
-                **(metadata if isinstance(metadata, dict) else {}),
-                **_metadata(field.metadata),
-            }
-            levels = [statements(metadata), _of_column(of_file, field.name)]
-            clock = clock_of(levels, f"{path}, column {field.name!r}")
-            unit = nearest_unit(field.name, levels[0], levels[1])
-            unit = "" if timed else unit
-            start = start_of(levels)
-            channels.append(Channel(field.name, field.name, clock, timed, unit, start=start))
+            metadata = pandas_columns.get(name, {}) | _metadata(field.metadata)
+            levels = [statements(metadata), _column_statements(file_metadata, name)]
+            clock = clock_of(levels, f"{path}, column {name!r}")
+            unit = "" if is_time else nearest_unit(name, levels[0], levels[1])
+            channels.append(Channel(name, name, clock, is_time, unit, start=start_of(levels)))
         super().__init__(path, channels, refused)
 
     def start(self, position: int) -> StartTime | None:
@@ -86,7 +76,7 @@ class ParquetFile(ColumnFile):
             first = next(file.iter_batches(1, columns=[name])).column(0).to_numpy(False)[:1]
         if first.dtype.kind != "M" or np.isnat(first).any():
             return None
-        return StartTime(int(first.astype("datetime64[ns]").astype(np.int64)[0]), epoch=True)
+        return StartTime.on_date(first[0])
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these columns; each has shape (samples,).
@@ -127,7 +117,12 @@ def _metadata(metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]:
     return values
 
 
-def _of_column(values: Mapping[str, Any], column: str) -> dict[str, Statement]:
+def _mapping(value: Any) -> dict[str, Any]:
+    """Return a mapping of metadata; an empty one for a value of another kind."""
+    return value if isinstance(value, dict) else {}
+
+
+def _column_statements(values: Mapping[str, Any], column: str) -> dict[str, Statement]:
     """Return what the file's metadata state of a column: for all, or by the column's name."""
     return statements(
         {

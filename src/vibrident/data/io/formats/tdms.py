@@ -18,6 +18,7 @@ from vibrident.data.io.columns import (
     library,
     reading,
     real_numbers,
+    reason_against_type,
     require_room,
 )
 from vibrident.data.io.reader import Reader
@@ -68,7 +69,7 @@ class TdmsFile(ColumnFile):
                     if reason := _reason_against(channel, outer):
                         refused[name] = reason
                     else:
-                        channels.append(_described(name, channel, outer, str(path)))
+                        channels.append(_channel(name, channel, outer, str(path)))
         super().__init__(path, channels, refused)
 
     def start(self, position: int) -> StartTime | None:
@@ -78,7 +79,7 @@ class TdmsFile(ColumnFile):
         group, name = self._channels[position].handle
         with self._opened() as file:
             first = _plain(file[group][name][:1])[0]
-        return StartTime(int(first.astype("datetime64[ns]").astype(np.int64)), epoch=True)
+        return StartTime.on_date(first)
 
     def load(self, positions: Sequence[int]) -> tuple[FloatArray, ...]:
         """Read these channels; each has shape (samples,)."""
@@ -98,7 +99,7 @@ class TdmsFile(ColumnFile):
             yield file
 
 
-def _described(name: str, channel: Any, outer: Sequence[Mapping[str, Any]], where: str) -> Channel:
+def _channel(name: str, channel: Any, outer: Sequence[Mapping[str, Any]], where: str) -> Channel:
     """Return a channel with what its properties, its group's and the file's state."""
     properties = channel.properties
     start = _start(properties)
@@ -120,13 +121,12 @@ def _start(properties: Mapping[str, Any]) -> StartTime | None:
 
     An offset without a date is on the file's own clock.
     """
-    date = properties.get("wf_start_time")
+    date = _plain(properties.get("wf_start_time"))
     offset_s = properties.get("wf_start_offset")
-    date = _plain(date)
-    offset_s = offset_s if isinstance(offset_s, int | float) and np.isfinite(offset_s) else None
+    if not isinstance(offset_s, int | float) or not np.isfinite(offset_s):
+        offset_s = None
     if isinstance(date, np.datetime64) and date >= _NO_DATE:
-        date_ns = int(date.astype("datetime64[ns]").astype(np.int64))
-        return StartTime(date_ns + round((offset_s or 0.0) * 1e9), epoch=True)
+        return StartTime.on_date(date, offset_s or 0.0)
     return None if offset_s is None else StartTime.on_own_clock(offset_s)
 
 
@@ -145,11 +145,7 @@ def _reason_against(channel: Any, outer: Sequence[Mapping[str, Any]]) -> str:
         return "empty"
     if reason := _reason_against_scales([channel.properties, *outer]):
         return reason
-    if channel.dtype.kind in "iufb" or _is_time(channel):
-        return ""
-    return {"c": "complex", "O": "text", "U": "text", "S": "text"}.get(
-        channel.dtype.kind, str(channel.dtype)
-    )
+    return "" if _is_time(channel) else reason_against_type(channel.dtype)
 
 
 def _reason_against_scales(levels: Sequence[Mapping[str, Any]]) -> str:

@@ -9,6 +9,7 @@ fit.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,17 +24,14 @@ from vibrident.physics.models.base import (
     Values,
 )
 from vibrident.physics.models.model import Model
+from vibrident.physics.models.ratio import product
 
 
 def _rational(parameters: Parameters, system: Rational) -> Rational:
     """Return a system with the high-pass in series."""
     corner = 2.0 * np.pi * parameters[_CORNER]
-    low = system.denominator
-    product = [corner * low[0]]
-    product += [corner * low[k] + low[k - 1] for k in range(1, len(low))]
-    return Rational(
-        system.gain, (0.0, *system.numerator), (*product, low[-1]), system.angular_scale
-    )
+    denominator = product((corner, 1.0), system.denominator)
+    return replace(system, numerator=(0.0, *system.numerator), denominator=denominator)
 
 
 _CORNER = "highpass_frequency"

@@ -4,15 +4,14 @@
 
 g₂ is the second mode's share of the response at low frequency, of either sign.
 
-The response does not say which of two modes is the first: the main one is the one with the larger
-share of the static response, |g₂| ≤ 1. Exchanged, the modes swap frequency and damping, the gain
-becomes gain · g₂ and the share its inverse. (The modes of a displacement pickup only: those of a
-velocity pickup are no equals, its first one vanishes at low frequency.)
+The response does not determine which of two modes is the first. By convention the first has the
+larger share of the static response, |g₂| ≤ 1. Exchanging the modes swaps their frequencies and
+damping ratios, multiplies the gain by g₂ and replaces g₂ by 1/g₂. (Only the modes of a displacement
+pickup can be exchanged: the first mode of a velocity pickup vanishes at low frequency.)
 """
 
 from __future__ import annotations
 
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from vibrident.physics.models.base import (
     Rational,
     Relabelling,
     Values,
+    in_parallel,
 )
 from vibrident.physics.models.model import Model
 
@@ -34,28 +34,6 @@ def _rational(parameters: Parameters, system: Rational) -> Rational:
     w2 = 2.0 * np.pi * parameters["mode2_frequency"]
     second = (w2 * w2, 2.0 * parameters["mode2_damping"] * w2, 1.0)
     return in_parallel(system, parameters["mode2_gain"] * w2 * w2, second)
-
-
-def in_parallel(system: Rational, share: Any, denominator: tuple[Any, ...]) -> Rational:
-    """Return the system gain · [N(s)/D(s) + share/denominator(s)].
-
-    Coefficients are in ascending powers.
-    """
-    first = product(system.numerator, denominator)
-    added = (share * c for c in system.denominator)
-    numerator = tuple(a + b for a, b in zip_longest(first, added, fillvalue=0.0))
-    return Rational(
-        system.gain, numerator, product(system.denominator, denominator), system.angular_scale
-    )
-
-
-def product(first: tuple[Any, ...], second: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the product of two polynomials, ascending coefficients."""
-    total: list[Any] = [0.0] * (len(first) + len(second) - 1)
-    for i, a in enumerate(first):
-        for j, b in enumerate(second):
-            total[i + j] = total[i + j] + a * b
-    return tuple(total)
 
 
 _MODE = ("mode2_frequency", "mode2_damping")

@@ -28,15 +28,15 @@ from typing import Any
 import numpy as np
 
 from vibrident.base.errors import ModelError
-from vibrident.physics.models.add_ons.mode2 import product
 from vibrident.physics.models.base import AddOn, Parameters, ParameterSpec, Rational
 from vibrident.physics.models.model import Model
+from vibrident.physics.models.ratio import product
 
 _MOUNTING = ("mounting_frequency", "mounting_damping")
 
 
 def _series(parameters: Parameters, system: Rational) -> Rational:
-    """Return a system behind its coupling, without reaction of the seismic mass."""
+    """Return a system in series with its coupling, without reaction of the seismic mass."""
     coupling = _coupling(parameters, 1.0)
     return Rational(
         system.gain,
