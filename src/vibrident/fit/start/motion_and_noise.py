@@ -115,9 +115,7 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
         measured = _measured(group)
         heard = power_of(measured.response) > MIN_MOTION_RATIO * measured.level.total
         if group.grid.driven:  # leakage from other bins is no motion
-            # A motion that is over before a bin has turned looks like leakage.
-            moves = np.any(measured.moving, axis=1, keepdims=True)
-            heard &= measured.moving | ~moves
+            heard &= measured.moving
             # Few bins only bound the noise by the power of everything.
             heard |= ~measured.has_enough_bins[:, None]
             heard &= _near_tones(band, group)
