@@ -28,6 +28,8 @@ DEGREES = 3
 MAX_CHANCE_OF_MOTION = 1e-3
 #: A sensor rings where its motion decays by at least e^{-2πγ} over a record; a tone does not decay.
 MIN_DECAY_BINS = 0.5
+#: A resonance is narrower than this fraction of a block.
+MAX_RESONANCE_WIDTH = 0.5
 #: Blocks on either side that a level is averaged over.
 NEIGHBOURS = 2
 #: Ridge, over the largest product of the columns, that keeps dependent columns regular.
@@ -221,7 +223,9 @@ class SmoothColumns:
         slope = np.where(slope == 0.0, np.finfo(float).tiny, slope / slope_size)
         pole = -constant / slope
         decay_bins = pole.imag * 0.5 * (width - 1)
-        ringing &= (np.abs(pole.real) < 1.0) & (decay_bins > MIN_DECAY_BINS)
+        # A response that comes late turns with frequency as beside a pole far from the bins.
+        ringing &= (np.abs(pole.real) < 1.0) & (pole.imag < MAX_RESONANCE_WIDTH)
+        ringing &= decay_bins > MIN_DECAY_BINS
         ringing[:, 0] = False  # an offset between the ends of a record is a pole at zero frequency
         return self.share * least / freedom, ringing
 
