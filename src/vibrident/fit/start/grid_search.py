@@ -29,7 +29,7 @@ MIN_FREQUENCY_RATIO = 1.8
 #: … and so are values of other parameters that differ by less than this one.
 MIN_RATIO = 2.5
 #: Rounds in which gain and weights of a place follow from each other.
-GAIN_ROUNDS = 3
+GAIN_ROUNDS = 1
 #: Directions in which shares hold less than this fraction of the best add nothing.
 MIN_SHARE_POWER = 1e-10
 
@@ -202,8 +202,6 @@ class GridSearch:
     ) -> _Scores:
         """Return the scores of places, with the best gain, shares and delay.
 
-        Where noise of the reference counts, its weight follows from the gain, in turn.
-
         Args:
             networks: of these places at each sampling rate, as of :meth:`_networks`.
             trials: the values of each place.
@@ -218,45 +216,43 @@ class GridSearch:
         finite_networks = [
             DiscreteTransfer(*(array[usable] for array in network)) for network in networks
         ]
+        weights = [rows.weight[:, None] for rows in self.rows]
         if any(np.any(rows.reference) for rows in self.rows):
-            through = [self._through(rows, tried) for rows in self.rows]
-            gain = self._rough_gain(through)
-            for _ in range(GAIN_ROUNDS):
-                weights = [
-                    rows.weight_at(gain[:, None, None] ** 2 * power).swapaxes(0, 1)
-                    for rows, power in zip(self.rows, through, strict=True)
-                ]
-                fitted = self._fitted(finite_networks, tried, weights)
-                gain = fitted.amounts[:, 0]
-        else:
-            weights = [rows.weight[:, None] for rows in self.rows]
-            fitted = self._fitted(finite_networks, tried, weights)
+            weights = self._weights(tried)
+        fitted = self._fitted(finite_networks, tried, weights)
         for array, values in zip(scores, fitted, strict=True):
             array[usable] = values
         scores.delay_s[:] += float(self.band.problem.frame.delay_s)
         return scores
 
-    def _through(self, rows: CoarseRows, trials: Sequence[Mapping[str, float]]) -> FloatArray:
-        """Return |H|² of each place at gain one, shape (G, R, K)."""
+    def _weights(self, trials: Sequence[Mapping[str, float]]) -> list[FloatArray]:
+        """Return the weights of each place in the noise of both channels, shape (R, G, K) each.
+
+        The gain by which noise of the reference passes is the median size of response over forced
+        response.
+        """
         model = self.band.model
         columns: dict[str, Any] = {
             name: np.array([trial[name] for trial in trials])[:, None, None]
             for name in model.parameter_names
         }
         quantity = self.band.problem.frame.quantity
-        return power_of(model.frequency_response(columns, rows.frequency_hz, quantity))
-
-    def _rough_gain(self, through: Sequence[FloatArray]) -> FloatArray:
-        """Return the median size of response over forced response at each place, shape (G,)."""
+        through = [
+            power_of(model.frequency_response(columns, rows.frequency_hz, quantity))
+            for rows in self.rows
+        ]
         ratios = []
         for rows, power in zip(self.rows, through, strict=True):
             used = rows.weight > 0.0
             forced = power[:, used] * power_of(rows.bins.inputs[:, 0])[used]
             response = np.broadcast_to(power_of(rows.bins.response)[used], forced.shape)
-            ratios.append(
-                np.divide(response, forced, out=np.zeros_like(forced), where=forced > 0.0)
-            )
-        return np.asarray(np.sqrt(np.median(np.concatenate(ratios, axis=1), axis=1)))
+            ratio = np.divide(response, forced, out=np.zeros_like(forced), where=forced > 0.0)
+            ratios.append(ratio)
+        gain_squared = np.median(np.concatenate(ratios, axis=1), axis=1)[:, None, None]
+        return [
+            rows.weight_at(gain_squared * power).swapaxes(0, 1)
+            for rows, power in zip(self.rows, through, strict=True)
+        ]
 
     def _fitted(
         self,
