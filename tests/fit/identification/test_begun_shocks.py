@@ -84,3 +84,19 @@ def test_ringing_is_no_second_clock():
     outcome = judged(BY_NAME["quantities/displacement/velocity-pickup/shock running"].trial(78))
     assert outcome["class"] == "right"
     assert "clock_suspect" not in outcome["codes"]
+
+
+@pytest.mark.parametrize(
+    ("case", "run"),
+    [
+        ("quantities/displacement/velocity-pickup+highpass/shock running", 96),
+        ("quantities/displacement/accelerometer+delay/shock running", 98),
+        ("noises/strong ar2, response ar2/displacement/burst running", 96),
+        ("clean/in-light/shock/hum 1 %", 98),
+        ("clean/in-light+delay=40/sweep/8 bit", 96),
+    ],
+)
+def test_noise_of_the_reference_counts_by_the_response_of_each_place(case, run):
+    """By a response without a model it was too small beside a resonance: χ²/ν was 284, or bins without motion told the
+    start."""
+    assert judged(BY_NAME[case].trial(run))["class"] == "right"
