@@ -220,7 +220,7 @@ class SmoothColumns:
         log_chance = freedom * np.log(np.maximum(share, 1e-300) * count) + np.log(count)
         ringing = log_chance - log_factorial < np.log(MAX_CHANCE_OF_MOTION / share.size)
         constant, slope = np.moveaxis(np.conj(vectors[..., 0]), -1, 0)
-        slope = np.where(slope == 0.0, np.finfo(float).tiny, slope / slope_size)
+        slope = np.where(np.abs(slope) < RIDGE, RIDGE, slope / slope_size)
         pole = -constant / slope
         decay_bins = pole.imag * 0.5 * (width - 1)
         # A response that comes late turns with frequency as beside a pole far from the bins.
