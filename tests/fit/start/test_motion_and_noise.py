@@ -92,3 +92,9 @@ def test_clipped_peaks_hide_no_motion() -> None:
 def test_a_rounded_sine_tells_of_the_bins_around_it_alone(case: str, run: int) -> None:
     """Elsewhere the rounding of its reference was taken for motion: a generator constant 171 times too small."""
     assert judged(BY_NAME[case].trial(run))["class"] == "right"
+
+
+def test_a_few_bins_have_a_start() -> None:
+    """The level around them is one number, which was written to where it cannot be."""
+    case = BY_NAME["defect/dropouts held reference:10x5/mixed/far-light/1 %"]
+    assert judged(case.trial(99))["class"] in {"right", "warned", "refused"}

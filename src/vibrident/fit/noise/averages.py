@@ -80,9 +80,7 @@ def typical(power: FloatArray, width: int) -> FloatArray:
         power: exponentially distributed, shape (R, K).
         width: bins on either side.
     """
-    level = mean_around(np.log(np.maximum(power, MIN_POWER)), width)
-    level += np.euler_gamma
-    return np.exp(level, out=level)
+    return np.exp(mean_around(np.log(np.maximum(power, MIN_POWER)), width) + np.euler_gamma)
 
 
 def level_around(logarithm: FloatArray, weight: FloatArray | None = None) -> FloatArray:
