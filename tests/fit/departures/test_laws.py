@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench.adversary.cases import BY_NAME
+from bench.adversary.judge import judged
 from tests.support.random_record import SAMPLES, TRUTH, calibration, motion
 
 import vibrident
@@ -455,3 +456,9 @@ def test_a_record_without_a_sample_stands_beside_a_whole_one() -> None:
     for name, truth in TRUTH.items():
         parameter = result.parameters[name]
         assert abs(parameter.value - truth) < 4.0 * parameter.standard_uncertainty
+
+
+def test_a_drift_is_sought_in_records_beside_one_that_has_it_as_a_nuisance():
+    """The columns of that record were missing, and the search ended in an error."""
+    case = BY_NAME["defect/dropouts held response:3x100/sweep/pickup-in-damped/16 bit"]
+    assert judged(case.trial(99))["class"] in {"right", "warned", "refused"}

@@ -36,11 +36,11 @@ class Drift(WithoutMotion):
     def columns(self, group: WhitenedGroup, scale: Scale) -> Iterable[tuple[str, ComplexArray]]:
         """Yield the polynomials, as large as the largest motion.
 
-        Of records with the nuisance tone there are none.
+        They are zero for records with the nuisance tone.
         """
-        if any(self.with_nuisances(record) is not record for record in group.records):
-            bins = group.bins_of(_polynomials(group.samples)[None])
-            yield "", scale.motion * np.broadcast_to(bins, (len(group.records), *bins.shape[1:]))
+        bins = group.bins_of(_polynomials(group.samples)[None])
+        has_drift = [self.with_nuisances(record) is not record for record in group.records]
+        yield "", scale.motion * np.array(has_drift)[:, None, None] * bins
 
     def with_nuisances(self, record: Record) -> Record:
         """Return the record with a slow tone whose size changes with time as a nuisance parameter.
