@@ -14,10 +14,10 @@ import pytest
 
 MAX_UNIT_S = 0.2
 #: Two processes need 4 s each to load a room's tests: this much work leaves `make quick` 10 s in all.
-MAX_ROOM_S = 8.0
+MAX_ROOM_S = 7.0
 #: What pytest and its workers need for a test that does nothing.
 OVERHEAD_S = 0.002
-#: What a test of unknown duration is thought to take: half of a room's work is room for 200 of them.
+#: What a test of unknown duration is thought to take: half of a room's work is room for 175 of them.
 UNKNOWN_S = 0.02
 #: How long a process starts them.
 MAX_UNKNOWN_S = MAX_ROOM_S / 4

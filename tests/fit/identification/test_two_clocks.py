@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 import vibrident
 from vibrident.data.records import Calibration, Record
@@ -34,6 +33,8 @@ def motion_of(kind, time, rng):
 
 def channels(kind, offset, seed, noise=1e-3, samples=SAMPLES):
     """Reference at k/fs, response at (1 + ε) k/fs, interpolated from a finer rate."""
+    from scipy.interpolate import CubicSpline
+
     rng = np.random.default_rng(seed)
     time = np.arange(FINER * (samples + 2000)) / RATE_HZ / FINER
     bins = np.fft.rfft(motion_of(kind, time, rng))
