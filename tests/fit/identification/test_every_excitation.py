@@ -196,7 +196,7 @@ def test_add_ons_are_found_and_missed_when_left_out(model: str, more: dict[str, 
     calibration = simulate(
         (model, truth),
         "sine",
-        frequencies_hz=10.0 ** (np.arange(11, 31, 2) / 10),
+        frequencies_hz=10.0 ** (np.arange(11, 31, 3) / 10),
         sampling_rate_hz=51200.0,
         amplitude=9.8,
         samples=4000,

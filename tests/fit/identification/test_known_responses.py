@@ -133,7 +133,7 @@ def test_a_result_is_the_reference_of_the_next_with_its_covariance(tmp_path):
     assert second.parameters["sensitivity"].standard_uncertainty >= RELATIVE * SENSOR[0]
 
 
-@pytest.mark.draws(40, 400)
+@pytest.mark.draws(16, 400)
 def test_an_error_of_the_reference_over_frequency_is_in_the_covariance(draws):
     """χ² over draws of the reference's true response, whose errors are alike over four octaves."""
     rng = np.random.default_rng(7)
