@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.support import unit_mark
-from tests.support.unit_mark import CACHE_KEY, MAX_ROOM_S, MAX_UNKNOWN_S, OVERHEAD_S, UnitMark
+from tests.support.unit_mark import CACHE_KEY, MAX_ROOM_S, MAX_UNKNOWN_S, NEVER_TIMED, OVERHEAD_S, UNKNOWN_S, UnitMark
 
 
 class Cache(dict):
@@ -16,13 +16,13 @@ class Cache(dict):
         self[key] = value
 
 
-def item(name):
+def item(name, *, slow=False):
     marks = []
-    return SimpleNamespace(nodeid=name, marks=marks, add_marker=marks.append)
+    return SimpleNamespace(nodeid=name, marks=marks, add_marker=marks.append, get_closest_marker=lambda _: slow)
 
 
-def report(name, when, duration):
-    return SimpleNamespace(nodeid=name, when=when, duration=duration, skipped=False)
+def report(name, when, duration, skipped=None):
+    return SimpleNamespace(nodeid=name, when=when, duration=duration, skipped=bool(skipped), longrepr=skipped)
 
 
 def marked(cache, *names):
@@ -62,6 +62,27 @@ def test_of_a_room_the_shortest_are_marked_as_long_as_their_work_fits_a_quick_ru
     assert len(marked(cache, *names[:100])) == at_most
     assert not [name for name in marked(cache, *names) if name.endswith("7")]
     assert len(marked(cache, *names)) == 2 * at_most
+
+
+def test_what_was_never_timed_gets_half_of_a_run_and_what_is_slow_or_skips_itself_nothing_of_it():
+    cache = Cache()
+    plugin = UnitMark(cache)
+    known, new = ([f"tests/data/{file}.py::{number}" for number in range(1000)] for file in ("known", "new"))
+    for name in known:
+        plugin.pytest_runtest_logreport(report(name, "call", 0.01))
+    plugin.pytest_runtest_logreport(report(new[0], "setup", 0.0, skipped="Skipped: needs an extra"))
+    plugin.pytest_runtest_logreport(report(new[1], "setup", 0.0, skipped=f"Skipped: {NEVER_TIMED}"))
+    plugin.pytest_sessionfinish()
+    slow = [item(f"tests/data/slow.py::{number}", slow=True) for number in range(1000)]
+    items = [*slow, *map(item, known + new)]
+    UnitMark(cache).pytest_collection_modifyitems(items)
+    chosen = [one.nodeid for one in items if one.marks]
+    first = [name for name in chosen if name in new]
+    assert first == new[: len(first)]
+    half = MAX_ROOM_S / 2
+    assert len(first) == pytest.approx(half / UNKNOWN_S, abs=2)
+    assert len(chosen) - len(first) == pytest.approx(half / (0.01 + OVERHEAD_S), abs=2)
+    assert set(chosen) <= {*known, *new}
 
 
 def test_a_run_of_units_starts_what_was_never_timed_for_some_seconds_alone(monkeypatch):

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from numpy.polynomial import polynomial as poly
-from scipy.signal import lfilter
 
 from bench.adversary.defects import Raw
 from bench.adversary.draws import describe, draw_noise, faulty_trial, log_uniform
@@ -82,6 +81,8 @@ def held_response(sensor: Sensor, levels: Real, rate: float) -> Real:
 
     Exactly, pole by pole: ẋ = p x + r u has x(t + T) = e^{pT} x(t) + (e^{pT} − 1) r u / p.
     """
+    from scipy.signal import lfilter  # 0.4 s, and most cases need none
+
     top, below = sensor.fraction()
     total = np.zeros(levels.size)
     for pole in sensor.poles():

@@ -12,7 +12,6 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm, t
 
 from bench.adversary.trial import Trial
 from vibrident import Result, VibridentError, identify
@@ -217,6 +216,8 @@ def as_normal(ratio: float, freedom: float) -> float:
     """Return the normal deviate as improbable as Student's."""
     if not freedom < 1e4:
         return ratio
+    from scipy.stats import norm, t  # 0.3 s
+
     tail = float(t.sf(ratio, max(freedom, 1.0)))
     return float(norm.isf(tail)) if tail > 1e-300 else ratio
 

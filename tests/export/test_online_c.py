@@ -184,6 +184,7 @@ def test_a_sensor_that_the_code_does_not_have_is_refused(tmp_path):
         export(result, "c", tmp_path, rate_hz=RATE_HZ, online=True)
 
 
+@pytest.mark.parametrize("case", ["accelerometer"], indirect=True)
 def test_the_example_on_standard_input_says_what_changed(case, tmp_path):
     result, folder, model = case
     for name in ("sensor.h", "sensor.c"):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import vibrident
+from vibrident.data.records import Calibration
 from vibrident.result import Result
 
 _CALIBRATIONS = Path(__file__).parents[1] / "calibrations"
@@ -38,17 +40,23 @@ def calibration_beside_data(toml_name: str, data_name: str, tmp_path: Path) -> P
     return Path(shutil.copy(_CALIBRATIONS / toml_name, tmp_path / toml_name))
 
 
-def identify_once(toml_name: str, data_name: str, folders: pytest.TempPathFactory) -> Result:
-    """Return what is identified from a calibration file of tests/calibrations, by its defaults.
+def seismometer(pickup: str, tmp_path: Path, step: int = 2) -> Calibration:
+    """The seismometer's sines by a pickup, "laser" or "coil": of the 17 steps, every second from 0.2 Hz, or all."""
+    calibration = vibrident.read(calibration_beside_data(f"sm3-{pickup}.toml", "sm3", tmp_path))
+    return replace(calibration, records=calibration.records[step - 1 :: step])
+
+
+def seismometer_once(pickup: str, folders: pytest.TempPathFactory, step: int = 2) -> Result:
+    """Return what is identified from these sines by the defaults.
 
     The first test that asks identifies; the others of this run, in whatever process, load its result.json.
     """
     base = folders.getbasetemp()
     folder_of_run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    document = folder_of_run / f"identified-{toml_name}.json"
+    document = folder_of_run / f"identified-{pickup}-{step}.json"
     if not document.exists():
-        path = calibration_beside_data(toml_name, data_name, folders.mktemp("identified"))
-        written = vibrident.identify(vibrident.read(path)).save(path.with_name("result.json"))
+        folder = folders.mktemp("identified")
+        written = vibrident.identify(seismometer(pickup, folder, step)).save(folder / "result.json")
         written.replace(document)
     return Result.load(document)
 

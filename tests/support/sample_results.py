@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ RATE_HZ = 51200
 #: Of a sine, its excerpt shows five periods in at most so many samples: every result of a test is written and read.
 MAX_EXCERPT_SAMPLES = 400
 THIRD_OCTAVES = tuple(10 ** (n / 10) for n in range(10, 31))  # 10 Hz to 1 kHz, 21 of them
+NAMES = tuple(f"record_{i + 1:02d}_{hz:.5g}Hz.csv" for i, hz in enumerate(THIRD_OCTAVES))
 _VALUES = {
     "W1": [[0.0], [1.953125e-05]],
     "W2": [[1.71253e6, 33.447]],
@@ -85,21 +87,26 @@ def excerpt(name, t, measured, predicted, unit="V", rmse=0.0, nrmse=0.0):
     return Signal(name, float(t[0]), float(t[1] - t[0]), measured, residual, unit, rmse, nrmse)
 
 
-def table2(seed=1, codes=()):
-    """21 sine records of the Table 2 sensor with delay; clean unless codes are given."""
+@functools.cache
+def _signals(seed):
+    """Excerpts of table2: to round all their samples takes longer than all else of it."""
     rng = np.random.default_rng(seed)
-    f = np.array(THIRD_OCTAVES)
-    names = [f"record_{i + 1:02d}_{hz:.5g}Hz.csv" for i, hz in enumerate(f)]
-    dense = np.geomspace(5, 2000, 200)
-    u_measured = 0.0025 * (1 + (f / 700) ** 2)
     signals = []
-    for name, hz in zip(names, f, strict=True):
+    for name, hz in zip(NAMES, np.array(THIRD_OCTAVES), strict=True):
         samples = int(5 * RATE_HZ / hz)
         t = np.arange(0, samples, -(-samples // MAX_EXCERPT_SAMPLES)) / RATE_HZ
         y = np.real(accelerometer(hz) * STANDARD_GRAVITY * np.exp(2j * np.pi * hz * t))
         e = 0.004 * rng.normal(size=t.size) + 0.001 * np.sin(4 * np.pi * hz * t)
         rmse = float(np.sqrt(np.mean(e**2)))
         signals.append(excerpt(name, t, y + e, y, "V", rmse, rmse / float(np.std(y))))
+    return tuple(signals)
+
+
+def table2(seed=1, codes=()):
+    """21 sine records of the Table 2 sensor with delay; clean unless codes are given."""
+    f = np.array(THIRD_OCTAVES)
+    dense = np.geomspace(5, 2000, 200)
+    u_measured = 0.0025 * (1 + (f / 700) ** 2)
     steps = np.arange(9)
     parameters = {
         "sensitivity": _parameter(S0 * 1.0003, "V/(m/s^2)", 1.07e-4),
@@ -116,7 +123,7 @@ def table2(seed=1, codes=()):
         settings={"discretization": "band-limited", "nodes": 4, "reason": "auto: recorded data", "time_s": 0.84},
         provenance={
             "versions": {"vibrident": "0.1.0", "jax": "0.10.1", "numpy": "2.3.0"},
-            "files": [{"file": name, "sha256": f"{i:064x}"} for i, name in enumerate(names[:3])],
+            "files": [{"file": name, "sha256": f"{i:064x}"} for i, name in enumerate(NAMES[:3])],
             "seed": 0,
             "time": "2025-01-01T12:00:00Z",
         },
@@ -127,13 +134,13 @@ def table2(seed=1, codes=()):
         ),
         fit=Fit(0.0041, 0.0033, 0.0041**2, 0.99998, 231.0, 0.00433, 1.07, 38, "lack_of_fit" not in codes),
         response=_curve(dense, accelerometer(dense), 0.001 * (1 + (dense / 900) ** 2)),
-        measured=_measured(f, accelerometer(f), u_measured, seed, names),
+        measured=_measured(f, accelerometer(f), u_measured, seed, NAMES),
         warnings=tuple(ResultWarning(code, f"{code} was seen in record 3 (value 4.2, limit 1.0).") for code in codes),
         sensor={"manufacturer": "Brüel", "type": "MSV 3000", "serial_number": "4711"},
         reference={"quantity": "acceleration", "unit": "m/s^2"},
         sensitivity_per={"quantity": "acceleration", "unit": "m/s^2"},
         response_unit="V",
-        signals=tuple(signals),
+        signals=_signals(seed),
         training=Training(
             "gauss-newton",
             "converged",

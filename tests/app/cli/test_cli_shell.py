@@ -99,6 +99,7 @@ LONG = ("--estimator", "ipnn", "--optimiser", "adam", "--steps", "1000000")
     [(signal.SIGINT, 0.2), (signal.SIGTERM, 0.6), (signal.SIGINT, 1.5), (signal.SIGTERM, 1.5)],
     ids=["reading", "loading", "computing", "computing-terminated"],
 )
+@pytest.mark.quick("reading", "loading", "computing")
 def test_a_signal_leaves_nothing_behind(number, delay_s, made, tmp_path):
     # A suite that runs in the background ignores SIGINT, and its children would with it.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

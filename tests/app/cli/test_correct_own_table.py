@@ -22,7 +22,7 @@ def known(tmp_path_factory):
 
 
 def corrected(known, path, *more):
-    done = shell.run("correct", known[0], path, "--out", path.parent / "out", *more)
+    done = shell.run("correct", known[0], path, "--out", path.parent / "out", "--no-pictures", *more)
     assert done.exit_code == 0, done.output
     return path.parent / "out" / path.name
 

@@ -39,8 +39,9 @@ def test_signing_in_by_keyboard(browser, team, looks, violations, sound):
     page = context.new_page()
     sign_in(page, team, "bob", "wrong")
     page.get_by_role("alert").wait_for()
-    for _ in looks(page, "sign-in"):
-        assert violations(page, contrast=True) == []
+    for number, _ in enumerate(looks(page, "sign-in")):
+        if number in (0, 3):  # axe takes seconds: both widths and both schemes, each once
+            assert violations(page, contrast=True) == []
     page.get_by_label("Name").wait_for()
     sign_in(page, team, "bob")
     page.get_by_text("No data yet.").wait_for(timeout=WAIT_MS)

@@ -102,13 +102,32 @@ def case(tmp_path_factory):
     return folder, site
 
 
-def track(case, name, *more, cal="cal.toml"):
+#: Several commands in one process, which loads all that they need once: the exit code of each and what it says.
+TRACK = """
+import json, sys
+from typer.testing import CliRunner
+from vibrident.app.cli import app
+for words in json.load(sys.stdin):
+    done = CliRunner().invoke(app, ["track", "result.json", *words, "--no-pictures"])
+    print(json.dumps([done.exit_code, done.stderr + (repr(done.exception) if done.exit_code == 1 else "")]))
+"""
+
+
+def track(case, *commands):
+    """Exit code and standard error of each command."""
     folder, site = case
-    command = [sys.executable, "-m", "vibrident", "track", "result.json", cal, "--out", name, "--no-pictures", *more]
     path = os.pathsep.join([str(site), str(ROOT / "src")])
-    return subprocess.run(
-        command, cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=120
+    done = subprocess.run(
+        [sys.executable, "-c", TRACK],
+        input=json.dumps(commands),
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
+    return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
 
 
 def told(case, name):
@@ -116,18 +135,26 @@ def told(case, name):
 
 
 @pytest.fixture(scope="module")
-def wanted(case):
-    assert track(case, "file").returncode == 0
-    return told(case, "file")
+def tracked(case):
+    """What became of the file, of each device, and of commands that cannot be followed."""
+    named = CALIBRATION.replace("column = 2", 'column = "x"').replace("column = 1", 'column = "y"')
+    (case[0] / "named.toml").write_text(named)
+    commands = {
+        "file": ("cal.toml",),
+        **{source: ("cal.toml", "--source", source) for source in ("sound-card=3", "ni-daqmx=Dev7")},
+        **{source: ("cal.toml", "--source", source) for source in ("sound-card=none", "ni-daqmx=Dev1")},
+        "named": ("named.toml", "--source", "sound-card=3"),
+    }
+    done = track(case, *([*words, "--out", name] for name, words in commands.items()))
+    return dict(zip(commands, done, strict=True))
 
 
 @pytest.mark.parametrize("source", ["sound-card=3", "ni-daqmx=Dev7"])
-def test_a_device_is_tracked_as_a_file_is(case, wanted, source):
-    name = source.split("=")[0]
-    ran = track(case, name, "--source", source)
-    assert ran.returncode == 0, ran.stderr
-    found = told(case, name)
-    lost = PIECE if name == "sound-card" else 0  # an overflow, after which a new run begins
+def test_a_device_is_tracked_as_a_file_is(case, tracked, source):
+    assert tracked["file"][0] == 0, tracked["file"]
+    assert tracked[source][0] == 0, tracked[source]
+    found, wanted = told(case, source), told(case, "file")
+    lost = PIECE if source.startswith("sound-card") else 0  # an overflow, after which a new run begins
     assert found["samples"]["taken"] == SAMPLES - lost
     (alarm,) = found["alarms"]
     assert (alarm["parameter"], alarm["what"]) == ("sensitivity", "gain")
@@ -141,29 +168,25 @@ def test_a_device_is_tracked_as_a_file_is(case, wanted, source):
     ("source", "said"),
     [("sound-card=none", "cannot be opened"), ("ni-daqmx=Dev1", "Device identifier is invalid.")],
 )
-@pytest.mark.quick("sound-card=none-cannot be opened")
-def test_a_device_that_is_not_there_is_one_message(case, source, said):
-    ran = track(case, "absent", "--source", source)
-    assert ran.returncode == 2
-    assert said in ran.stderr
-    assert "Traceback" not in ran.stderr
+def test_a_device_that_is_not_there_is_one_message(tracked, source, said):
+    code, message = tracked[source]
+    assert code == 2
+    assert said in message
+    assert "Traceback" not in message
 
 
-@pytest.mark.parametrize("source", ["sound-card", "ni-daqmx"])
-@pytest.mark.quick("ni-daqmx")
-def test_a_missing_library_is_one_message(case, source, tmp_path):
+def test_a_missing_library_is_one_message(case, tmp_path):
     install(ROOT / "examples" / "sources", tmp_path / "site")
     for name in ("sounddevice", "nidaqmx"):
         (tmp_path / "site" / f"{name}.py").write_text(f"raise ImportError('no module named {name}')")
-    ran = track((case[0], tmp_path / "site"), "absent", "--source", source)
-    assert ran.returncode == 2
-    assert "There is no" in ran.stderr
-    assert "pip install" in ran.stderr
+    commands = (["cal.toml", "--source", source, "--out", "absent"] for source in ("sound-card", "ni-daqmx"))
+    for code, message in track((case[0], tmp_path / "site"), *commands):
+        assert code == 2
+        assert "There is no" in message
+        assert "pip install" in message
 
 
-def test_channels_are_numbers(case):
-    named = CALIBRATION.replace("column = 2", 'column = "x"').replace("column = 1", 'column = "y"')
-    (case[0] / "named.toml").write_text(named)
-    ran = track(case, "absent", "--source", "sound-card=3", cal="named.toml")
-    assert ran.returncode == 2
-    assert "Channels of a device have no names" in ran.stderr
+def test_channels_are_numbers(tracked):
+    code, message = tracked["named"]
+    assert code == 2
+    assert "Channels of a device have no names" in message

@@ -143,7 +143,7 @@ def test_numbers_of_few_digits_do_not_stand_still(draws: int, rng: np.random.Gen
 @pytest.mark.parametrize("part", [0.7, 0.4])
 @pytest.mark.parametrize("sides", [2, 1])
 def test_a_rail_is_found_in_any_motion(motion: str, part: float, sides: int, rng: np.random.Generator) -> None:
-    for _ in range(10):
+    for _ in range(4):
         free = MOTIONS[motion](rng) + 1e-3 * rng.standard_normal(N)
         level = part * np.max(np.abs(free)) if sides == 2 else part * np.max(free)
         cut = np.clip(free, -level if sides == 2 else None, level)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench.adversary.cases import BY_NAME
-from scipy.signal import lfilter
 
 from vibrident.data.records import Record
 from vibrident.data.screening import screen
@@ -78,6 +77,8 @@ def test_bursts_beside_a_shock_are_left_out(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_an_edge_of_a_stepped_drive_is_no_wild_sample(seed: int) -> None:
     """An edge is odd in both channels at once, whatever its size."""
+    from scipy.signal import lfilter
+
     rng = np.random.default_rng(seed)
     drive = np.repeat(rng.standard_normal(270), 53)
     damping = 0.86

@@ -33,7 +33,9 @@ def test_a_decay_of_the_same_sensor_is_welcome_and_counts():
         assert abs(p.value - truth) < 4.5 * p.standard_uncertainty
 
 
-@pytest.mark.parametrize("changes", [{"damping_ratio": 0.02}, {"natural_frequency": 824.0}])
+@pytest.mark.parametrize(
+    "changes", [{"damping_ratio": 0.02}, pytest.param({"natural_frequency": 824.0}, marks=pytest.mark.slow)]
+)
 def test_a_decay_of_another_sensor_is_a_misfit(changes):
     result = vibrident.identify(calibrated(**changes))
     assert not result.fit.adequate

@@ -86,7 +86,7 @@ def test_a_table_says_what_it_is_per(tmp_path):
         '[sensor]\nmodel = "accelerance"\n[reference]\nquantity = "force"\n[response]\nunit = "m/s^2"\n'
         '[table]\nfile = "frf.csv"\nfrequency = 1\nmagnitude = 2\nphase = 3\n'
     )
-    done = run("identify", tmp_path / "cal.toml", "--out", tmp_path / "out")
+    done = run("identify", tmp_path / "cal.toml", "--out", tmp_path / "out", "--no-pictures")
     assert done.exit_code == 0, done.output
     result = vibrident.Result.load(tmp_path / "out" / "result.json")
     assert result.parameters["modal_mass"].value == pytest.approx(MASS, rel=1e-6)

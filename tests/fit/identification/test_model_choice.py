@@ -72,11 +72,11 @@ def test_cross_validation_is_one_for_the_right_model_and_large_for_a_wrong_one()
 
 def test_cross_validation_of_records_knows_whose_points_they_are():
     calibration = vibrident.simulate(
-        "paper", "sine", frequencies_hz=[100.0, 250.0, 400.0, 550.0, 630.0, 700.0, 850.0, 1000.0], samples=2000,
+        "paper", "sine", frequencies_hz=[100.0, 400.0, 550.0, 630.0, 700.0, 1000.0], samples=2000,
         sampling_rate_hz=20_000.0, start="steady", response_noise=0.003, seed=3,
     )  # fmt: skip
     backwards = replace(calibration, records=calibration.records[::-1])
-    scores = [cross_validate(c, vibrident.identify(c), folds=4) for c in (calibration, backwards)]
+    scores = [cross_validate(c, vibrident.identify(c), folds=3) for c in (calibration, backwards)]
     for score in scores:
         assert score is not None
         assert 0.5 < score.deviation_in_u < 2.5

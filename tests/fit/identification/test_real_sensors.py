@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.support.real_data import calibration_beside_data, identify_once
+from tests.support.real_data import calibration_beside_data, seismometer_once
 
 import vibrident
 from vibrident.fit.problem import Evidence
@@ -23,9 +23,10 @@ def identified(toml: str, data: str, folder: Path, **choices: str) -> Result:
     return vibrident.identify(calibration, **choices)  # type: ignore[arg-type]
 
 
-@pytest.fixture(scope="module")
-def seismometer(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Result]:
-    return {name: identify_once(f"sm3-{name}.toml", "sm3", tmp_path_factory) for name in ("laser", "coil")}
+@pytest.fixture(scope="module", params=[2, pytest.param(1, marks=pytest.mark.slow)], ids=["half", "all"])
+def seismometer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Result]:
+    """Of half of its sines, and of all."""
+    return {pickup: seismometer_once(pickup, tmp_path_factory, request.param) for pickup in ("laser", "coil")}
 
 
 @pytest.mark.parametrize("pickup", ["laser", "coil"])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 import vibrident
 from vibrident.data.records import Calibration, Record
@@ -10,7 +9,7 @@ from vibrident.fit.response.clock_ratio import MAX_OFFSET, at_reference_clock, c
 
 RATE_HZ, SAMPLES, FINER, BEFORE_S = 8000.0, 16000, 4, 0.05
 TRUE = {"sensitivity": 1.0, "natural_frequency": 900.0, "damping_ratio": 0.05}
-TONES_HZ = (50, 100, 200, 400, 600, 800, 900, 1000, 1200, 1600)
+TONES_HZ = (50, 200, 600, 900, 1200, 1600)
 
 
 def transfer(hz, damping=0.05):
@@ -34,6 +33,8 @@ def motion_of(kind, time, rng):
 
 def channels(kind, offset, seed, noise=1e-3, samples=SAMPLES):
     """Reference at k/fs, response at (1 + ε) k/fs, interpolated from a finer rate."""
+    from scipy.interpolate import CubicSpline
+
     rng = np.random.default_rng(seed)
     time = np.arange(FINER * (samples + 2000)) / RATE_HZ / FINER
     bins = np.fft.rfft(motion_of(kind, time, rng))
@@ -69,7 +70,7 @@ def z_of(result):
 
 @pytest.mark.parametrize("offset", [2e-6, -2e-5, 3e-4, -1e-2])
 @pytest.mark.parametrize("kind", ["random", "sweep", "multisine", "shock"])
-@pytest.mark.quick("random--2e-05", "multisine--0.01", "shock-0.0003", "sweep-2e-06")
+@pytest.mark.quick("random--2e-05", "multisine--0.01", "shock-0.0003", "shock-2e-06")
 def test_two_clocks_are_named_and_corrected(kind, offset):
     result = vibrident.identify(given(kind, offset, 7), model="accelerometer+delay")
     assert result.warning_codes == ("clock_suspect",)

@@ -32,10 +32,10 @@ def read(toml: str, data: str, folder: Path, part: str = "") -> Calibration:
 
 
 def within(calibration: Calibration, band_hz: tuple[float, float]) -> Calibration:
-    """Every second of the records whose names give a frequency in the band."""
+    """Every third of the records whose names give a frequency in the band."""
     named = {record.name: float(record.name.removesuffix("Hz.csv").replace("_", ".")) for record in calibration.records}
     kept = [record for record in calibration.records if band_hz[0] <= named[record.name] <= band_hz[1]]
-    return dataclasses.replace(calibration, records=tuple(kept[::2]))
+    return dataclasses.replace(calibration, records=tuple(kept[::3]))
 
 
 def lobe_rms(result: Result, shock: Calibration) -> float:

@@ -12,7 +12,7 @@ from vibrident.physics.simulation import simulate
 ACCELEROMETER = {"sensitivity": 0.01, "natural_frequency": 4000.0, "damping_ratio": 0.05}
 PICKUP = {"generator_constant": 28.8, "natural_frequency": 400.0, "damping_ratio": 0.4}
 SECOND = {"mode2_frequency": 7000.0, "mode2_damping": 0.03, "mode2_gain": 0.1}
-SINES = {"frequencies_hz": np.geomspace(100.0, 9000.0, 16), "samples": 1500, "start": "steady"}
+SINES = {"frequencies_hz": np.geomspace(100.0, 9000.0, 10), "samples": 1500, "start": "steady"}
 RANDOM = {"frequencies_hz": [100.0, 9000.0], "samples": 4000}
 
 

@@ -4,9 +4,7 @@ The classical side is dense and in NumPy: the recursion of the discretised senso
 complex steps, initial states and offsets as unknowns beside the parameters.
 """
 
-import equinox as eqx
 import numpy as np
-import optimistix as optx
 import pytest
 from scipy.linalg import expm
 from tests.support.unrolled import physical_residual
@@ -117,6 +115,9 @@ def test_levenberg_marquardt_on_normal_equations_takes_the_dense_ones_steps(reco
 
     The same steps, until what was learned of the residual's curvature makes those at the end better.
     """
+    import equinox as eqx
+    import optimistix as optx
+
     problem = TimeProblem.build(records, parse("accelerometer"), method("zoh"), "acceleration", START)
     noise = jnp.asarray(problem.by_lane(NOISE))
     trace = levenberg_marquardt(network_objective, coordinates.first, (coordinates, problem, NOISE), tolerance=1e-10)

@@ -152,8 +152,8 @@ def noisy(excitation, noise, rng, share=0.0):
 @pytest.mark.parametrize("excitation", MOTIONS)
 @pytest.mark.parametrize("noise", [1e-4, 0.03, 0.5, 1.5])
 def test_a_right_model_explains_what_is_coherent(excitation, noise, rng):
-    """Noise of either channel, up to twice the power of the response; lacking in none of 10 calibrations."""
-    for _ in range(10):
+    """Noise of either channel, up to twice the power of the response; lacking in none of 4 calibrations."""
+    for _ in range(4):
         found = shares(*noisy(excitation, noise, rng, rng.choice([0.0, 0.3])))
         assert not found.lacking, found
         assert found.coherent < found.explained + max(0.1, 0.3 * (1.0 - found.explained)), found

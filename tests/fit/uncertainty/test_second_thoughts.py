@@ -90,6 +90,7 @@ def test_a_response_that_depends_on_the_amplitude_is_nonlinear():
 @pytest.mark.needs("network")
 @pytest.mark.draws(1, 3)
 @pytest.mark.parametrize("excitation", ["random", "sweep"])
+@pytest.mark.quick("few-random")
 def test_a_bent_spring_shows_in_motion_without_harmonics(excitation, draws):
     """1 % of third harmonic under 1 % of noise, where hardly a band shows a misfit."""
     shape = {"frequencies_hz": [30.0, 1000.0], "samples": 4000, "sampling_rate_hz": 25_600.0, "repeats": 2}

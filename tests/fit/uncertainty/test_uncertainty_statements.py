@@ -248,7 +248,7 @@ def test_random_looks_random_and_a_pattern_does_not(rng):
     assert stdtr(1e9, -4.0) < 1e-4
 
 
-def calibration_of(response, noise=0.003, seed=0, n=24):
+def calibration_of(response, noise=0.003, seed=0, n=12):
     """Sine records of a sensor with any frequency response, made in NumPy."""
     rng = np.random.default_rng(seed)
     records = []

@@ -5,8 +5,8 @@ import pytest
 
 import vibrident
 
-RATE, SAMPLES, S0, FN, DAMPING = 20000.0, 8000, 0.01, 2500.0, 0.03
-FREQUENCY = np.array([40, 80, 160, 315, 630, 1000, 1250, 1600, 2000, 2500, 3150, 4000.0])
+RATE, SAMPLES, S0, FN, DAMPING = 20000.0, 4000, 0.01, 2500.0, 0.03
+FREQUENCY = np.array([40, 160, 630, 1250, 2000, 2500, 3150, 4000.0])
 
 
 def oscillator(f, natural=FN):

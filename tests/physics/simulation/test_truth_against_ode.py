@@ -124,6 +124,7 @@ def test_any_damping(name):
 
 
 @pytest.mark.parametrize("name", ["sine", "shock"])
+@pytest.mark.quick("shock")
 def test_heavy_damping(name):
     p = ACCELEROMETER | {"damping_ratio": 5.0}
     expected = ode_response(p, MOTIONS[name], np.arange(SAMPLES) / RATE)

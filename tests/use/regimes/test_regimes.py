@@ -14,15 +14,16 @@ from vibrident.use.regimes.pieces import is_alike_throughout
 
 RATE_HZ = 8000.0
 SAMPLES = 12000
+SHORT = 6000
 
 #: Lives of a sensor, and the parameters that stay the same.
 CASES = {
-    "range switch": ([(0, 600.0, 0.1, 0.1), (5000, 600.0, 0.1, 1.0)], {"natural_frequency", "damping_ratio"}),
+    "range switch": ([(0, 600.0, 0.1, 0.1), (2500, 600.0, 0.1, 1.0)], {"natural_frequency", "damping_ratio"}),
     "resistor in and out": (
-        [(0, 600.0, 0.1, 0.1), (4000, 600.0, 0.3, 0.1), (8000, 600.0, 0.1, 0.1)],
+        [(0, 600.0, 0.1, 0.1), (2000, 600.0, 0.3, 0.1), (4000, 600.0, 0.1, 0.1)],
         {"sensitivity", "natural_frequency"},
     ),
-    "everything": ([(0, 600.0, 0.1, 0.1), (7000, 640.0, 0.2, 0.102)], set()),
+    "everything": ([(0, 600.0, 0.1, 0.1), (3500, 640.0, 0.2, 0.102)], set()),
 }
 
 
@@ -44,7 +45,7 @@ def off(result: Result, lives: list[Life]) -> tuple[float, float]:
 def test_each_regime_is_found_with_its_time_and_what_stays_the_same(name, rng):
     stated, common = CASES[name]
     lives = [Life(*each) for each in stated]
-    result = identify(calibration(rng, lives, SAMPLES, 1e-3))
+    result = identify(calibration(rng, lives, SHORT, 1e-3))
     units, periods = off(result, lives)
     assert units < 4.0
     assert periods < 2.0
@@ -63,15 +64,15 @@ def test_each_regime_is_found_with_its_time_and_what_stays_the_same(name, rng):
 
 def test_common_parameters_are_known_better(rng):
     """Two halves of one sensor but for its gain: damping is known by both."""
-    lives = [Life(0, 600.0, 0.1, 0.1), Life(SAMPLES // 2, 600.0, 0.1, 0.11)]
-    result = identify(calibration(rng, lives, SAMPLES, 1e-3))
-    alone = identify(calibration(rng, lives[:1], SAMPLES // 2, 1e-3))
+    lives = [Life(0, 600.0, 0.1, 0.1), Life(SHORT // 2, 600.0, 0.1, 0.11)]
+    result = identify(calibration(rng, lives, SHORT, 1e-3))
+    alone = identify(calibration(rng, lives[:1], SHORT // 2, 1e-3))
     gain = alone.parameters["damping_ratio"].standard_uncertainty
     assert result.parameters["damping_ratio"].standard_uncertainty == pytest.approx(gain / np.sqrt(2.0), rel=0.15)
 
 
 def test_a_sensor_that_stays_has_no_regimes(rng):
-    result = identify(calibration(rng, [Life(0, 600.0, 0.1, 0.1)], SAMPLES, 1e-3))
+    result = identify(calibration(rng, [Life(0, 600.0, 0.1, 0.1)], SHORT, 1e-3))
     assert not result.warnings
     assert "regimes" not in result.settings
 
@@ -169,7 +170,7 @@ def test_a_model_that_lacks_a_delay_is_not_sought_in_pieces(rng, monkeypatch):
         raise AssertionError("pieces are fitted")
 
     monkeypatch.setattr("vibrident.use.regimes.identification.find_regimes", no_pieces)
-    (whole,) = calibration(rng, [Life(0, 600.0, 0.1, 0.1)], SAMPLES, 1e-3).records
+    (whole,) = calibration(rng, [Life(0, 600.0, 0.1, 0.1)], SHORT, 1e-3).records
     channels = whole.reference[3:], whole.response[:-3]
     late = Calibration.from_arrays(*channels, RATE_HZ, quantity="acceleration", excitation="random")
     assert "lack_of_fit" in identify(late, "accelerometer").warning_codes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from tests.support.random_record import RATE_HZ, TRUTH
-from tests.support.real_data import calibration_beside_data, identify_once
+from tests.support.real_data import calibration_beside_data, seismometer, seismometer_once
 from tests.support.tracked import answered, fed, motion, tracker, transfer
 
 import vibrident
@@ -84,9 +84,8 @@ def test_a_change_between_tones_is_an_alarm(certificate):
 
 @pytest.mark.parametrize("pickup", ["laser", "coil"])
 def test_the_seismometer_stays_within_the_intervals_of_its_certificate(pickup, tmp_path, tmp_path_factory):
-    calibration = vibrident.read(calibration_beside_data(f"sm3-{pickup}.toml", "sm3", tmp_path))
-    result = identify_once(f"sm3-{pickup}.toml", "sm3", tmp_path_factory)
-    session = tracked(result, calibration)
+    result = seismometer_once(pickup, tmp_path_factory)
+    session = tracked(result, seismometer(pickup, tmp_path))
     assert not session.alarms
     end = tracked_result(result, session)
     for name in session.tracker.network.model.parameter_names:

@@ -178,7 +178,8 @@ def read_head(
         InputError: a rate or interval has no usable number or unit, or two contradict each other.
     """
     statements_of_head = [s for line in lines for s in statements(line, delimiter)]
-    columns = [_ColumnClocks(index in numeric) for index in range(width)]
+    of_numbers = set(numeric)  # a file may have thousands
+    columns = [_ColumnClocks(index in of_numbers) for index in range(width)]
     time_unit = next((s.values[0] for s in statements_of_head if s.kind == "time unit"), "")
     abscissa = parse_unit(time_unit)
     for column in columns:

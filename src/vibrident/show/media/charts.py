@@ -83,9 +83,11 @@ def caption(figure: Figure) -> str:
 
 def listed(values: FloatArray, digits: int = 9) -> list[float | None]:
     """Round numbers for JSON to so many digits; None for a value that is not finite."""
+    numbers = np.asarray(values, dtype=float)
+    finite = np.isfinite(numbers).tolist()
     return [
-        float(f"{value:.{digits}g}") if np.isfinite(value) else None
-        for value in np.asarray(values, dtype=float)
+        float(f"{value:.{digits}g}") if is_finite else None
+        for value, is_finite in zip(numbers.tolist(), finite, strict=True)
     ]
 
 
