@@ -88,6 +88,11 @@ class Settled:
         """Return the weighted count of real numbers that V is a sum over."""
         return sum(float(np.sum(place.numbers)) for place in self.places)
 
+    @functools.cached_property
+    def minus_two_log_likelihood(self) -> float:
+        """Return −2 log of the likelihood of the data in the noise of the estimate."""
+        return _minus_two_log_likelihood(self.places)
+
 
 @dataclass(frozen=True, eq=False)
 class InNoise:
@@ -294,28 +299,27 @@ def descend(
 
 
 def settle(
-    starts: Sequence[Descended],
+    best: Descended,
     observed: MotionAndNoise,
     first: Weighting,
     progress: Progress,
     *,
     explains: bool = True,
 ) -> Settled:
-    """Return the estimate: descents continue from the best until noise and estimate stay.
+    """Return the estimate: descents continue until noise and estimate stay.
 
     A wrong model produces noise where the motion is, and the weights then follow quiet bins. An
     estimate whose V is far larger in the noise known without a model is rejected, unless it is far
     likelier than the start that is left, each in its own noise.
 
     Args:
-        starts: ends of the descents from start values in that noise.
+        best: end of a descent from start values in that noise.
         observed: motion and noise before any model.
         first: the noise known without a model.
         progress: called after each iteration.
-        explains: whether the best of the starts explains the records but for noise; if not, it is
-            the estimate: in the noise of a misfit no other place is better.
+        explains: whether that explains the records but for noise; if not, it is the estimate: in
+            the noise of a misfit no other place is better.
     """
-    best = min(starts, key=lambda descended: descended.score)
     coordinates = best.coordinates
     end = best
     trace = best.trace
@@ -332,7 +336,7 @@ def settle(
         settled = round_number > 0 and shift < MAX_SHIFT
         if settled:
             break
-        rounds.append((_minus_two_log_likelihood(end.at), end))
+        rounds.append((_minus_two_log_likelihood(end.at.groups), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, end = min(rounds, key=lambda scored: scored[0])
     if not settled:  # else the noise is that of this estimate but for MAX_SHIFT
@@ -342,7 +346,8 @@ def settle(
     if explains and not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
         noise_of_best, best = _in_own_noise(best, observed)
         # Steep noise is not known well without a model: what is far likelier is the estimate.
-        gain = _minus_two_log_likelihood(best.at) - _minus_two_log_likelihood(end.at)
+        likelihoods = [_minus_two_log_likelihood(place.at.groups) for place in (best, end)]
+        gain = likelihoods[0] - likelihoods[1]
         if not gain > -2.0 * np.log(MAX_CHANCE_OF_LIKELIER):
             weighting = noise_of_best
             end = best
@@ -363,10 +368,10 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
-def _minus_two_log_likelihood(point: Iterate) -> float:
+def _minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
     """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
     total = 0.0
-    for place in point.groups:
+    for place in groups:
         counts = place.group.grid.counts * place.group.grid.samples
         residual, _ = place.fitted_in_all_bins
         power = power_of(residual) / place.group.count[:, None]

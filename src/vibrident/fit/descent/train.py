@@ -11,6 +11,7 @@ import numpy as np
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
 from vibrident.fit.descent.settle import (
+    MAX_CHANCE_OF_LIKELIER,
     MAX_START_COST,
     START_TOLERANCE,
     Descended,
@@ -45,6 +46,8 @@ STARTS = 4
 MAX_EXPLAINED_COST = 30.0
 #: A delay at which motion is heard in less than this fraction of the bins of another is not tried.
 MIN_HEARD_FRACTION = 0.5
+#: Ends of descents that are compared, each in its own noise.
+MAX_RIVALS = 2
 #: Rounds that estimate the relative error of such a model.
 MODEL_ERROR_ROUNDS = 2
 
@@ -170,6 +173,18 @@ class _Descents:
         return min(self.ends, key=lambda end: end.score)
 
     @property
+    def rivals(self) -> list[Descended]:
+        """Return the best descent, and the next where the noise without a model prefers neither."""
+        best = self.best
+        limit = best.score - 2.0 * np.log(MAX_CHANCE_OF_LIKELIER)
+        others = [
+            end
+            for end in sorted(self.ends, key=lambda end: end.score)
+            if end.score < limit and _squared_distance(end, best) > 4.0 * START_TOLERANCE
+        ]
+        return [best, *others[: MAX_RIVALS - 1]]
+
+    @property
     def cost_per_number(self) -> float:
         """Return V of the best for each number that shows motion."""
         return self.best.at.cost / self.count if self.count else np.inf
@@ -207,9 +222,11 @@ class _Descents:
             ends = _descended(evidence, self.survey, wider, starts, progress, all_starts=True)
             descents = replace(self, ends=ends)
             places = _different(ends)[1:]
-        return settle(
-            descents.ends, self.survey.observed, self.weighting, progress, explains=explains
-        )
+        settled = [
+            settle(end, self.survey.observed, self.weighting, progress, explains=explains)
+            for end in (descents.rivals if explains else [descents.best])
+        ]
+        return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
 
 
 def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:
