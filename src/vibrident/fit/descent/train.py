@@ -177,12 +177,12 @@ class _Descents:
         """Return the best descent, and the next where the noise without a model prefers neither."""
         best = self.best
         limit = best.score - 2.0 * np.log(MAX_CHANCE_OF_LIKELIER)
-        others = [
+        next_ends = [
             end
             for end in sorted(self.ends, key=lambda end: end.score)
             if end.score < limit and _squared_distance(end, best) > 4.0 * START_TOLERANCE
         ]
-        return [best, *others[: MAX_RIVALS - 1]]
+        return [best, *next_ends[: MAX_RIVALS - 1]]
 
     @property
     def cost_per_number(self) -> float:
