@@ -30,6 +30,8 @@ LOWEST_RATIO = 1.0 / 3.0
 HIGHEST_RATIO = 8.0
 #: Number of peaks of the responses that are natural frequencies of the grid, too.
 PEAKS = 3
+#: Fewest bins of a group in which a peak stands out of others.
+MIN_PEAK_BINS = 8
 #: Fewest places of the core model from which add-ons are searched, and most with all guesses.
 MIN_PLACES = 3
 MAX_PLACES = 500
@@ -70,8 +72,8 @@ def candidates(band: Band, observed: MotionAndNoise, most: int) -> list[StartCan
         core_values += _places_in(core, axes, lambda axis: {axis[0], axis[-1]})
         front = search.best(_combined(core_values, guesses), REFINED_PLACES)
         # Steps of an add-on's grid may outweigh what rings.
-        ringing = _places_in(core, axes, lambda axis: peaks_hz)
-        front += search.best(_combined(ringing, guesses), PEAKS)
+        ringing = _combined(_places_in(core, axes, lambda axis: peaks_hz), guesses)
+        front += search.best(ringing, PEAKS) if ringing else []
     if first_modes and model.shares:
         modes = _second_modes(model, observed.band_hz)
         front = [*front, *descent.with_second_mode(first_modes, modes)[:REFINED_PLACES]]
@@ -141,6 +143,8 @@ def _peaks(band: Band, band_hz: tuple[float, float]) -> list[float]:
     """
     peaks: list[tuple[float, float]] = []
     for group in band.groups:
+        if group.grid.bins < MIN_PEAK_BINS:
+            continue
         power = power_of(windowed(group.response))
         frequency_hz = group.grid.frequency_hz[1:-1]
         excess = np.max(power / typical(power, averaged_bins(power.shape[1])), axis=0)
