@@ -117,9 +117,9 @@ def estimate_motion_and_noise(band: Band) -> MotionAndNoise:
         heard = power > MIN_MOTION_RATIO * measured.level.total
         if group.grid.driven:  # leakage from other bins is no motion
             heard &= measured.moving
-            # Of a reference that looks like noise everywhere, the noise of the response decides.
-            in_response = measured.moving & (power > MIN_MOTION_RATIO * measured.level.response)
-            heard |= in_response & ~np.any(heard, axis=1, keepdims=True)
+            if band.model.has_delay:  # a reference ahead of the response looks like noise
+                in_response = measured.moving & (power > MIN_MOTION_RATIO * measured.level.response)
+                heard |= in_response & ~np.any(heard, axis=1, keepdims=True)
             # Few bins only bound the noise by the power of everything.
             heard |= ~measured.has_enough_bins[:, None]
             heard &= _near_tones(band, group)
