@@ -17,6 +17,7 @@ from vibrident.fit.estimators import AUTO, Estimate, Estimator, choose
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import DepartureReport, Fitted
 from vibrident.fit.judge.clocks import at_one_clock
+from vibrident.fit.judge.corrections import with_effects_corrected
 from vibrident.fit.judge.document import Uncertainty, budget_of, document
 from vibrident.fit.judge.held_drive import fit_held_drive
 from vibrident.fit.judge.reference import with_reference_named
@@ -140,8 +141,15 @@ def fit_near(
 
 
 def _refitted(fitted: Fitted) -> Fitted:
-    """Return the fit at one clock, without dead records, and beside departures."""
-    for step in (at_one_clock, without_dead_records, with_phase_scatter, refit_with_departures):
+    """Return the fit of corrected records at one clock, without dead ones, beside departures."""
+    steps = (
+        with_effects_corrected,
+        at_one_clock,
+        without_dead_records,
+        with_phase_scatter,
+        refit_with_departures,
+    )
+    for step in steps:
         fitted = step(fitted)
     return fitted
 

@@ -121,8 +121,15 @@ class Fitted:
 
     @property
     def effects(self) -> list[SystematicEffect]:
-        """Return the systematic effects as stated, and those detected in the data."""
-        return all_effects(self.evidence, self.judgement)
+        """Return the systematic effects as stated, and those detected in the data.
+
+        Of those that the records are corrected for, what is left.
+        """
+        effects = all_effects(self.evidence, self.judgement)
+        for number, correction in enumerate(self.evidence.corrections):
+            u = effects[number].standard_uncertainty * correction.uncertainty
+            effects[number] = replace(effects[number], standard_uncertainty=u)
+        return effects
 
 
 def judged(evidence: Evidence, estimate: Estimate) -> Judgement:

@@ -238,10 +238,12 @@ def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
     optical signals.
     """
     judgement = fitted.judgement
-    amounts = [
+    amounts: list[dict[str, Any]] = [
         {"source": effect.source, "kind": effect.kind, "amount_in_u": size}
         for effect, size in judgement.effects
     ]
+    for row, correction in zip(amounts, fitted.evidence.corrections, strict=False):
+        row["uncertainty_in_u"] = correction.uncertainty  # of what the records are corrected for
     records = fitted.evidence.calibration.records
     optical = {
         record.name: record.optical.as_settings()

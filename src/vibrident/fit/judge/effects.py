@@ -45,17 +45,8 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     """
     effects = all_effects(evidence, judgement)
     adequacy = judgement.adequacy
-    if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
-        return judgement
-    if not evidence.model.is_linear or (
-        adequacy.chi2_reduced is None and judgement.scatter is None
-    ):
-        return judgement
-    linear = linearised(evidence, estimate, judgement)
-    effect_patterns = patterns(effects, linear, adequacy.frequency_hz)
-    weighted = _deviations(evidence, estimate, judgement)
     covariance = estimate.covariance * (judgement.scatter or 1.0) ** 2
-    explained = explain(weighted, effects, effect_patterns, linear, covariance)
+    explained = explained_by_effects(evidence, estimate, judgement, covariance)
     if explained is None:
         return judgement
     allowed = replace(
@@ -64,7 +55,9 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
     if adequacy.chi2_reduced is None:
         # No uncertainty was stated: the scatter of the points is all there is.
         return allowed
-    deviations = weighted(estimate.z, np.zeros(len(effect_patterns)))
+    deviations = _deviations(evidence, estimate, judgement)(
+        estimate.z, np.zeros(len(adequacy.frequency_hz))
+    )
     degrees = adequacy.degrees_of_freedom
     chi2_before = adequacy.chi2_reduced * degrees
     chi2 = max(chi2_before - (float(deviations @ deviations) - explained.chi2), 0.0)
@@ -86,6 +79,38 @@ def allowing_for_effects(evidence: Evidence, estimate: Estimate, judgement: Judg
         if chi2_before > 0
         else judgement.birge,
     )
+
+
+def explained_by_effects(
+    evidence: Evidence, estimate: Estimate, judgement: Judgement, covariance: FloatArray | None
+) -> Explained | None:
+    """Return what the effects explain of the deviations.
+
+    None where there are no effects, where nothing tells how far the points scatter, or where the
+    effects lead to another optimum.
+
+    Args:
+        evidence: the data.
+        estimate: the fit.
+        judgement: by noise alone.
+        covariance: of the estimate, shape (p, p); None: any optimum will do.
+    """
+    effects = all_effects(evidence, judgement)
+    adequacy = judgement.adequacy
+    if not effects or not len(adequacy.frequency_hz) or adequacy.degrees_of_freedom <= 0:
+        return None
+    if not evidence.model.is_linear or (
+        adequacy.chi2_reduced is None and judgement.scatter is None
+    ):
+        return None
+    linear = linearised(evidence, estimate, judgement)
+    effect_patterns = patterns(effects, linear, adequacy.frequency_hz)
+    weighted = _deviations(evidence, estimate, judgement)
+    corrected = np.zeros(len(effects))
+    corrected[: len(evidence.corrections)] = [
+        correction.amount for correction in evidence.corrections
+    ]
+    return explain(weighted, effects, effect_patterns, linear, covariance, corrected)
 
 
 def _probability_of_remainder(judgement: Judgement, explained: Explained, chi2: float) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from vibrident.fit.response import MeasuredResponse, find_tones, measure_bands
 from vibrident.fit.response.bands import uncorrelated_records
 from vibrident.fit.response.clock import judge_clocks
 from vibrident.fit.response.clock_ratio import at_reference_clock, clock_offset
+from vibrident.fit.response.correction import LogChange, table_without, with_reference_changed
 from vibrident.fit.response.deconvolution import chain_of, deconvolved, without_chain
 from vibrident.fit.response.tone_quality import (
     refuse_other_motion,
@@ -30,6 +32,18 @@ from vibrident.fit.response.tone_quality import (
     uncorrelated_channels,
 )
 from vibrident.physics.models import SensorModel
+
+
+class Correction(NamedTuple):
+    """Amount of a stated systematic effect that the records are corrected for.
+
+    Attributes:
+        amount: in standard uncertainties of the effect.
+        uncertainty: standard uncertainty of the amount, by the statement and the data.
+    """
+
+    amount: float = 0.0
+    uncertainty: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +63,7 @@ class Evidence:
         effects: systematic effects that remain of corrections of the records.
         clock_offset: ε, by which intervals of the response were longer than those of the reference.
         at_own_clocks: the records before they were brought to one clock; empty where they were not.
+        corrections: what the records are corrected for, one of each stated effect; empty: nothing.
     """
 
     calibration: Calibration
@@ -61,6 +76,7 @@ class Evidence:
     effects: tuple[SystematicEffect, ...] = ()
     clock_offset: float = 0.0
     at_own_clocks: tuple[Record, ...] = ()
+    corrections: tuple[Correction, ...] = ()
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
@@ -107,7 +123,32 @@ class Evidence:
             effects=self.effects,
             clock_offset=self.clock_offset,
             at_own_clocks=self.at_own_clocks,
+            corrections=self.corrections,
         )
+
+    def corrected(
+        self,
+        log_change: LogChange,
+        band_hz: tuple[float, float],
+        corrections: Sequence[Correction],
+    ) -> Evidence:
+        """Return the evidence with a change of the response moved to references, or out of a table.
+
+        Args:
+            log_change: the change of log H, from frequencies in Hz.
+            band_hz: where it is known.
+            corrections: what the records are corrected for then.
+        """
+        if self.calibration.table is not None:
+            table = table_without(self.calibration.table, log_change)
+            calibration = replace(self.calibration, table=table)
+            return replace(self, calibration=calibration, corrections=tuple(corrections))
+        records, original = (
+            tuple(with_reference_changed(record, log_change, band_hz) for record in channels)
+            for channels in (self.records, self.at_own_clocks)
+        )
+        corrected = replace(self, at_own_clocks=original, corrections=tuple(corrections))
+        return corrected.with_records(records)
 
     @classmethod
     def _measured(

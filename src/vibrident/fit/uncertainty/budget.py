@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import Calibration, FloatArray, Quantity, SystematicEffect
+from vibrident.fit.information import inverse_normal
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.verdict import probability
 from vibrident.fit.uncertainty.linearised import Linearised, log_slopes
@@ -210,6 +211,7 @@ class Explained:
     """Amounts of effects that explain deviations, and what deviations remain."""
 
     amounts: FloatArray  # a_k of each effect, in its standard uncertainties, shape (K,)
+    uncertainties: FloatArray  # of the a_k, by the prior and the data, shape (K,)
     residual: FloatArray  # weighted deviations that the effects do not explain
     chi2: float  # Σ squares of these and of the a_k
     probability: float  # of a_k at least as large
@@ -236,7 +238,8 @@ def explain(
     effects: Sequence[SystematicEffect],
     shape: np.ndarray,
     linear: Linearised,
-    covariance: FloatArray,
+    covariance: FloatArray | None,
+    corrected: FloatArray,
 ) -> Explained | None:
     """Fit the effects beside the parameters; None where that leads to another optimum.
 
@@ -245,7 +248,8 @@ def explain(
         effects: K of them.
         shape: their patterns at the points, shape (n, K).
         linear: the fit, linearised at the estimate.
-        covariance: of the estimate, by noise, shape (p, p).
+        covariance: of the estimate, by noise, shape (p, p); None: any optimum will do.
+        corrected: amounts of the effects that the data are corrected for, shape (K,).
     """
     from scipy.optimize import least_squares  # slow to load
 
@@ -253,20 +257,19 @@ def explain(
     parameters = len(linear.z)
 
     def residual(x: FloatArray) -> FloatArray:
+        change = x[parameters:]
         return np.concatenate(
-            [weighted(z + x[:parameters], shape @ x[parameters:]), x[parameters:]]
+            [weighted(z + x[:parameters], shape @ change), corrected + change]
         )
 
     begin = np.zeros(parameters + shape.shape[1])
+    # Slopes to one side: damping is mirrored at zero.
     with np.errstate(all="ignore"):
-        solution = least_squares(residual, begin, jac="3-point", max_nfev=60, xtol=1e-10)
-    shift = solution.x[:parameters]
-    amounts = solution.x[parameters:]
-    shifts = np.stack([shift_of_effect(e, linear) for e in effects], axis=1)
-    shifts = shifts * np.maximum(np.abs(amounts), 1.0)
-    # Beyond five standard deviations is another optimum.
-    allowed = 5.0 * np.sqrt(np.maximum(np.diag(covariance), 0.0) + np.sum(shifts**2, axis=1)) + 1e-9
-    if not np.all(np.isfinite(solution.x)) or np.any(np.abs(shift) > allowed):
+        solution = least_squares(residual, begin, jac="2-point", max_nfev=60, xtol=1e-10)
+    if not np.all(np.isfinite(solution.x)):
+        return None
+    amounts = corrected + solution.x[parameters:]
+    if covariance is not None and _is_far(solution.x, effects, linear, covariance):
         return None
     jacobian = solution.jac[: -shape.shape[1]]
     # The size of rounding is no claim.
@@ -275,9 +278,31 @@ def explain(
     probability_of_amounts = _probability_of_amounts(
         amounts[stated], jacobian[:, free_columns], jacobian[:, ~free_columns]
     )
+    by_effects = _unfollowed(jacobian[:, :parameters], jacobian[:, parameters:])
     return Explained(
-        amounts, solution.fun[: -len(amounts)], float(2.0 * solution.cost), probability_of_amounts
+        amounts,
+        deviations(inverse_normal(np.eye(len(amounts)) + by_effects.T @ by_effects)),
+        solution.fun[: -len(amounts)],
+        float(2.0 * solution.cost),
+        probability_of_amounts,
     )
+
+
+def _is_far(
+    change: FloatArray,
+    effects: Sequence[SystematicEffect],
+    linear: Linearised,
+    covariance: FloatArray,
+) -> bool:
+    """Return whether the parameters moved by more than five standard deviations.
+
+    ``change``: of the parameters, then of the amounts, shape (p + K,).
+    """
+    shift, amounts = np.split(change, [len(linear.z)])
+    by_effects = np.stack([shift_of_effect(effect, linear) for effect in effects], axis=1)
+    by_effects = by_effects * np.maximum(np.abs(amounts), 1.0)
+    variance = np.maximum(np.diag(covariance), 0.0) + np.sum(by_effects**2, axis=1)
+    return bool(np.any(np.abs(shift) > 5.0 * np.sqrt(variance) + 1e-9))
 
 
 def _probability_of_amounts(amounts: FloatArray, slopes: FloatArray, effects: FloatArray) -> float:
@@ -286,8 +311,7 @@ def _probability_of_amounts(amounts: FloatArray, slopes: FloatArray, effects: Fl
     ``slopes``: weighted ∂deviation/∂z and of unjudged effects, ``effects``: ∂deviation/∂a_k, one
     row a deviation.
     """
-    basis = _basis(slopes)
-    unfollowed = effects - basis @ (basis.T @ effects)
+    unfollowed = _unfollowed(slopes, effects)
     values, vectors = np.linalg.eigh(unfollowed.T @ unfollowed)
     determined = values > 1e-3  # S: by S/(1 + S) the data reduce the prior variance of a_k
     chi2 = float(
@@ -296,6 +320,12 @@ def _probability_of_amounts(amounts: FloatArray, slopes: FloatArray, effects: Fl
         )
     )
     return probability(chi2, int(determined.sum()))
+
+
+def _unfollowed(slopes: FloatArray, effects: FloatArray) -> FloatArray:
+    """Return what of the effects' columns those of the slopes cannot follow."""
+    basis = _basis(slopes)
+    return effects - basis @ (basis.T @ effects)
 
 
 def _basis(matrix: FloatArray) -> FloatArray:
