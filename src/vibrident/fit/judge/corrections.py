@@ -15,7 +15,7 @@ from vibrident.base.errors import VibridentError
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.effects import explained_by_effects
-from vibrident.fit.problem.evidence import Correction, Evidence
+from vibrident.fit.problem.evidence import EffectCorrection, Evidence
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.verdict import REJECTION
 from vibrident.fit.uncertainty.budget import effects_of, pattern
@@ -49,7 +49,7 @@ def with_effects_corrected(first: Fitted) -> Fitted:
         if np.all(np.abs(change) < MAX_SETTLED_CHANGE * uncertainties):
             break
         corrections = [
-            Correction(amount, u if corrects else 1.0)
+            EffectCorrection(amount, u if corrects else 1.0)
             for amount, u, corrects in zip(before + change, uncertainties, may_correct, strict=True)
         ]
         frequency_hz = current.judgement.adequacy.frequency_hz
@@ -68,7 +68,7 @@ def _corrected(
     effects: list[SystematicEffect],
     change: FloatArray,
     band_hz: tuple[float, float],
-    corrections: list[Correction],
+    corrections: list[EffectCorrection],
 ) -> Evidence:
     """Return the evidence corrected for more of the effects; ``change``: of their amounts."""
 

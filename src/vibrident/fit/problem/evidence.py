@@ -34,7 +34,7 @@ from vibrident.fit.response.tone_quality import (
 from vibrident.physics.models import SensorModel
 
 
-class Correction(NamedTuple):
+class EffectCorrection(NamedTuple):
     """Amount of a stated systematic effect that the records are corrected for.
 
     Attributes:
@@ -76,7 +76,7 @@ class Evidence:
     effects: tuple[SystematicEffect, ...] = ()
     clock_offset: float = 0.0
     at_own_clocks: tuple[Record, ...] = ()
-    corrections: tuple[Correction, ...] = ()
+    corrections: tuple[EffectCorrection, ...] = ()
 
     @classmethod
     def gather(cls, calibration: Calibration, model: SensorModel) -> Evidence:
@@ -130,7 +130,7 @@ class Evidence:
         self,
         log_change: LogChange,
         band_hz: tuple[float, float],
-        corrections: Sequence[Correction],
+        corrections: Sequence[EffectCorrection],
     ) -> Evidence:
         """Return the evidence with a change of the response moved to references, or out of a table.
 

@@ -258,9 +258,7 @@ def explain(
 
     def residual(x: FloatArray) -> FloatArray:
         change = x[parameters:]
-        return np.concatenate(
-            [weighted(z + x[:parameters], shape @ change), corrected + change]
-        )
+        return np.concatenate([weighted(z + x[:parameters], shape @ change), corrected + change])
 
     begin = np.zeros(parameters + shape.shape[1])
     # Slopes to one side: damping is mirrored at zero.
