@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from bench.adversary.cases import BY_NAME
 from bench.adversary.judge import judged
 
-from vibrident.fit.noise.tones import MAX_TONES, common_tones, with_tones
+from vibrident.fit.noise.tones import MAX_TONES, common_tones, located, with_tones
 
 
 @pytest.mark.parametrize(
@@ -31,6 +32,26 @@ def test_a_tone_of_most_records_is_of_all():
     """Its frequency is that of the longest record; a tone of fewer than most is theirs alone."""
     tones = (5.02, 20.0), (50.1, 30.0), (300.0,), (4.97,)
     assert common_tones(tones, (10.0, 1.0, 1.0, 10.0)) == pytest.approx((50.1,))
+
+
+def test_two_new_tones_that_are_one_are_one():
+    assert with_tones((), (42.0, 42.4, 60.0)) == (42.0, 60.0)
+
+
+@pytest.mark.parametrize("true_place", [11.37, 11.4, 10.9])
+def test_a_tone_is_located_by_the_phase_of_its_fit_beside_it(true_place):
+    """Its amplitude may change meanwhile; each fit leaves a quarter of the distance at most."""
+    samples = 921
+    turns = np.arange(samples) / samples
+    tone = (1.0 + 0.2 * turns) * np.cos(2.0 * np.pi * true_place * turns + 0.7)
+    place = 11.2
+    for _ in range(3):
+        wave = np.exp(2j * np.pi * place * turns)
+        basis = np.stack([wave.real, wave.imag, turns * wave.real, turns * wave.imag], axis=1)
+        fit = basis @ np.linalg.lstsq(basis, tone, rcond=None)[0]
+        before = abs(place - true_place)
+        place = located(place, fit)
+        assert abs(place - true_place) < max(0.25 * before, 0.02)
 
 
 def test_hum_that_one_record_hides_is_a_nuisance_of_it_too():

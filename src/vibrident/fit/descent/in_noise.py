@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,6 +63,22 @@ class GroupWeights:
     def has_reference(self) -> bool:
         """Return whether noise of the reference counts."""
         return bool(np.any(self.reference))
+
+
+class FittedInAllBins(NamedTuple):
+    """Group at an iterate, with the nuisances that fit all bins best.
+
+    Attributes:
+        residual: shape (R, K).
+        predicted: shape (R, K).
+        unfitted: share of the noise of each bin that the nuisances leave in the residual, (R, K).
+        amounts: of the nuisances, shape (R, m).
+    """
+
+    residual: ComplexArray
+    predicted: ComplexArray
+    unfitted: FloatArray
+    amounts: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +159,8 @@ class GroupAt:
         return np.asarray(np.sum(self.weight * self.psd, axis=1)) * self.group.grid.samples
 
     @functools.cached_property
-    def fitted_in_all_bins(self) -> tuple[ComplexArray, ComplexArray]:
-        """Return residual and prediction with the nuisances that fit all bins best, shape (R, K).
+    def fitted_in_all_bins(self) -> FittedInAllBins:
+        """Return residual and prediction with the nuisances that fit all bins best.
 
         Those of the fit follow from the bins that show motion. Initial states that these do not
         determine are no noise of the other bins.
@@ -151,10 +168,12 @@ class GroupAt:
         rows = self.rows
         weight = self.group.grid.counts / self.psd
         columns = rows.nuisances.columns
-        amounts = Nuisances.in_weight(columns, weight).amounts(rows.residual[:, None])
+        nuisances = Nuisances.in_weight(columns, weight)
+        amounts = nuisances.amounts(rows.residual[:, None])
         residual = rows.residual - combined(amounts, columns)[:, 0]
         states = combined(amounts[:, :, : rows.order], columns[:, : rows.order])[:, 0]
-        return residual, rows.predicted + states
+        total = rows.amounts + amounts[:, 0]
+        return FittedInAllBins(residual, rows.predicted + states, 1.0 - nuisances.leverage(), total)
 
 
 def fitted_numbers(places: Sequence[GroupAt]) -> list[FloatArray]:

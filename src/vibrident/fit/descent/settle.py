@@ -373,8 +373,7 @@ def _minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
     total = 0.0
     for place in groups:
         counts = place.group.grid.counts * place.group.grid.samples
-        residual, _ = place.fitted_in_all_bins
-        power = power_of(residual) / place.group.count[:, None]
+        power = power_of(place.fitted_in_all_bins.residual) / place.group.count[:, None]
         total += float(np.sum(counts * (power / place.psd + np.log(place.psd))))
     return total
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrident.data.records import BoolArray, FloatArray
+from vibrident.fit.bins.segments import TONE_COLUMNS
 from vibrident.fit.descent.in_noise import GroupAt, GroupWeights, fitted_numbers
 from vibrident.fit.group.group import Grid, Group
 from vibrident.fit.noise.reading import read_noise
 from vibrident.fit.noise.residuals import Residuals
 from vibrident.fit.noise.spectrum import NoiseSpectrum
-from vibrident.fit.noise.tones import common_tones, with_tones
+from vibrident.fit.noise.tones import common_tones, located, with_tones
 from vibrident.fit.problem.band import Band
 from vibrident.fit.response.transform import power_of, reference_colour
 
@@ -124,11 +125,16 @@ def read_weighting(
         group = place.group
         squares = power_of(place.through)
         colour = _colour(band, group)
-        residual, predicted = place.fitted_in_all_bins
-        residual = residual.copy()
+        in_all_bins = place.fitted_in_all_bins
+        residual = in_all_bins.residual.copy()
         residual[:, 0] = np.abs(residual[:, 1])
         rows = Residuals(
-            residual, predicted, group.count, floors[band.owners(group)], fitted=fitted
+            residual,
+            in_all_bins.predicted,
+            group.count,
+            floors[band.owners(group)],
+            fitted=fitted,
+            unfitted=in_all_bins.unfitted,
         )
         if group.grid.driven:
             reference = group.inputs[:, 0]
@@ -140,11 +146,33 @@ def read_weighting(
                 heard=None if heard is None else _heard_in(group, heard),
             )
         noise = read_noise(rows, group.grid.last - 1, colour)
-        for number, spectrum in zip(group.segments, NoiseSpectrum.by_record(noise), strict=True):
-            tones = with_tones(group.grid.tones, spectrum.tones)
-            spectrum = replace(spectrum, tones=tones)
+        spectra = NoiseSpectrum.by_record(noise)
+        known_tones = _known_tones(place)
+        for number, spectrum, known in zip(group.segments, spectra, known_tones, strict=True):
+            spectrum = replace(spectrum, tones=with_tones(known, spectrum.tones))
             segments[number] = SegmentNoise(spectrum, squares, group.grid.samples)
     return Weighting(segments)
+
+
+def _known_tones(place: GroupAt) -> list[tuple[float, ...]]:
+    """Return where the tones of each segment are, in bins, by the phases that were fitted.
+
+    The strongest come first; of two that have met, the weaker was none.
+    """
+    grid = place.group.grid
+    first = place.rows.order + len(grid.fixed_nuisances) - TONE_COLUMNS * len(grid.tones)
+    places: list[tuple[float, ...]] = []
+    for row, amounts in enumerate(place.fitted_in_all_bins.amounts):
+        columns = place.rows.nuisances.of_row(row)
+        tones: list[tuple[float, float]] = []
+        for number, tone in enumerate(grid.tones):
+            of_tone = slice(first + TONE_COLUMNS * number, first + TONE_COLUMNS * (number + 1))
+            lines = amounts[of_tone] @ columns[of_tone]
+            signal = np.fft.irfft(lines, grid.samples)
+            tones.append((float(np.std(signal)), located(tone, signal)))
+        strongest_first = tuple(tone for _, tone in sorted(tones, reverse=True))
+        places.append(with_tones((), strongest_first))
+    return places
 
 
 def _heard_in(group: Group, heard: Mapping[int, tuple[int, BoolArray]]) -> BoolArray:

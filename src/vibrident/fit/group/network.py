@@ -69,6 +69,12 @@ class Nuisances:
         """Return the component of rows that the columns can imitate, shape (R, i, K)."""
         return combined(self.amounts(rows), self.columns)
 
+    def leverage(self) -> FloatArray:
+        """Return the share of the noise of each bin that the columns imitate, shape (R or 1, K)."""
+        dual = combined(self.inverse, self.columns)
+        squares = np.sum(dual.real * self.columns.real + dual.imag * self.columns.imag, axis=1)
+        return np.asarray(np.clip(0.5 * self.weight * squares, 0.0, 1.0))  # a bin is two numbers
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:

@@ -68,6 +68,8 @@ def incoherent_component(rows: Residuals, log_through: FloatArray | None) -> Inc
         noise, freedom = without_common(
             rows.residual[records], [motion[records] for motion in motions], np.sqrt(level), heard
         )
+        if rows.unfitted is not None:
+            freedom *= rows.unfitted[records]
         return Incoherent(noise, power_of(noise), freedom)
 
     level = threshold(power_of(rows.residual))

@@ -26,6 +26,8 @@ class Residuals:
         lines: further bins whose remainder is the motion's, and no hum, shape (R, K); None: no
             others.
         fitted: count of numbers that were fitted to each record, shape (R,); None: none.
+        unfitted: share of the noise of each bin that numbers fitted to few bins leave, shape (R,
+            K); None: all of it.
     """
 
     residual: ComplexArray
@@ -38,6 +40,7 @@ class Residuals:
     heard: BoolArray | None = None
     lines: BoolArray | None = None
     fitted: FloatArray | None = None
+    unfitted: FloatArray | None = None
 
     def records(self, rows: slice) -> Residuals:
         """Return the residuals of some of the records."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
-from vibrident.fit.noise.averages import windowed
+from vibrident.fit.noise.averages import MIN_POWER, windowed
 from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.response.transform import power_of
 
@@ -18,6 +18,10 @@ TONE_RATIO = 25.0
 MAX_TONES = 16
 #: Tones nearer than so many bins are one: a record of this length cannot separate nearer ones.
 MIN_DISTANCE_BINS = 1.0
+#: A known tone stays where it is this near: its columns hold slow changes of phase.
+MIN_MOVE_BINS = 0.02
+#: Farthest move of a tone, in bins: its phase turns by half a turn over the record.
+MAX_MOVE_BINS = 0.5
 #: Bins on either side of a sine's tone that are of the tone.
 MAX_TONE_DISTANCE = 4
 
@@ -51,15 +55,36 @@ def tones_of(
     return tuple(places)
 
 
+def located(place: float, signal: FloatArray) -> float:
+    """Return the place of a tone, in bins, at which its phase turns no further over the record.
+
+    Args:
+        place: at which it was fitted with a slow change of amplitude and phase.
+        signal: the fit, shape (N,).
+    """
+    samples = len(signal)
+    number = np.arange(samples)
+    wave = np.exp(2j * np.pi * place / samples * number)
+    from_middle = (number - 0.5 * (samples - 1)) / samples
+    columns = np.stack([wave.real, wave.imag, from_middle * wave.real, from_middle * wave.imag])
+    cosine, sine, *slopes = np.linalg.lstsq(columns.T, signal, rcond=None)[0]
+    turn = complex(slopes[0], -slopes[1]) * complex(cosine, sine)
+    move = turn.imag / (2.0 * np.pi * max(cosine**2 + sine**2, MIN_POWER))
+    if abs(move) <= MIN_MOVE_BINS:
+        return place
+    return place + float(np.clip(move, -MAX_MOVE_BINS, MAX_MOVE_BINS))
+
+
 def with_tones(known: tuple[float, ...], candidates: tuple[float, ...]) -> tuple[float, ...]:
     """Return known tones and new ones, in bins.
 
     The remainder of a known tone is no other.
     """
-    additional = (
-        tone for tone in candidates if all(abs(tone - k) >= MIN_DISTANCE_BINS for k in known)
-    )
-    return (*known, *additional)[:MAX_TONES]
+    tones = list(known)
+    for candidate in candidates:
+        if all(abs(candidate - tone) >= MIN_DISTANCE_BINS for tone in tones):
+            tones.append(candidate)
+    return tuple(tones[:MAX_TONES])
 
 
 def common_tones(tones: Sequence[tuple[float, ...]], bins_hz: Sequence[float]) -> tuple[float, ...]:
