@@ -493,3 +493,9 @@ def test_a_generator_of_coarse_stairs_is_not_overdriven(tmp_path: Path) -> None:
     _, findings = screen(calibration.records)
     (said,) = [f.message for f in findings if f.code == "clipped"]
     assert said.startswith("0_2Hz.csv: the response channel")
+
+
+def test_a_burst_that_fades_in_breaks_off_nowhere():
+    """Its displacement has a corner of a tenth of the step between samples; half of it was left out."""
+    calibration = BY_NAME["quantities/displacement/velocity-pickup/burst"].trial(102).calibration()
+    assert not screen(calibration.records, calibration.units)[1]

@@ -26,7 +26,6 @@ from vibrident.data.screening.prediction import (
 )
 from vibrident.data.screening.wild import (
     MAX_SAMPLES_APART,
-    MIN_BREAK,
     MIN_WILD_SIGMA,
     NEIGHBOURS,
     ChannelEvent,
@@ -38,6 +37,9 @@ BAND_LAGS = 2 * ORDER
 #: Scatter of a standard deviation that is estimated by the median of n sizes, relative, times √n:
 #: 1/√(2 · 0.37), where 0.37 is the efficiency of the median deviation (Hampel 1974).
 MEDIAN_SCATTER = 1.17
+#: The response breaks off where the prediction is off by more than this share of what follows from
+#: its past.
+MIN_BREAK = 2e-3
 #: A prediction misses less than this share of the response to a motion.
 MAX_MISSED_SHARE = 0.25
 

@@ -55,8 +55,9 @@ MAX_WILD_SHARE = 0.01
 NEIGHBOURS = 40
 #: Largest distance, in samples, of the same event in both channels.
 MAX_SAMPLES_APART = 2
-#: A break is larger than this share of the motion's standard deviation; smaller changes are motion.
-MIN_BREAK = 2e-3
+#: A break is larger than this share of the usual step between samples, as a sample at least is
+#: lost; smaller ones are corners of the motion, where a burst has faded in.
+MIN_BREAK_STEPS = 0.2
 #: The motion goes on after a break: of SIDE_SAMPLES on either side, the smaller standard
 #: deviation is at least MIN_DEVIATION_RATIO times the larger one.
 SIDE_SAMPLES = 64
@@ -406,7 +407,7 @@ def _is_break(channel: PredictedChannel, index: int) -> bool:
     future = series[index : index + ORDER + SIDE_SAMPLES]
     if min(past.size, future.size) < ORDER:
         return False
-    if float(np.max(np.abs(errors))) < MIN_BREAK * float(np.std(series)):
+    if float(np.max(np.abs(errors))) < MIN_BREAK_STEPS * float(np.std(np.diff(series))):
         return False
     smaller, larger = sorted((float(np.std(past)), float(np.std(future))))
     return smaller > MIN_DEVIATION_RATIO * larger
