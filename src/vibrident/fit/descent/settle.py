@@ -91,7 +91,7 @@ class Settled:
     @functools.cached_property
     def minus_two_log_likelihood(self) -> float:
         """Return −2 log of the likelihood of the data in the noise of the estimate."""
-        return _minus_two_log_likelihood(self.places)
+        return minus_two_log_likelihood(self.places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,17 +336,17 @@ def settle(
         settled = round_number > 0 and shift < MAX_SHIFT
         if settled:
             break
-        rounds.append((_minus_two_log_likelihood(end.at.groups), end))
+        rounds.append((minus_two_log_likelihood(end.at.groups), end))
     if rounds and not settled:  # the noise at either of two places leads to the other
         _, end = min(rounds, key=lambda scored: scored[0])
     if not settled:  # else the noise is that of this estimate but for MAX_SHIFT
-        weighting, end = _in_own_noise(end, observed)
+        weighting, end = in_own_noise(end, observed)
     first_band = end.band.with_nuisances(best.band.tones, edges=best.band.edges)
     in_first_noise = iterate(first_band, coordinates, first.of_groups(first_band), end.z)
     if explains and not in_first_noise.cost <= MAX_COST_RATIO * best.at.cost:
-        noise_of_best, best = _in_own_noise(best, observed)
+        noise_of_best, best = in_own_noise(best, observed)
         # Steep noise is not known well without a model: what is far likelier is the estimate.
-        likelihoods = [_minus_two_log_likelihood(place.at.groups) for place in (best, end)]
+        likelihoods = [minus_two_log_likelihood(place.at.groups) for place in (best, end)]
         gain = likelihoods[0] - likelihoods[1]
         if not gain > -2.0 * np.log(MAX_CHANCE_OF_LIKELIER):
             weighting = noise_of_best
@@ -355,7 +355,7 @@ def settle(
     return _stated(end.band, coordinates, end.z, end.at, trace, weighting)
 
 
-def _in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Descended]:
+def in_own_noise(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Descended]:
     """Return the noise read at the end of a descent, and the same end in that noise."""
     weighting, band = _noise_at(end, observed)
     point = iterate(band, end.coordinates, weighting.of_groups(band), end.z)
@@ -368,7 +368,7 @@ def _noise_at(end: Descended, observed: MotionAndNoise) -> tuple[Weighting, Band
     return weighting, weighting.with_nuisances(end.band).at_ringing_of(end.values)
 
 
-def _minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
+def minus_two_log_likelihood(groups: Sequence[GroupAt]) -> float:
     """Return Σ |R|²/S + log S over the bins of the band (Whittle)."""
     total = 0.0
     for place in groups:

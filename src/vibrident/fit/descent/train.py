@@ -10,6 +10,7 @@ import numpy as np
 
 from vibrident.base.errors import InputError, NotConverged
 from vibrident.data.records import FloatArray
+from vibrident.fit.descent.in_noise import iterate
 from vibrident.fit.descent.settle import (
     MAX_CHANCE_OF_LIKELIER,
     MAX_START_COST,
@@ -17,12 +18,14 @@ from vibrident.fit.descent.settle import (
     Descended,
     Settled,
     descend,
+    in_own_noise,
+    minus_two_log_likelihood,
     settle,
 )
 from vibrident.fit.descent.weighting import SegmentNoise, Weighting
 from vibrident.fit.noise.averages import averaged_bins, mean_around
 from vibrident.fit.noise.spectrum import NoiseSpectrum
-from vibrident.fit.optimise import NOT_FINITE, Progress
+from vibrident.fit.optimise import NOT_FINITE, Progress, Trace
 from vibrident.fit.problem import Coordinates, Evidence
 from vibrident.fit.problem.band import Band
 from vibrident.fit.problem.bin_problem import BinProblem
@@ -48,21 +51,19 @@ MAX_EXPLAINED_COST = 30.0
 MIN_HEARD_FRACTION = 0.5
 #: Ends of descents that are compared, each in its own noise.
 MAX_RIVALS = 2
+#: Places that settle, of all that compete.
+MAX_SETTLED = 4
 #: Rounds that estimate the relative error of such a model.
 MODEL_ERROR_ROUNDS = 2
 
 
-def train(
-    evidence: Evidence, method: Method, progress: Progress, *, level: bool = False
-) -> Settled:
+def train(evidence: Evidence, method: Method, progress: Progress) -> Settled:
     """Return the estimate of a linear model, whose network is trained on the records.
 
     Args:
         evidence: the records.
         method: the discretisation.
         progress: called after each iteration.
-        level: whether the start is sought in noise of one level in each record. The residual of a
-            narrow resonance looks like noise to a model without it, wherever noise is estimated.
 
     Raises:
         InputError: no record is long enough.
@@ -70,14 +71,44 @@ def train(
     """
     best: _Descents | None = None
     for band, observed in _observations(evidence, method):
-        survey = _Survey(band, observed.with_one_level() if level else observed)
-        descents = _Descents.at(evidence, survey, progress)
+        descents = _Descents.at(evidence, _Survey(band, observed), progress)
         if best is None or descents.cost_per_number < best.cost_per_number:
             best = descents
         if best.cost_per_number < MAX_START_COST:
             break
     assert best is not None
     return best.settled(evidence, progress)
+
+
+def train_anew(evidence: Evidence, method: Method, progress: Progress) -> Settled:
+    """Return the likeliest estimate by the noise at every place, for data that a fit does not suit.
+
+    Noise that is known without a model may be far too high, as beside a resonance narrower than a
+    bin: a wrong place then seems to explain the records. Here all delays and places of the grid
+    compete, and the ends of descents from them, each in the noise that is read there.
+
+    Args, raises: as of :func:`train`.
+    """
+    candidates: list[tuple[float, Descended, _Descents]] = []
+    for band, observed in _observations(evidence, method):
+        survey = _Survey(band, observed)
+        weighting = _without_model(band, observed)
+        starts = survey.places
+        ends = _descended(evidence, survey, weighting, starts, progress, all_starts=True)
+        descents = _Descents(survey, weighting, ends)
+        for end in [*ends, *descents.undescended(evidence, starts)]:
+            try:
+                _, in_own = in_own_noise(end, observed)
+            except (NotConverged, InputError, np.linalg.LinAlgError):
+                continue
+            score = minus_two_log_likelihood(in_own.at.groups)
+            candidates.append((score, end, descents))
+    candidates.sort(key=lambda candidate: candidate[0])
+    settled = [
+        settle(end, descents.survey.observed, descents.weighting, progress)
+        for _, end, descents in candidates[:MAX_SETTLED]
+    ]
+    return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
 
 
 def _observations(evidence: Evidence, method: Method) -> Iterator[tuple[Band, MotionAndNoise]]:
@@ -227,6 +258,24 @@ class _Descents:
             for end in (descents.rivals if explains else [descents.best])
         ]
         return min(settled, key=lambda estimate: estimate.minus_two_log_likelihood)
+
+    def undescended(
+        self, evidence: Evidence, places: Sequence[dict[str, float]]
+    ) -> Iterator[Descended]:
+        """Yield places as ends of descents of no step."""
+        for values in places:
+            coordinates = Coordinates.at(
+                evidence.model, values, self.survey.observed.band_hz, evidence.response_size
+            )
+            try:
+                band = self.survey.band.at_delay_of(values).at_ringing_of(values)
+            except InputError:
+                continue
+            z = coordinates.first
+            point = iterate(band, coordinates, self.weighting.of_groups(band), z)
+            if point.groups:
+                trace = Trace("", True, "", (point.cost,), z[None])
+                yield Descended(band, coordinates, trace, point)
 
 
 def _weights(band: Band, weighting: Weighting) -> dict[int, FloatArray]:

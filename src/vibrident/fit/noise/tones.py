@@ -64,7 +64,7 @@ def located(place: float, signal: FloatArray) -> float:
     """
     samples = len(signal)
     number = np.arange(samples)
-    wave = np.exp(2j * np.pi * place / samples * number)
+    wave: ComplexArray = np.exp(2j * np.pi * place / samples * number)
     from_middle = (number - 0.5 * (samples - 1)) / samples
     columns = np.stack([wave.real, wave.imag, from_middle * wave.real, from_middle * wave.imag])
     cosine, sine, *slopes = np.linalg.lstsq(columns.T, signal, rcond=None)[0]

@@ -47,7 +47,7 @@ def with_reference_changed(
     fade = np.sin(0.5 * np.pi * np.arange(reach) / reach) ** 2
     extended[:reach] *= fade
     extended[-reach:] *= fade[::-1]
-    frequency_hz = fft.rfftfreq(extended.size, record.sampling_interval_s)
+    frequency_hz = np.asarray(fft.rfftfreq(extended.size, record.sampling_interval_s), dtype=float)
     factor = np.exp(_continued(log_change, frequency_hz, record, band_hz))
     changed = fft.irfft(fft.rfft(extended) * factor, extended.size)
     return replace(record, reference=changed[reach : reach + record.samples] + line)

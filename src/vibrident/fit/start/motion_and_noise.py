@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -87,17 +87,6 @@ class MotionAndNoise:
             return np.stack([self.weights[number][: group.grid.bins] for number in group.segments])
         floor = np.maximum(self.levels_in(group).response, np.finfo(float).tiny)
         return self.shown_in(group) * group.grid.counts * group.grid.samples / floor
-
-    def with_one_level(self) -> MotionAndNoise:
-        """Return the same with one level of noise in each record, the median where motion shows."""
-        levels = {}
-        for number, level in self.levels.items():
-            heard = self.heard[number][1]
-            total = level.total
-            typical = float(np.median(total[heard] if np.any(heard) else total))
-            zeros = np.zeros(total.shape)
-            levels[number] = NoiseLevels(zeros + typical, zeros, zeros)
-        return replace(self, levels=levels)
 
     def shown_in(self, group: Group) -> FloatArray:
         """Return one where motion shows, next to zero elsewhere, shape (R, K)."""

@@ -20,7 +20,7 @@ from vibrident.base.binding import bound
 from vibrident.base.errors import ModelError
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.descent.settle import InNoise, Settled
-from vibrident.fit.descent.train import train
+from vibrident.fit.descent.train import train, train_anew
 from vibrident.fit.estimators.base import Estimate, Estimator, Setting
 from vibrident.fit.estimators.findings import Findings, TrainedNetwork
 from vibrident.fit.estimators.optimiser import LevenbergMarquardt, Optimiser
@@ -123,10 +123,10 @@ class Ipnn(Estimator):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """Return the estimate from a start in noise of one level; None of a network in time."""
+        """Return the estimate of all starts, each in its own noise; None of a network in time."""
         if not (self.is_tied and self.in_band(evidence)) or evidence.start is not None:
             return None
-        return settled_estimate(train(evidence, self.method, progress, level=True))
+        return settled_estimate(train_anew(evidence, self.method, progress))
 
     @property
     def trainer(self) -> Optimiser:
