@@ -83,9 +83,19 @@ class Judgement:
     shares: Shares = UNKNOWN_SHARES
 
     @property
+    def tone_points(self) -> Points | None:
+        """Return the points of the tones, None without sines."""
+        return None if self.tones is None else self.points[0]
+
+    @property
     def explained(self) -> float:
         """Return the share of the response's power that the model explains; one where not known."""
         return 1.0 if np.isnan(self.shares.explained) else self.shares.explained
+
+    @property
+    def unexplained(self) -> float:
+        """Return the share of the response's power that the model leaves; zero where not known."""
+        return 1.0 - self.explained
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:

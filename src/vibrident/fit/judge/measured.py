@@ -73,11 +73,6 @@ def _model_at(fitted: Fitted, frequency_hz: FloatArray) -> np.ndarray:
     )
 
 
-def fit_of_signals(fitted: Fitted) -> Fit:
-    """Return the metrics of measured minus predicted response over all records."""
-    return metrics(sums_of_signals(fitted), fitted)
-
-
 def sums_of_signals(fitted: Fitted) -> FloatArray:
     """Return n, Σ |e|, Σ e² of measured minus predicted response, and Σ y² about its mean, (4,)."""
     sums = np.zeros(4)
@@ -90,15 +85,15 @@ def sums_of_signals(fitted: Fitted) -> FloatArray:
     return sums
 
 
-def fit_of_table(fitted: Fitted) -> Fit:
-    """Return the metrics of measured minus model response over a table's points."""
+def sums_of_table(fitted: Fitted) -> FloatArray:
+    """Return sums as those of :func:`sums_of_signals` over a table's points, shape (4,)."""
     adequacy = fitted.judgement.adequacy
     problem = fitted.evidence.first_look
     assert problem is not None
     measured = adequacy.measured
     model = _model_at(fitted, adequacy.frequency_hz)
     residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), fitted)
+    return _sums(np.abs(residual), np.abs(measured - measured.mean()))
 
 
 def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:

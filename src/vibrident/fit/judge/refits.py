@@ -30,10 +30,12 @@ def without_dead_records(first: Fitted) -> Fitted:
     if evidence is None:
         return first
     better = Fitted.from_evidence(evidence, first.estimator, first.progress)
-    chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
+    chi2, chi2_of_all = (
+        attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)
+    )
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
-    unexplained = [1.0 - attempt.judgement.explained for attempt in (better, first)]
-    clearer = chi2[0] < chi2[1] / 4.0 or unexplained[0] < unexplained[1] / 4.0
+    max_unexplained = first.judgement.unexplained / 4.0
+    clearer = chi2 < chi2_of_all / 4.0 or better.judgement.unexplained < max_unexplained
     return better if clearer or (better.adequate and _contradicted(first, better)) else first
 
 

@@ -26,7 +26,13 @@ from vibrident.fit.noise.averages import NEAREST_BINS, averaged_bins
 from vibrident.fit.noise.profile import slow_profile
 from vibrident.fit.response.bands import MIN_RELATIVE_POWER, band_edges
 from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, hann, power_of
+from vibrident.fit.response.transform import (
+    MIN_SPECTRUM_SAMPLES,
+    band_of,
+    band_sums,
+    hann,
+    power_of,
+)
 
 #: A factor whose real part has a larger standard deviation than this is left out.
 MAX_DEVIATION = 0.5
@@ -80,9 +86,9 @@ def band_factors(
     weights = counted / (bins.samples * bins.spectrum.psd)
     freed, information, score, nuisance_information = _scores(bins, motion, weights, edges)
     motion_power = power_of(motion)
-    power = _sums(motion_power, edges)
-    moment = _sums(np.arange(last) * motion_power, edges)
-    flat = _sums(counted * motion_power, edges)
+    power = band_sums(motion_power, edges)
+    moment = band_sums(np.arange(last) * motion_power, edges)
+    flat = band_sums(counted * motion_power, edges)
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
     # Of two real columns: the information less what the nuisances imitate.
     real_information = information - nuisance_information[0]
@@ -104,14 +110,16 @@ def band_factors(
     ) / divisor
     variance = 0.5 * trace / divisor
     squares = rho.real * score.real + rho.imag * score.imag
-    unexplained = freed - np.where(shows, rho, 0.0)[_band_of(edges, last)] * motion * (
+    unexplained = freed - np.where(shows, rho, 0.0)[band_of(np.arange(last), edges)] * motion * (
         weights > 0.0
     )
     power_ratio, steadiness = _unsteady_noise(
         bins, unexplained * np.sqrt(weights), motion * np.sqrt(weights), edges
     )
     unweighted = np.minimum(1.0, variance * flat / bins.samples)
-    variance_limit = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    variance_limit = (
+        0.5 * bins.count * band_sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    )
     variance_limit = np.maximum(variance_limit, MIN_RELATIVE_DEVIATION**2 * strongest) / np.maximum(
         power, 1e-300
     )
@@ -159,27 +167,17 @@ def _scores(
     inverse = inverse_where_shown(gram[:-1, :-1])
     weighted_motion = weight * np.conj(motion)
     freed = bins.residual - (inverse @ gram[:-1, -1]) @ bins.nuisances
-    cross = np.add.reduceat((weighted_motion * bins.nuisances)[:, : edges[-1]], edges[:-1], axis=1)
+    cross = band_sums(weighted_motion * bins.nuisances, edges)
     real = np.real(cross)
     imaginary = np.imag(cross)
     pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
     nuisance_information = [np.sum(first * second, axis=0) for first, second in pairs]
     return (
         freed,
-        _sums(weight * power_of(motion), edges),
-        _sums(weighted_motion * freed, edges),
+        band_sums(weight * power_of(motion), edges),
+        band_sums(weighted_motion * freed, edges),
         nuisance_information,
     )
-
-
-def _sums(lines: NDArray, edges: NDArray[np.int_]) -> NDArray:
-    """Return the sums over each band."""
-    return np.add.reduceat(lines[: edges[-1]], edges[:-1])
-
-
-def _band_of(edges: NDArray[np.int_], lines: int) -> NDArray[np.int_]:
-    """Return the number of each line's band; lines beyond the bands belong to the end ones."""
-    return np.clip(np.searchsorted(edges, np.arange(lines), side="right") - 1, 0, len(edges) - 2)
 
 
 def _unsteady_noise(

@@ -30,7 +30,14 @@ from vibrident.fit.response.rounding import (
     rounding_errors,
     undithered,
 )
-from vibrident.fit.response.transform import MEDIAN_OF_POWER, hann, line_frequencies, median
+from vibrident.fit.response.transform import (
+    MEDIAN_OF_POWER,
+    band_of,
+    band_sums,
+    hann,
+    line_frequencies,
+    median,
+)
 from vibrident.fit.uncertainty.adequacy import Adequacy
 
 SOURCE = "steps of the converters"
@@ -303,13 +310,9 @@ def _coherent_errors(
         lines *= transfer(line_frequencies(samples, rate))
     motion_lines = np.asarray(fft.rfft(motion), dtype=complex)
     edges = band_edges(samples, rate).astype(int)
-    cross_power = np.add.reduceat(
-        lines[:, : edges[-1]] * np.conj(motion_lines[: edges[-1]]), edges[:-1], axis=1
-    )
-    power = np.add.reduceat(np.abs(motion_lines[: edges[-1]]) ** 2, edges[:-1])
-    band = np.clip(
-        np.searchsorted(edges, frequency_hz * samples / rate, side="right") - 1, 0, len(edges) - 2
-    )
+    cross_power = band_sums(lines * np.conj(motion_lines), edges)
+    power = band_sums(np.abs(motion_lines) ** 2, edges)
+    band = band_of(frequency_hz * samples / rate, edges)
     return np.asarray(
         cross_power[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex
     )
