@@ -1,11 +1,10 @@
 """Measured over modelled response, band by band, at the bins and with the weights of a fit.
 
-With R the residual, Ŷ the response to the most likely motion, W the weights of the bins and P the
-projection off the nuisance columns N in W, the columns D = Ŷ·1[band] and jŶ·1[band] have the score
+Let R be the residual, Ŷ the response to the most likely motion, W the weights of the bins and P the
+projection off the nuisance columns N in W. The columns D = Ŷ·1[band] and jŶ·1[band] have the score
 s = D*WPR and the information G = D*WPD. Then ρ = G⁻¹ s is measured over modelled response less one,
 with the covariance G⁻¹, and s*G⁻¹s is χ² with two degrees of freedom. The fit makes the scores of
-its own columns vanish, so that χ² of all bands together has as many degrees of freedom less as
-there are parameters.
+its own columns vanish, so that χ² of all bands together loses one degree of freedom a parameter.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ from vibrident.fit.response.transform import (
 
 #: A factor whose real part has a larger standard deviation than this is left out.
 MAX_DEVIATION = 0.5
-#: The smaller eigenvalue of a band's information over the larger one: less is rounding of what the
-#: nuisances imitate.
+#: Smaller eigenvalue of a band's information over the larger one; below it the nuisances imitate
+#: the band, and the remainder is rounding.
 MIN_EIGENVALUE_RATIO = 1e-3
 #: Share of the noise's degrees of freedom that the projection of the motion leaves: 21 of 24 bins.
 FREE_SHARE = 0.875
@@ -71,8 +70,10 @@ def band_factors(
 ) -> Factors | None:
     """Return the factors of a record's bands, or None where no band holds enough motion.
 
-    ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape
-    (bins,).
+    Args:
+        bins: of the record.
+        sine: whether all bins are one band.
+        least: smallest variance of the noise, a sample, shape (bins,).
     """
     last = bins.residual.size
     edges = distinct(np.minimum(band_edges(bins.samples, 1.0).astype(int), last))
@@ -81,8 +82,8 @@ def band_factors(
         return None
     motion = motion_bins(bins)
     counted = bins.counts * (bins.spectrum.excited > 0.5)
-    # The fit's weights fade out where noise of the reference may be the motion; these do not, so
-    # that cov s = G.
+    # Unlike the fit's weights these do not fade out where noise of the reference may be the motion,
+    # so that cov s = G.
     weights = counted / (bins.samples * bins.spectrum.psd)
     freed, information, score, nuisance_information = _scores(bins, motion, weights, edges)
     motion_power = power_of(motion)
@@ -90,7 +91,7 @@ def band_factors(
     moment = band_sums(np.arange(last) * motion_power, edges)
     flat = band_sums(counted * motion_power, edges)
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
-    # Of two real columns: the information less what the nuisances imitate.
+    # Information of the two real columns, less what the nuisances imitate.
     real_information = information - nuisance_information[0]
     imaginary_information = information - nuisance_information[1]
     cross_information = -nuisance_information[2]
@@ -159,8 +160,8 @@ def _scores(
 
     Returns:
         The residual freed of the nuisances, shape (bins,); information and score of each band,
-        shape (bands,); what the nuisances take of the information: of the real column, of the
-        imaginary one and of their product.
+        shape (bands,); the information that the nuisances take from the real column, the imaginary
+        column and their product.
     """
     rows = np.concatenate([bins.nuisances, bins.residual[None]])
     gram = products(rows * weight, rows)
@@ -183,10 +184,10 @@ def _scores(
 def _unsteady_noise(
     bins: WeightedBins, residual: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray, float]:
-    """Return the noise power while each band moves over its mean, and how even it is in time.
+    """Return the noise power while each band moves over its mean, and the noise's steadiness.
 
-    The first is of shape (bands,), at least one; the second is at most one. A sweep passes a band
-    in a moment; where noise grows within the record, that moment differs from the mean.
+    The first has shape (bands,) and is at least one; the second is at most one. A sweep passes each
+    band in a moment, when changing noise differs from its mean.
 
     Args:
         bins: of the record.
@@ -212,6 +213,6 @@ def _unsteady_noise(
     motion_power = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
     shares = motion_power / np.maximum(np.sum(motion_power, axis=0), 1e-300)
     mean = float(np.mean(noise_power))
-    # What leaks into a band is of all the record, wherever the band moves: not below the mean.
+    # Noise of the whole record leaks into a band, whenever that moves: not below the mean.
     ratio = np.maximum(np.mean(power_stretches, axis=1) @ shares / mean, 1.0)
     return ratio, mean**2 / float(np.mean(noise_power**2))

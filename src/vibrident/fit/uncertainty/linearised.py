@@ -1,6 +1,6 @@
 """The fit at the excited frequencies, linearised around an estimate.
 
-It tells where the estimate would move, without fitting again. With H the model and M the measured
+It shows how the estimate would move without another fit. With H the model and M the measured
 response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z.
 """
 
@@ -47,8 +47,8 @@ class Linearised:
     ) -> Linearised:
         """Build two rows a point from complex responses.
 
-        ``relative_deviation``: relative standard deviation of their real part; all arrays of shape
-        (n,).
+        All arrays have shape (n,); ``relative_deviation``: standard deviation of the real part of
+        the response over its size.
         """
         response, slopes = log_slopes(coordinates, z, quantity, frequency_hz)
         ratio = measured / response - 1.0
