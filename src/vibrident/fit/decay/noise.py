@@ -29,7 +29,7 @@ class Noise:
     Attributes:
         whitening: coefficients of the prediction-error filter, the first of them one, shape (order
             + 1,).
-        tones_hz: tones in the record beside the motion.
+        tones_hz: tones in the record that are not of the motion.
     """
 
     whitening: FloatArray
@@ -67,7 +67,7 @@ def tones_of(
         residual: shape (samples,); zero where it is not known.
         rate_hz: sampling rate.
         skip_hz: band in which a line is motion and no tone.
-        known_hz: tones that were subtracted already.
+        known_hz: tones that are subtracted from the residual already.
     """
     remainder = np.array(residual)
     tones = []
