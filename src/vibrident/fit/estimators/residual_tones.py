@@ -1,11 +1,11 @@
 """The tones of the sine records, without the part that the network already explains.
 
-A sine fit of each channel alone is disturbed by motion beside the tone: vibration noise is in both
+Motion beside the tone disturbs a sine fit of each channel alone: vibration noise is in both
 channels, but its start and end in the record leave a transient in the response that no ratio of
-spectra takes out (Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's
+spectra removes (Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's
 residual e = y − ŷ(x; θ), which holds no vibration, initial state or start transient. The response's
-amplitude is then Y = H(θ) X + E. To first order it does not depend on the θ used, and after two
-rounds the dependence is negligible.
+amplitude is then Y = H(θ) X + E. To first order it does not depend on θ; after two rounds the
+dependence is negligible.
 """
 
 from __future__ import annotations
@@ -33,10 +33,7 @@ from vibrident.physics.discretisation.inputs import half_width_for
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
-    """Return the network over all records with band-limited inputs.
-
-    It is None where every record is too short for it.
-    """
+    """Return the network over all records with band-limited inputs, None if all are too short."""
     try:
         return network_of(
             evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values
@@ -88,8 +85,8 @@ def residual_tones(
     samples = np.array([record.mask.sum() for record in records])
     deviation = cleaned.error_deviation(response)
     max_noise_ratio = 1.5
-    # Noise of the reference passes the network: where it is above the noise beside the tone, a
-    # plain sine with the free motion is fitted, if that is not the noisier way.
+    # Noise of the reference passes the network. Where it exceeds the noise beside the tone, a plain
+    # sine with the free motion is fitted, unless that is noisier.
     noisy = (noise_rms > 3.0 * deviation * np.sqrt(samples / 2.0)) | (
         deviation > max_noise_ratio * plain.error_deviation(response)
     )
@@ -144,10 +141,10 @@ def roughly_cleaned(
 
 
 def _is_steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
-    """Return whether the reference keeps the size of its tone, as far as its noise tells.
+    """Return whether the reference keeps the size of its tone within its noise.
 
-    Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and
-    the sensor's answer to that is in no sine.
+    If the motion rings up or changes in size, its amplitude under Hann's window differs, and no
+    sine describes the sensor's response.
     """
     mask = record.mask
     turns = tones.frequency_hz[place] / record.sampling_rate_hz
@@ -170,11 +167,16 @@ def _tones_of_residuals(
     response_at: Callable[[FloatArray], ComplexArray],
     poles: ComplexArray,
 ) -> tuple[MeasuredResponse, FloatArray]:
-    """Return the tones of the residuals, and the rms of what is beside each.
+    """Return the tones of the residuals, and the rms of the noise beside each.
 
-    The rms is zero where a plain sine was fitted. Records and what the network predicts of them,
-    NaN where it does not reach, are in the order of the tones; ``response_at``: response of the
-    model.
+    The rms is zero where a plain sine was fitted.
+
+    Args:
+        records: in the order of the tones.
+        predicted: response of each by the network, NaN where it does not reach.
+        plain: tones of the records themselves.
+        response_at: complex sensitivity of the model at frequencies.
+        poles: of the sensor, 1/s.
     """
     residual_records = []
     reaches = []

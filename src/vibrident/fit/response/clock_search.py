@@ -42,8 +42,8 @@ class _Channels:
     rate_hz: float
 
     @classmethod
-    def of(cls, record: Record) -> _Channels:
-        """Return the channels of a record with a reference."""
+    def from_record(cls, record: Record) -> _Channels:
+        """Build the channels of a record with a reference."""
         assert record.reference is not None
         n = min(record.samples, LAST_SAMPLES)
         response = about_mean(record.response, record.mask)[:n]
@@ -56,10 +56,7 @@ class _Channels:
         return len(self.reference)
 
     def moves_in(self, samples: int) -> bool:
-        """Return whether the first samples hold enough of the motion.
-
-        That is a quarter of the mean power of all, under their window.
-        """
+        """Return whether the first samples hold a quarter of the motion's mean power, windowed."""
         power = self.reference**2
         n = min(samples, self.samples)
         return float(hann(n) ** 2 @ power[:n]) / n >= 0.25 * float(np.mean(power))
@@ -146,7 +143,7 @@ class _BandResponse(NamedTuple):
     Attributes:
         response: shape (K,).
         total: power of the response in the whole band.
-        delay_s: by which most of the response comes after the reference.
+        delay_s: delay of most of the response.
     """
 
     response: ComplexArray
@@ -155,10 +152,7 @@ class _BandResponse(NamedTuple):
 
 
 def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
-    """Return by how many samples the peak of the impulse response is late.
-
-    0 where the poles of a sensor explain that.
-    """
+    """Return the delay of the impulse response's peak, 0 where a sensor's poles may explain it."""
     n = motion.samples
     x = motion.reference
     ratio = np.zeros(n // 2 + 1, dtype=complex)
@@ -189,8 +183,8 @@ class _Basis(NamedTuple):
 class ClockSearch:
     """Search for the ratio of clocks at which a rational transfer function explains most.
 
-    Each record counts by its size, so that one large one does not decide; a common delay comes from
-    the one with most bins.
+    Records are scaled by their size, so that a large one does not decide alone; a common delay is
+    that of the record with most bins.
 
     Attributes:
         driven: channels of the records that have a reference.
@@ -205,15 +199,17 @@ class ClockSearch:
     delayed: bool
 
     @classmethod
-    def of(cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> ClockSearch:
-        """Return the search in the records that have a reference."""
-        driven = tuple(_Channels.of(r) for r in records if r.reference is not None)
+    def from_records(
+        cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool
+    ) -> ClockSearch:
+        """Build the search in the records that have a reference."""
+        driven = tuple(_Channels.from_record(r) for r in records if r.reference is not None)
         return cls(driven, poles, zeros, delayed)
 
     def begin(self) -> int:
         """Return the number of samples with which the search begins.
 
-        In them the motion is nearly as strong as in the whole records.
+        They show motion nearly as strong as that of a whole record.
         """
         samples = FIRST_SAMPLES
         while samples < LAST_SAMPLES and not any(
@@ -223,10 +219,7 @@ class ClockSearch:
         return samples
 
     def valley(self, samples: int) -> float:
-        """Return the width of the valley at so many samples.
-
-        It is the inverse of the periods of the fastest motion in them.
-        """
+        """Return the width of the valley: one over the periods of the fastest motion in samples."""
         return 1.0 / max(
             channels.motion(samples).hz[-1] * min(samples, channels.samples) / channels.rate_hz
             for channels in self.driven
@@ -235,7 +228,7 @@ class ClockSearch:
     def unexplained(self, offset: float, samples: int) -> float:
         """Return the fraction of the response's power that no rational function explains.
 
-        Where that is much at no offset, another delay is tried: of tones the impulse response has
+        Where it is large at no offset, another delay is tried: the impulse response of tones has
         many peaks, and a wrong delay must not pass for two clocks.
         """
         responses = [channels.response_at(offset, samples) for channels in self.driven]
@@ -266,7 +259,7 @@ class ClockSearch:
     def _basis(self, samples: int) -> _Basis:
         """Return the powers of the bins with motion, cached by number of samples.
 
-        The orders are at most what the number of tones determines.
+        The orders are limited to those that the number of tones determines.
         """
         if samples not in self._bases:
             hz = np.concatenate([channels.motion(samples).hz for channels in self.driven])
@@ -285,7 +278,7 @@ class ClockSearch:
     def bottom(self, offset: float, width: float, samples: int) -> float:
         """Return the bottom of a valley, by golden sections (Kiefer 1953).
 
-        0 where the valley is not much deeper than there.
+        It is 0 where the valley is not much deeper there than at 0.
 
         Args:
             offset: middle of the valley.
@@ -317,8 +310,8 @@ class ClockSearch:
 def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> float:
     """Return the power that the best of the linearised fits of a transfer function leaves.
 
-    With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel move
-    anywhere.
+    With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel may
+    lie anywhere.
     """
     pole_powers = basis.powers[1 : basis.poles + 1]
     zero_powers = basis.powers[: basis.zeros + 1]
