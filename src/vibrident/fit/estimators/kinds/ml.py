@@ -133,8 +133,40 @@ class MaximumLikelihood(Estimator):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """Return the estimate with a model error beside the noise, if the deviations demand one."""
-        return with_random_effect(evidence, estimate, progress) if self.model_error else None
+        """Return the estimate with a relative model error beside the noise, as large as needed.
+
+        None if the deviations demand none, or the settings allow none.
+        """
+        tones = estimate.tones
+        if tones is None or not self.model_error:
+            return None
+        coordinates = estimate.coordinates
+        z = estimate.z
+        problem = solved_problem(estimate, evidence)
+        degrees = problem.equations - len(z)
+        squares = np.sum(np.square(problem.residual(z, coordinates).reshape(2, -1)), axis=0)
+        if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
+            return None
+        low = np.log(1e-9)
+        high = 0.0
+        for _ in range(20):  # to a relative step of 2e-5
+            middle = 0.5 * (low + high)
+            widened = problem.with_random_effect(float(np.exp(middle)))
+            if _descend(coordinates, z, widened, progress).costs[-1] > degrees:
+                low = middle
+            else:
+                high = middle
+        error = float(np.exp(0.5 * (low + high)))
+        widened = problem.with_random_effect(error)
+        trace = _descend(coordinates, z, widened, progress)
+        return replace(
+            estimate,
+            z=trace.last,
+            covariance=_covariance(widened, coordinates, trace.last),
+            degrees_of_freedom=float(degrees),
+            trace=trace,
+            findings=Findings(model_error=error),
+        )
 
 
 ML = MaximumLikelihood()
@@ -164,50 +196,6 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
             remedy="use the estimator 'auto'",
         )
     return problem
-
-
-def with_random_effect(
-    evidence: Evidence, estimate: Estimate, progress: Progress
-) -> Estimate | None:
-    """Return the estimate with a relative model error added to the noise.
-
-    It is None if the deviations demand none.
-    """
-    tones = estimate.tones
-    if tones is None:
-        return None
-    problem = solved_problem(estimate, evidence)
-    degrees = problem.equations - len(estimate.z)
-    residual = problem.residual(estimate.z, estimate.coordinates)
-    squares = np.sum(np.square(residual.reshape(2, -1)), axis=0)
-    if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
-        return None
-
-    def fit_with_error(error: float) -> tuple[FrequencyProblem, Trace]:
-        widened_problem = problem.with_random_effect(error)
-        return widened_problem, _descend(
-            estimate.coordinates, estimate.z, widened_problem, progress
-        )
-
-    low = np.log(1e-9)
-    high = np.log(1.0)
-    for _ in range(20):  # to a relative step of 2e-5
-        middle = 0.5 * (low + high)
-        _, trace = fit_with_error(float(np.exp(middle)))
-        if trace.costs[-1] > degrees:
-            low = middle
-        else:
-            high = middle
-    error = float(np.exp(0.5 * (low + high)))
-    widened_problem, trace = fit_with_error(error)
-    return replace(
-        estimate,
-        z=trace.last,
-        covariance=_covariance(widened_problem, estimate.coordinates, trace.last),
-        degrees_of_freedom=float(degrees),
-        trace=trace,
-        findings=Findings(model_error=error),
-    )
 
 
 def weighted_problem(
