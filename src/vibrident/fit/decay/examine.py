@@ -29,7 +29,7 @@ from vibrident.fit.decay.motion import (
     shortened,
     unit,
 )
-from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
+from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of, without_columns
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.response.verdict import REJECTION
@@ -187,7 +187,8 @@ def _with_noise(decay: DecayFit) -> Stretch:
         fitted = 1
     tones = tones_of(residual[begin:], stretch.rate_hz, motion_hz, known_hz)
     white = replace(WHITE, tones_hz=tones)
-    residual = _without_tones(residual, replace(stretch, noise=white))
+    nuisances = replace(stretch, noise=white, drift=False).nuisance_columns()
+    residual = without_columns(residual, nuisances)
     coarse = resolution(stretch.response[stretch.valid]) / np.sqrt(12.0)
     if np.std(residual[begin:]) < 1.5 * coarse:
         # At rest a coarse recorder shows a constant, not its noise.
@@ -209,12 +210,6 @@ def _while_larger(decay: DecayFit, level: float) -> Stretch:
     larger = np.flatnonzero(np.abs(decay.free()) > level)
     last = int(larger[-1]) + 1 if larger.size else stretch.response.size
     return shortened(stretch, 0, last) if last > 4 * MIN_SAMPLES else stretch
-
-
-def _without_tones(residual: FloatArray, stretch: Stretch) -> FloatArray:
-    """Return a residual without offset, tones and further columns of the stretch."""
-    columns = replace(stretch, drift=False).nuisance_columns()
-    return residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
 
 
 def _with_drift(decay: DecayFit) -> DecayFit:

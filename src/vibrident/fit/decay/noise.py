@@ -76,9 +76,14 @@ def tones_of(
         if tone is None:
             break
         tones.append(_refined(remainder, tone, rate_hz))
-        basis = tone_columns(tuple(tones), np.arange(remainder.size) / rate_hz)
-        remainder = residual - basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+        columns = tone_columns(tuple(tones), np.arange(remainder.size) / rate_hz)
+        remainder = without_columns(residual, columns)
     return (*known_hz, *tones)
+
+
+def without_columns(series: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return a series less its least-squares fit by columns, shape (samples, n)."""
+    return series - columns @ np.linalg.lstsq(columns, series, rcond=None)[0]
 
 
 def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:

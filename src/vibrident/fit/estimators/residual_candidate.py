@@ -135,8 +135,10 @@ def _noise(candidate: ResidualCandidate, lanes: np.ndarray) -> FloatArray:
     squares = np.sum(candidate.residuals(lanes) ** 2, axis=0)
     counts = np.sum(np.asarray(problem.lanes.weight), axis=0) * lanes
     used = record_of_lane >= 0
-    total = np.bincount(record_of_lane[used], weights=squares[used], minlength=len(problem.records))
-    number = np.bincount(record_of_lane[used], weights=counts[used], minlength=len(problem.records))
+    total, number = (
+        np.bincount(record_of_lane[used], weights=sums[used], minlength=len(problem.records))
+        for sums in (squares, counts)
+    )
     has_lanes = number > 0
     deviation = np.array(
         [float(np.std(record.response[record.mask])) for record in problem.records]
