@@ -19,7 +19,7 @@ from vibrident.fit.problem import FrequencyProblem
 from vibrident.fit.start.search import TargetFRF
 from vibrident.fit.start.start import Start, find_start, sought_response
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
-from vibrident.fit.uncertainty.parameters import deviations, parameter_units
+from vibrident.fit.uncertainty.parameters import parameter_units, standard_uncertainties
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, parse
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
@@ -76,7 +76,6 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
     estimate = fitted.estimate
     judgement = fitted.judgement
     coordinates = estimate.coordinates
-    z = estimate.z
     points = judgement.adequacy
     if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
         return []
@@ -88,11 +87,7 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
         sought = TargetFRF(
             points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False
         )
-    uncertainty = np.abs(coordinates.slopes(z)) * deviations(covariance)
-    solution = Solution(
-        fitted.values,
-        dict(zip(coordinates.model.parameter_names, uncertainty.tolist(), strict=True)),
-    )
+    solution = Solution(fitted.values, standard_uncertainties(coordinates, estimate.z, covariance))
     units = parameter_units(evidence.model, evidence.calibration)
     return list(
         other_solutions(

@@ -11,6 +11,7 @@ from vibrident.data.records import SystematicEffect
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.departure_report import departure_names
+from vibrident.fit.uncertainty.parameters import standard_uncertainties
 from vibrident.physics.models import ADD_ONS, installed
 
 DELAY = "delay"
@@ -63,11 +64,9 @@ def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
         delayed = fitted.once(replace(evidence, model=model, start=start))
     except VibridentError:
         return None
-    coordinates = delayed.estimate.coordinates
-    z = delayed.estimate.z
-    place = model.parameter_names.index(DELAY)
-    variance = float(delayed.estimate.covariance[place, place])
+    estimate = delayed.estimate
     delay_s = delayed.values[DELAY]
-    u = abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance)
-    step_s = evidence.records[0].sampling_interval_s
-    return (delay_s, u) if delayed.adequate and abs(delay_s) < step_s else None
+    if not delayed.adequate or abs(delay_s) >= evidence.records[0].sampling_interval_s:
+        return None
+    u = standard_uncertainties(estimate.coordinates, estimate.z, estimate.covariance)
+    return delay_s, u[DELAY]

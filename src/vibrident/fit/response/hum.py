@@ -281,15 +281,14 @@ def _peaks(power: FloatArray) -> list[int]:
     """Return the numbers of the significant lines, the strongest first."""
     inner = power[2:-2]
     limit = 4 * MAX_TONES
-    largest = (
-        np.argpartition(-inner, limit)[:limit] if inner.size > limit else np.arange(inner.size)
-    )
+    largest = np.argpartition(-inner, limit)[:limit]
     largest = (largest[np.argsort(-inner[largest])] + 2).tolist()
-    return [
-        m
-        for m in largest
-        if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > MIN_PEAK_RATIO
-    ]
+    return [m for m in largest if _is_top(power, m) and _above(power, m) > MIN_PEAK_RATIO]
+
+
+def _is_top(power: FloatArray, line: int) -> bool:
+    """Return whether a line is not below its neighbours."""
+    return bool(power[line] >= max(power[line - 1], power[line + 1]))
 
 
 def _strongest(
@@ -315,7 +314,7 @@ def _strongest(
             m
             for m in (peak - 1, peak, peak + 1)
             if 1 < m < power.size - 2
-            and motion[m] >= max(motion[m - 1], motion[m + 1])
+            and _is_top(motion, m)
             and (may_be_misfit or _above(motion, m) > MIN_PEAK_RATIO)
         )
         if all(abs(_summit(motion, m) - place) > MIN_DISTANCE_LINES for m in of_motion):
@@ -337,18 +336,14 @@ def _is_harmonic(place: float, fundamental: float, half: int) -> bool:
 
 
 def _above(power: FloatArray, peak: int) -> float:
-    """Return the power of a line over the median of those around; zero without these."""
+    """Return the power of a line over the median of those around."""
     around = np.concatenate(
         [
             power[max(peak - MAX_AROUND_LINES, 1) : max(peak - MIN_AROUND_LINES, 1)],
             power[peak + MIN_AROUND_LINES + 1 : peak + MAX_AROUND_LINES],
         ]
     )
-    return (
-        float(power[peak] / max(float(median(around)), np.finfo(float).tiny))
-        if around.size
-        else 0.0
-    )
+    return float(power[peak] / max(float(median(around)), np.finfo(float).tiny))
 
 
 def _summit(power: FloatArray, peak: int) -> float:

@@ -37,6 +37,14 @@ def deviations(covariance: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
+def standard_uncertainties(
+    coordinates: Coordinates, z: FloatArray, covariance: FloatArray
+) -> dict[str, float]:
+    """Return the standard uncertainty of each estimated parameter, by name."""
+    u = np.abs(coordinates.slopes(z)) * deviations(covariance)
+    return dict(zip(coordinates.model.parameter_names, u.tolist(), strict=True))
+
+
 def weakly_determined(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray
 ) -> tuple[dict[str, str], list[ResultWarning]]:
@@ -241,7 +249,7 @@ def parameter_table(
     values = coordinates.values(z)
     unstated_names = unstated(coordinates, z, covariance)
     deviation = deviations(covariance)
-    slopes = np.abs(coordinates.slopes(z))
+    uncertainty = standard_uncertainties(coordinates, z, covariance)
     k = coverage_factor(degrees_of_freedom)
     table = {}
     for index, spec in enumerate(model.parameters):
@@ -250,7 +258,7 @@ def parameter_table(
         table[spec.name] = Parameter(
             value=values[spec.name],
             unit=_unit(spec.unit, units),
-            standard_uncertainty=float(slopes[index] * deviation[index]) if stated else None,
+            standard_uncertainty=uncertainty[spec.name] if stated else None,
             interval_95=(float(low), float(high)) if stated else (None, None),
             identifiable=stated and spec.name not in doubtful,
         )

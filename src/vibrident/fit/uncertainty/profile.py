@@ -391,8 +391,6 @@ class _EndSearch:
                 damping = 0.1 * damping
                 if settled:
                     break
-            elif damping > 1e8:
-                break
             else:
                 damping *= 10.0
         rise = share * (float(current.cost) - self.least_cost)
