@@ -45,7 +45,7 @@ MIN_STEPS = 6.0
 SPLITS = (0.1, 0.25, 0.5)
 #: Beginning and end of a decay differ below this probability.
 CHANGE_PROBABILITY = 1e-4
-#: A column is spanned by others that leave less than this fraction of it, in squares.
+#: Other columns span a column if they leave less than this fraction of its square.
 MIN_INDEPENDENT = 1e-6
 
 
@@ -82,7 +82,7 @@ class OscillatorChange:
 
     @property
     def words(self) -> str:
-        """Return what changes with the amplitude, for a message."""
+        """Return the sentence on the change."""
         f0, f1 = self.frequency_hz
         d0, d1 = self.damping
         a0, a1 = self.amplitude

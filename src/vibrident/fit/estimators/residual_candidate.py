@@ -72,7 +72,7 @@ class ResidualCandidate:
     def residuals(self, lanes: np.ndarray) -> FloatArray:
         """Return the residual, zero outside the lanes chosen, shape (L, M).
 
-        Initial states and offsets are those of all lanes.
+        All lanes determine initial states and offsets.
         """
         problem = self.problem
         residual = np.asarray(problem.lanes.response) - np.asarray(
@@ -128,7 +128,7 @@ def prior_weights(coordinates: Coordinates) -> FloatArray:
 def _noise(candidate: ResidualCandidate, lanes: np.ndarray) -> FloatArray:
     """Return the noise of every record from the lanes chosen.
 
-    The noise of a record without chosen lanes is in proportion to its size, as that of the others.
+    A record without chosen lanes has noise in proportion to its size, as the other records.
     """
     problem = candidate.problem
     record_of_lane = problem.by_lane(np.arange(len(problem.records)), fill=-1).astype(int)

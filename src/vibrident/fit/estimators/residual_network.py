@@ -99,7 +99,7 @@ class ResidualIpnn(Estimator):
             return _estimate_of_physics(
                 plain, "no network predicts held-out data better than the physics alone", summaries
             )
-        # A larger network must leave 80 % or less of what the smaller one left (mean square).
+        # A larger network must leave at most 80 % of the mean square that a smaller one leaves.
         best = min(useful, key=lambda pair: pair[1].remainder * 0.8 ** (2 - len(pair[0])))
         candidate = best[1].candidate.trained(np.ones(train.shape, dtype=bool), progress, 1e-3)
         return _estimate_with_network(plain, physics.problem, best[0], candidate, summaries)
@@ -165,8 +165,8 @@ def _judge(
     residual_after = best.residuals(~train) / scale
     gain = float(np.sum(residual_before**2 - residual_after**2))
     remaining = float(np.sum(residual_after**2))
-    # Where the network has learned nothing but noise, its prediction moves by δ at random: Σ r δ
-    # has this deviation.
+    # Where the network has learned noise alone, its prediction moves by a random δ: Σ r δ has this
+    # deviation.
     products = np.sum(
         (residual_after * (residual_before - residual_after)).reshape(-1, BLOCK_STEPS, scale.size),
         axis=1,
@@ -212,7 +212,7 @@ def _estimate_with_network(
 ) -> Estimate:
     """Return the estimate with the network beside the physics, and the share of each by record.
 
-    The records less what was learned are what the physics has to explain.
+    The physics has to explain the records less the learned part.
     """
     assert plain.problem is not None
     count = len(plain.z)
@@ -279,7 +279,7 @@ def _estimate_with_network(
 
 
 def _rms_share(added: FloatArray, predicted: FloatArray) -> float:
-    """Return the rms of what the network adds, over that of the whole prediction."""
+    """Return the rms of the network's output over that of the prediction."""
     deviation = float(np.nanstd(predicted)) if np.isfinite(predicted).any() else 0.0
     return _rms(added) / deviation if deviation > 0 else 0.0
 

@@ -79,7 +79,7 @@ def residual_tones(
         unpredicted if predicted is None else [predicted[index] for index in plain.record]
     )
     cleaned, noise_rms = _tones_of_residuals(records, predicted_by_tone, plain, response, poles)
-    # Only the network brings the tones of a nonlinear model to what its linear part answers.
+    # Only the network reduces the tones of a nonlinear model to those of its linear part.
     if predicted is None or not model.is_linear:
         return cleaned
     samples = np.array([record.mask.sum() for record in records])
@@ -130,7 +130,7 @@ def roughly_cleaned(
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
-        # Of fewer samples or periods, offset and mirror image mix with the tone.
+        # With fewer samples or periods, offset and mirror image mix with the tone.
         if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:
             wave = phasors(
                 record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz
@@ -182,7 +182,7 @@ def _tones_of_residuals(
     reaches = []
     for record, series in zip(records, predicted, strict=True):
         used = record.mask & np.isfinite(series)
-        # Where the network reaches too little, or interpolates by too few samples to be good to
+        # Where the network predicts too few samples, or interpolates by too few for an error of
         # 1e-5, the record keeps all its samples and its vibration noise.
         reaches.append(
             half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum())

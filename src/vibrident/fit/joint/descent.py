@@ -115,7 +115,7 @@ class Balance:
 class Descent:
     """The joint estimate, with the fits and effects that it was made of."""
 
-    problem: JointProblem  # what was fitted, after repetition
+    problem: JointProblem  # with the fits that were repeated
     effects: tuple[Effect, ...]  # each once
     balance: Balance
     near: tuple[CalibrationScore, ...]  # residual of each fit near the joint estimate
@@ -287,7 +287,7 @@ def _best_optimum(
 def _starts(problem: JointProblem) -> list[FloatArray]:
     """Return joint coordinates whose shared ones are those of each calibration in turn.
 
-    Each comes twice: with the delays of all calibrations, and with that of its own for all.
+    Each comes twice: with the delay of every calibration, and with its own delay for all.
     """
     fitted = problem.fitted
     starts = []

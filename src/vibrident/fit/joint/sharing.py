@@ -34,7 +34,7 @@ class JointParameter:
     """A parameter of the joint fit: one of a calibration, or shared by several."""
 
     name: str  # of the parameter
-    #: Calibration, and index in its model, of each parameter that is this one.
+    #: Calibration, and index in its model, of each parameter that this one stands for.
     members: tuple[tuple[int, int], ...]
 
 
@@ -95,7 +95,7 @@ def _check_common(
     share: Sequence[str] | None,
     calibrations: Sequence[Calibration],
 ) -> None:
-    """Refuse calibrations that have nothing to share, or not what was asked for.
+    """Refuse calibrations that have nothing, or not the names asked for, in common.
 
     Raises:
         InputError: nothing, or a name in ``share``, is common to two calibrations.
@@ -161,9 +161,9 @@ def _offset_and_scale(
 
 @dataclass(frozen=True)
 class Verdict:
-    """A test of consistency: χ² of a difference, its degrees of freedom, and its probability.
+    """A test of consistency: χ² of a difference, and the probability that it is as large.
 
-    The probability is that of at least this χ² for consistent data.
+    The probability holds for consistent data.
     """
 
     chi2: float

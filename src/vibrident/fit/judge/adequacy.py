@@ -251,9 +251,9 @@ def _is_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) 
 def _predict(
     evidence: Evidence, estimate: Estimate
 ) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
-    """Return the predicted responses by the network, and its weights as the paper's Table 1.
+    """Return the responses that the network predicts, and its weights as the paper's Table 1.
 
-    The network's weights are exact, or those it was trained with.
+    The network has the weights of its training, or exact ones if it was not trained.
     """
     step = estimate.findings.method
     values = estimate.coordinates.values(estimate.z)
@@ -307,7 +307,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     relative = problem.relative_deviation
     scatter = None
     if table.magnitude_uncertainty is None:
-        # Where nothing tells the scatter, the points say nothing.
+        # Where no point is left to judge the scatter by, the points determine nothing.
         scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))
         relative = relative * scatter
         chi2 = None

@@ -35,7 +35,7 @@ class DepartureReport:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A calibration with its estimate, before anything is stated of it.
+    """A calibration with its estimate and judgement, before it becomes a result.
 
     Attributes:
         evidence: the data.

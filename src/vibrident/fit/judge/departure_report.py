@@ -27,8 +27,8 @@ BESIDE_ITS_MIDDLE = (
     "its middle, as under a static load, is not, and the parameters are off by more than their "
     "uncertainty says."
 )
-#: A longer shift of a coordinate is beyond what a linearised fit tells: a gain twice as large, e
-#: times the frequency.
+#: A linearised fit predicts no longer shift of a coordinate: a gain twice as large, e times the
+#: frequency.
 MAX_SHIFT = 1.0
 #: A smaller shift, in standard uncertainties, is rounding or next to nothing: no number is stated.
 MIN_STATED_SHIFT = 0.01
@@ -184,10 +184,10 @@ class _Report:
     def groups_that_matter(self) -> list[DepartureGroup]:
         """Return the departures that matter.
 
-        They move a parameter by its standard uncertainty, are the first of a misfit, or matter to
-        no first order: an interferometer's light that is wrong at a harmonic is wrong at the tone,
-        and a spring that rests beside its middle moves the parameters by the square of what shows
-        it.
+        They move a parameter by its standard uncertainty, are the most significant of a misfit, or
+        have effects that no first order shows: an interferometer that is wrong at a harmonic is
+        wrong at the tone, and a spring that rests beside its middle moves the parameters by the
+        square of its distance.
         """
         adequacy = self.fitted.judgement.adequacy
         unexplained = not adequacy.adequate and adequacy.degrees_of_freedom > 0
@@ -212,7 +212,7 @@ class _Report:
     def stated(
         self, groups: Iterable[DepartureGroup], warned: Iterable[DepartureGroup]
     ) -> DepartureReport:
-        """Return the findings of ``groups`` and the warnings of those ``warned`` of."""
+        """Return the findings of ``groups``, and the warnings of the groups ``warned``."""
         return DepartureReport(
             tuple(
                 self._finding(departure, group)
@@ -271,7 +271,7 @@ class _Report:
     def _without(
         self, departure: SignificantDeparture, moving: DepartureGroup | Score, pronoun: str
     ) -> str:
-        """Return the sentence on what the parameter that moves most would be.
+        """Return the sentence on the value, without the departures, of the parameter moved most.
 
         Args:
             departure: of which the sentence is.

@@ -140,7 +140,7 @@ def document(
 def _with_intervals(
     doubts: Sequence[ResultWarning], widened: Mapping[str, str]
 ) -> list[ResultWarning]:
-    """Return the doubts with the sentences on widened intervals in place of those they replace.
+    """Return the doubts, with sentences on widened intervals in place of those that they replace.
 
     ``widened``: sentence of each parameter with an interval of the profile, by name.
     """
@@ -186,8 +186,8 @@ def covered(rows: Sequence[BudgetRow]) -> list[str]:
 def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
     """Return which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
 
-    They hold scatter, and what was stated of the chain. The uncertainty that a table states of its
-    points is all that its laboratory says of them, the chain's with it.
+    They hold the scatter of the data, and statements on the chain. The uncertainty that a table
+    states of its points includes that of the chain.
     """
     kinds = {row.kind for row in rows}
     if table is not None and table.magnitude_uncertainty is not None:
@@ -225,7 +225,7 @@ def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
         for effect, size in fitted.judgement.effects
     ]
     for row, correction in zip(amounts, evidence.corrections, strict=False):
-        row["uncertainty_in_u"] = correction.uncertainty  # of what the records are corrected for
+        row["uncertainty_in_u"] = correction.uncertainty  # after the correction
     bands = {record.band_hz for record in evidence.records if record.band_hz is not None}
     settings = {
         "systematic_effects_seen": amounts,

@@ -34,7 +34,7 @@ ROUGH_STEPS = 4
 MAX_EVALUATIONS = 60
 #: Deviation, in its standard deviation, from which a point counts as wild.
 WILD = 3.0
-#: Part of what the model leaves that an explanation may leave.
+#: Part of the cost of the model alone that an explanation may leave.
 MAX_REMAINING_SHARE = 0.25
 #: Degrees of freedom that must remain.
 MIN_FREEDOM = 6

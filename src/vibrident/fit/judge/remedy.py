@@ -93,9 +93,9 @@ def _likely_models(fitted: Fitted) -> Iterator[tuple[SensorModel, dict[str, floa
 def _models_that_explain(
     problem: FrequencyProblem, models: Sequence[SensorModel], fitted: Fitted
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Yield models that leave a tenth of χ²/ν or less, or little, with their parameters.
+    """Yield models whose χ²/ν is a tenth of the present one's or small, with their parameters.
 
-    They leave no more than 30 times what the best one leaves.
+    It is no more than 30 times that of the best model.
 
     Args:
         problem: the points.
@@ -152,7 +152,7 @@ def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
     Each of the two comes as lists of models with equally many parameters, the fewest first.
     """
     present = evidence.model.name.split("+")
-    # A mounting does to the data of one mounting what a second mode does, which is tried.
+    # In data of a single mounting, a mounting is the same as a second mode, which is tried.
     add_ons = [
         addon for addon in ADD_ONS.values() if addon.force is None and not addon.before_sensor
     ]

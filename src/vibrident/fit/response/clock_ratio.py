@@ -65,7 +65,9 @@ def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed:
     search = ClockSearch.from_records(records, poles, zeros, delayed=delayed)
     if not search.driven:
         return 0.0
-    width = min(0.5 * search.valley(LAST_SAMPLES), MAX_OFFSET)  # few periods tell no clocks apart
+    width = min(
+        0.5 * search.valley(LAST_SAMPLES), MAX_OFFSET
+    )  # a wide valley of few periods is cut
     offsets = width * np.arange(-2 * MAX_PERIODS, 2 * MAX_PERIODS + 1)
     offsets = offsets[np.abs(offsets) <= MAX_OFFSET]
     unexplained = [search.unexplained(offset, LAST_SAMPLES) for offset in offsets]

@@ -26,10 +26,10 @@ MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motio
 LOBE_BINS = 5  # of a tone under the window
 ITERATIONS = 3  # of the linearised fit
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # of an interval, the longer part
-PRECISION = 1e-3  # of the valley's width; the departure from the fit tells the last digits
+PRECISION = 1e-3  # of the valley's width; the test of departures from the fit gives the last digits
 MIN_GAIN = 4.0  # by which the unexplained part must fall; leakage of short records makes 3
 FIRST_SAMPLES = 1 << 11  # in which the search begins
-LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit goes on by itself
+LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit itself follows
 FINER = 8  # points of the interpolation between two samples; the search needs no better one
 
 
@@ -243,7 +243,7 @@ class ClockSearch:
     def _unexplained_at(
         self, responses: Sequence[_BandResponse], samples: int, delay_s: float
     ) -> float:
-        """Return what is not explained beside a common delay."""
+        """Return the unexplained fraction at a common delay."""
         basis = self._basis(samples)
         sizes = [np.sqrt(measured.total) for measured in responses]
         references = [channels.motion(samples).reference for channels in self.driven]

@@ -142,7 +142,7 @@ def spectral_peak(
     magnitude = np.ones(size // 2 + 1)
     for signal in signals:
         lines = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
-        if np.any(lines):  # a channel that rests tells nothing
+        if np.any(lines):  # a channel at rest has no peak
             magnitude *= lines / np.max(lines)
     bins_hz = np.arange(magnitude.shape[0]) * rate / size
     allowed = bins_hz > 0.25 * rate / n

@@ -233,8 +233,8 @@ def _hum_places(record: Record, frequency: float) -> FloatArray:
 def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tuple[Terms, int]:
     """Return the terms over the span that is used, and how many belong to the tone.
 
-    The tone's own are cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, one and
-    t; those of the free response and of hum follow.
+    The tone has cos hωt and sin hωt for the harmonics below 0.45 of the sampling rate, one and t.
+    Terms of the free response and of hum follow.
     """
     mask = record.mask
     rate = record.sampling_rate_hz

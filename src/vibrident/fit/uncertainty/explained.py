@@ -27,7 +27,7 @@ from vibrident.fit.response.transform import power_of
 MIN_EXPLAINED = 0.1
 #: A model may leave this share of the power unexplained …
 MAX_UNEXPLAINED = 0.01
-#: … or this many times what is incoherent, or what chance leaves with this probability.
+#: … or this many times the incoherent share, or as much as chance leaves with this probability.
 MAX_INCOHERENT_RATIO = 4.0
 MIN_PROBABILITY = 1e-6
 #: A sensor that changes leaves as much incoherent with the motion as its best model leaves

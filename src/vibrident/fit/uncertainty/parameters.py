@@ -50,7 +50,7 @@ def weakly_determined(
 ) -> tuple[dict[str, str], list[ResultWarning]]:
     """Return the weakly determined parameters, and warnings of these and of parameters at a bound.
 
-    Each name has that of the parameter which it trades against, or "".
+    The value of each name is the name of the parameter that it trades against, or "".
     """
     model = coordinates.model
     correlations = _correlations(covariance)

@@ -35,7 +35,7 @@ PRIOR = (
     "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit "
     "searches; flat in gain, delay, the share of a second mode and asinh of damping ratios"
 )
-#: A chain that lasts fewer autocorrelation times does not tell them (emcee's documentation).
+#: Fewest autocorrelation times of a chain that determines them (emcee's documentation).
 MIN_AUTOCORRELATION_TIMES = 50.0
 #: Share of steps by differential evolution (ter Braak 2006); the others jump between modes, as
 #: emcee's documentation proposes.

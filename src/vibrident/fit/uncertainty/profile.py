@@ -43,7 +43,7 @@ GAIN_TOLERANCE = 1e-3
 #: Points stand for the data where the data's standard uncertainties are at most this many times
 #: larger.
 MAX_LOSS = 1.2
-#: Rounds of searches for ends; after the first, for those that a place of another search is beyond.
+#: Rounds of searches for ends; those after the first are for ends that another search passed.
 MAX_PASSES = 2
 #: A ratio does not move from zero, as its square counts: it starts from here, too.
 NONZERO_START = 0.3
@@ -68,7 +68,7 @@ class Profile:
 
     @property
     def points(self) -> FloatArray:
-        """Return all ends, shape (n, p), without those that are open."""
+        """Return all ends that are not open, shape (n, p)."""
         flat = self.ends.reshape(-1, self.ends.shape[-1])
         return flat[np.all(np.isfinite(flat), axis=1)]
 
