@@ -80,7 +80,6 @@ def _slow_lines(series: FloatArray) -> ComplexArray:
     body = series[: rows * width].reshape(rows, width)
     remainder = series[rows * width :]
     sums = body @ inner.real + 1j * (body @ inner.imag)
-    return np.asarray(
-        np.sum(outer * sums, axis=0)
-        + remainder @ np.exp(np.arange(rows * width, n)[:, None] * turn)
+    return np.sum(outer * sums, axis=0) + remainder @ np.exp(
+        np.arange(rows * width, n)[:, None] * turn
     )

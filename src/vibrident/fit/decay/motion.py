@@ -79,7 +79,7 @@ def free_motion(
         damping_ratio: any.
         time_s: from the beginning of the motion, shape (samples,).
     """
-    angle = 2.0 * np.pi * natural_frequency_hz * np.asarray(time_s, dtype=float)
+    angle = 2.0 * np.pi * natural_frequency_hz * time_s
     square = damping_ratio**2 - 1.0
     if square < 0.0:
         # Differences about no damping may grow.
@@ -319,7 +319,7 @@ class DecayFit:
     @property
     def covariance(self) -> FloatArray:
         """Return the covariance of the coordinates in unit noise, shape (2, 2)."""
-        return inverse_normal(np.asarray(self.problem.normal(self.z).matrix))
+        return inverse_normal(self.problem.normal(self.z).matrix)
 
     def free(self, index: int = 0) -> FloatArray:
         """Return the motion of a stretch, without offset, drift and tones, shape (samples,)."""

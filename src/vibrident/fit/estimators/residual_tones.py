@@ -66,9 +66,7 @@ def residual_tones(
     values = coordinates.values(z)
 
     def response(frequency: FloatArray) -> ComplexArray:
-        return np.asarray(
-            model.frequency_response(values, frequency, evidence.quantity), dtype=complex
-        )
+        return model.frequency_response(values, frequency, evidence.quantity)
 
     records = [evidence.records[index] for index in plain.record]
     poles = model.poles(values)

@@ -217,7 +217,7 @@ def _balance(
     ]
     return Balance(
         iterate[: len(theta)],
-        inverse_normal(np.asarray(total)),
+        inverse_normal(total),
         places,
         information,
         tuple(estimates),

@@ -105,7 +105,7 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     values = estimate.coordinates.values(estimate.z)
 
     def response(frequency: FloatArray) -> Any:
-        return model.frequency_response(values, np.asarray(frequency), quantity)
+        return model.frequency_response(values, frequency, quantity)
 
     points: list[Points] = []
     powers_by_record: list[FloatArray] = []
@@ -298,7 +298,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     problem = evidence.first_look
     assert table is not None
     assert problem is not None
-    residual = np.asarray(problem.residual(estimate.z, estimate.coordinates))
+    residual = problem.residual(estimate.z, estimate.coordinates)
     squares = float(np.sum(residual**2))
     degrees = len(residual) - len(estimate.z)
     chi2 = squares / degrees if degrees > 0 else None
@@ -344,7 +344,7 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
         chi2,
         degrees,
         is_measurement or (degrees > 0 and explains),
-        np.asarray(problem.data[4]) * (scatter or 1.0),
+        problem.data[4] * (scatter or 1.0),
         chance,
     )
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=shares)

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from vibrident.base.memory import return_freed_after
 from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.departures.examination import DepartureGroup
@@ -118,10 +116,8 @@ class Fitted:
 
     def response(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the model's complex sensitivity, shape (n,)."""
-        return np.asarray(
-            self.evidence.model.frequency_response(
-                self.values, frequency_hz, self.evidence.quantity
-            )
+        return self.evidence.model.frequency_response(
+            self.values, frequency_hz, self.evidence.quantity
         )
 
     @cached_property

@@ -211,9 +211,7 @@ def _delay_pattern(records: Sequence[Record]) -> tuple[tuple[float, float, float
         edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
         motion = np.where(record.reference_mask, record.reference, 0.0)
         motion = motion - motion.mean()
-        lines, moment_lines = (
-            np.asarray(np.fft.rfft(values)) for values in (motion, motion * record.time_s)
-        )
+        lines, moment_lines = (np.fft.rfft(values) for values in (motion, motion * record.time_s))
         middle_hz = 0.5 * (edges[1:] + edges[:-1]) * record.sampling_rate_hz / record.samples
         moment = np.real(np.conj(lines) * moment_lines)
         bands.append([middle_hz, *band_sums(np.stack([power_of(lines), moment]), edges)])

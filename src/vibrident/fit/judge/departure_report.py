@@ -207,7 +207,7 @@ class _Report:
 
     def _sizes(self, shift: FloatArray) -> FloatArray:
         """Return a shift of the coordinates, in their standard uncertainties."""
-        return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
+        return np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny)
 
     def stated(
         self, groups: Iterable[DepartureGroup], warned: Iterable[DepartureGroup]

@@ -97,9 +97,7 @@ class BesideOscillator:
         ``x``: the model's coordinates, and the oscillator's logarithms.
         """
         values = self.coordinates.values(x[:-2])
-        response = np.asarray(
-            self.coordinates.model.frequency_response(values, self.hz, self.quantity)
-        )
+        response = self.coordinates.model.frequency_response(values, self.hz, self.quantity)
         oscillator, _ = _oscillator(self.hz, x[-2:], above=self.above)
         return _parts(np.log(self.measured * oscillator / response) / self.deviation)
 

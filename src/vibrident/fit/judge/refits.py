@@ -71,9 +71,9 @@ def with_phase_scatter(first: Fitted) -> Fitted:
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     scatter_before = 1.0
     for _ in range(20 if freedom > 1.0 else 0):
-        phase_residual = np.asarray(
-            problem.residual(current.estimate.z, current.estimate.coordinates)
-        )[table.points :][order]
+        phase_residual = problem.residual(current.estimate.z, current.estimate.coordinates)[
+            table.points :
+        ][order]
         scatter = float(np.sqrt(np.sum(phase_residual**2) / freedom))
         if abs(scatter - scatter_before) < 0.01 * scatter_before or scatter == 0.0:
             return current if looks_random(phase_residual) else first

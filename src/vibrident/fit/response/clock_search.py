@@ -66,7 +66,7 @@ class _Channels:
         """Return the response at FINER points a sample."""
         bins = np.zeros(self.samples * FINER // 2 + 1, dtype=complex)
         bins[: self.samples // 2 + 1] = fft.rfft(self.response)
-        return np.asarray(fft.irfft(bins, self.samples * FINER)) * FINER
+        return fft.irfft(bins, self.samples * FINER) * FINER
 
     def at(self, offset: float, samples: int) -> FloatArray:
         """Return the response at the first instants of the reference, shape (samples,)."""
@@ -82,7 +82,7 @@ class _Channels:
         """Return the reference in a band that holds all of the motion, cached by length."""
         if samples not in self._motions:
             n = min(samples, self.samples)
-            x = np.asarray(fft.rfft(self.reference[:n] * hann(n)))
+            x = fft.rfft(self.reference[:n] * hann(n))
             power = power_of(x[: int(USABLE_BAND * n) + 1])
             power[:2] = 0.0  # means under the window
             bins = np.flatnonzero(power > MIN_POWER * np.max(power))
@@ -100,7 +100,7 @@ class _Channels:
     def response_at(self, offset: float, samples: int) -> _BandResponse:
         """Return the response at the bins of the motion."""
         motion = self.motion(samples)
-        y = np.asarray(fft.rfft(self.at(offset, motion.samples) * hann(motion.samples)))
+        y = fft.rfft(self.at(offset, motion.samples) * hann(motion.samples))
         total = float(np.sum(power_of(y[motion.band]))) or 1.0
         delay = _delay_samples(motion, y) if len(motion.bins) > MAX_ORDER * LOBE_BINS else 0
         return _BandResponse(y[motion.bins], total, delay / self.rate_hz)
@@ -112,8 +112,8 @@ class _Channels:
         bins = motion.bins
         # A sine as window makes half the difference of the bins before and after each.
         sine = np.sin(np.arange(n) * (2.0 * np.pi / n))
-        difference = 1j * np.asarray(fft.rfft(self.reference[:n] * sine))[bins]
-        response = np.asarray(fft.rfft(self.response[:n] * hann(n)))[bins]
+        difference = 1j * fft.rfft(self.reference[:n] * sine)[bins]
+        response = fft.rfft(self.response[:n] * hann(n))[bins]
         reference = motion.reference, difference
         phases = Phases.between(reference, response, motion.hz, self.rate_hz / n)
         return agreed_delay(phases, n / self.rate_hz, float(motion.hz[-1]))

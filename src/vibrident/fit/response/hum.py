@@ -214,7 +214,7 @@ def _fundamentals(
 
 def _power(signal: FloatArray) -> FloatArray:
     """Return the power of the lines under a Hann window, shape (samples // 2 + 1,)."""
-    return power_of(np.asarray(fft.rfft(signal * hann(signal.size))))
+    return power_of(fft.rfft(signal * hann(signal.size)))
 
 
 def _tones(

@@ -51,9 +51,7 @@ def response_sine(record: Record) -> FloatArray:
     """Return the fitted sine and the mean of the response, shape (samples,)."""
     fit = sine_fit(record)
     wave = phasors(record.samples, 2.0 * np.pi * fit.frequency_hz / record.sampling_rate_hz)
-    return np.asarray(
-        np.real(fit.amplitudes[1] * wave) + record.response[record.mask].mean(), dtype=float
-    )
+    return np.real(fit.amplitudes[1] * wave) + record.response[record.mask].mean()
 
 
 def sine_fit(record: Record, near: float | None = None) -> SineFit:
@@ -141,7 +139,7 @@ def spectral_peak(
     size = fast_length(n)
     magnitude = np.ones(size // 2 + 1)
     for signal in signals:
-        lines = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
+        lines = np.abs(fft.rfft(about_mean(signal, mask) * hann(n), size))
         if np.any(lines):  # a channel at rest has no peak
             magnitude *= lines / np.max(lines)
     bins_hz = np.arange(magnitude.shape[0]) * rate / size

@@ -204,7 +204,7 @@ class _Fit:
         rounding = returning_error(
             np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask]
         )
-        lines = np.asarray(fft.rfft(residual * _window(mask)))
+        lines = fft.rfft(residual * _window(mask))
         return cls(amplitudes, lines[line_numbers], rounding)
 
 
@@ -286,7 +286,7 @@ def free_exponents(poles: ComplexArray | None, rate_hz: float) -> ComplexArray:
     )
     decay = exponents.real
     lasts = (exponents.imag >= 0.0) & (decay < 0.0) & (decay > np.log(np.finfo(float).eps))
-    return np.asarray(exponents[lasts], dtype=complex)
+    return exponents[lasts]
 
 
 def _separable_terms(number: int, terms: Terms, record: Record, count: float) -> NDArray[np.int_]:

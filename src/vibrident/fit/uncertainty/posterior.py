@@ -109,7 +109,7 @@ def sample_posterior(
     """
     emcee = sampler()
     coordinates = estimate.coordinates
-    centre = np.asarray(estimate.z, dtype=float)
+    centre = estimate.z
     low, high = _search_range(coordinates)
     density = log_density(*likelihood(evidence, estimate, linear), scale, low, high)
     random = np.random.RandomState(sampling.seed)
@@ -163,7 +163,7 @@ def likelihood(
         freedom = None
         if estimate.tones is not None and estimate.findings.model_error is None:
             freedom = estimate.tones.degrees_of_freedom
-        return (lambda z: np.asarray(problem.residual(z, coordinates))), freedom
+        return (lambda z: problem.residual(z, coordinates)), freedom
     if not coordinates.model.is_linear or not len(linear.residual):
         raise InputError(
             "The posterior is sampled from the responses in frequency.",
@@ -175,9 +175,7 @@ def likelihood(
 
     def response(z: FloatArray) -> FloatArray:
         values = coordinates.values(z)
-        return np.asarray(
-            coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
-        )
+        return coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
 
     pseudo_inverse = np.linalg.pinv(linear.matrix)
     response_at_estimate = response(linear.z)
@@ -246,17 +244,14 @@ def _physical_values(coordinates: Coordinates, z: FloatArray) -> dict[str, Float
 
     ``z``: of shape (draws, chains, p); the values have shape (draws, chains).
     """
-    coordinate_first = np.moveaxis(z, -1, 0)
-    values = {
-        name: np.asarray(value) for name, value in coordinates.physical(coordinate_first).items()
-    }
+    values = coordinates.physical(np.moveaxis(z, -1, 0))
     draws = [
         dict(zip(values, draw, strict=True))
         for draw in zip(*(v.ravel() for v in values.values()), strict=True)
     ]
     for quantity in coordinates.model.core.derived:
         if all(quantity.exists(draw) for draw in draws):
-            values[quantity.name] = np.asarray(quantity.value(values))
+            values[quantity.name] = quantity.value(values)
     return values
 
 

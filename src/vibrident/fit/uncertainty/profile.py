@@ -116,7 +116,7 @@ def profile_of(
     """
     z = np.where(_positive(coordinates), np.abs(z), z)  # reflected at zero
     local = problem.normal(z, coordinates)
-    estimate = _Optimum(z, 0.0, np.asarray(local.matrix))
+    estimate = _Optimum(z, 0.0, local.matrix)
     by_curvature = np.diag(inverse_normal(estimate.matrix))
     variance = np.maximum(np.diag(covariance), np.finfo(float).tiny)
     shares = np.clip(np.nan_to_num(by_curvature / variance, nan=1.0), np.finfo(float).eps, 1.0)
@@ -394,4 +394,4 @@ class _EndSearch:
             else:
                 damping *= 10.0
         rise = share * (float(current.cost) - self.least_cost)
-        return _Optimum(z, rise, np.asarray(current.matrix))
+        return _Optimum(z, rise, current.matrix)

@@ -264,7 +264,7 @@ def _band_limited_reference(
     rate = record.sampling_rate_hz
     mean = float(np.mean(record.reference[used]))
     motion = np.where(used, record.reference - mean, 0.0)
-    lines = np.asarray(fft.rfft(motion), dtype=complex)
+    lines = fft.rfft(motion)
     width = samples // 16  # of the fade at either end
     rise = np.sin(0.5 * np.pi * (np.arange(width) + 0.5) / max(width, 1)) ** 2
     window = np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
@@ -306,10 +306,10 @@ def _coherent_errors(
         )
         gain = 1.0 if transfer is None else transfer(frequency_hz)
         return np.asarray(gain * (errors @ kernel.T) / (kernel @ motion), dtype=complex)
-    lines = np.asarray(fft.rfft(errors, axis=1), dtype=complex)
+    lines = fft.rfft(errors, axis=1)
     if transfer is not None:
         lines *= transfer(line_frequencies(samples, rate))
-    motion_lines = np.asarray(fft.rfft(motion), dtype=complex)
+    motion_lines = fft.rfft(motion)
     edges = band_edges(samples, rate).astype(int)
     cross_power = band_sums(lines * np.conj(motion_lines), edges)
     power = band_sums(np.abs(motion_lines) ** 2, edges)
