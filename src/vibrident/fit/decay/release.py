@@ -123,19 +123,19 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
             misfit = float(values @ values - explained @ np.linalg.solve(matrix, explained))
             costs.append((misfit / total, natural, damping))
     costs.sort()
-    best: list[tuple[float, float, float]] = []
-    for candidate in costs:
+    best: list[tuple[float, float]] = []
+    for _, natural, damping in costs:
         if all(
-            abs(np.log(candidate[1] / b[1])) > 0.1 or abs(np.log(candidate[2] / b[2])) > 1.5
-            for b in best
+            abs(np.log(natural / best_natural)) > 0.1 or abs(np.log(damping / best_damping)) > 1.5
+            for best_natural, best_damping in best
         ):
-            best.append(candidate)
+            best.append((natural, damping))
         if len(best) == 3:
             break
     residual_rms = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
     weighted = replace(stretch, scale=scale or float(residual_rms))
     return min(
-        (fit([weighted], natural, damping) for _, natural, damping in best),
+        (fit([weighted], natural, damping) for natural, damping in best),
         key=lambda decay: decay.cost,
     )
 

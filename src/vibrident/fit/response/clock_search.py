@@ -290,18 +290,17 @@ class ClockSearch:
         places = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
         unexplained = [self.unexplained(place, samples) for place in places]
         while high - low > PRECISION * width:
+            lower, upper = places
             if unexplained[0] < unexplained[1]:
-                high = places[1]
-                places[1] = places[0]
-                unexplained[1] = unexplained[0]
-                places[0] = high - GOLDEN * (high - low)
-                unexplained[0] = self.unexplained(places[0], samples)
+                high = upper
+                place = high - GOLDEN * (high - low)
+                places = [place, lower]
+                unexplained = [self.unexplained(place, samples), unexplained[0]]
             else:
-                low = places[0]
-                places[0] = places[1]
-                unexplained[0] = unexplained[1]
-                places[1] = low + GOLDEN * (high - low)
-                unexplained[1] = self.unexplained(places[1], samples)
+                low = lower
+                place = low + GOLDEN * (high - low)
+                places = [upper, place]
+                unexplained = [unexplained[1], self.unexplained(place, samples)]
         lowest = int(np.argmin(unexplained))
         gain = self.unexplained(0.0, samples) / unexplained[lowest]
         return places[lowest] if gain > MIN_GAIN else 0.0
