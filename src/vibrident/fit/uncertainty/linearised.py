@@ -71,9 +71,7 @@ class Linearised:
     ) -> Linearised:
         """Build a linearisation without rows: free decays have no response in frequency."""
         empty = np.zeros(0)
-        return cls(
-            coordinates, z, quantity, empty, np.zeros((0, len(z))), empty, empty.astype(bool), empty
-        )
+        return cls.from_points(coordinates, z, quantity, empty, empty.astype(complex), empty)
 
     @classmethod
     def from_table(
