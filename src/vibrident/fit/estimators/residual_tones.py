@@ -98,10 +98,8 @@ def residual_tones(
     if not np.any(noisy):
         return cleaned
     predictions = [
-        no_prediction if is_noisy else prediction
-        for prediction, no_prediction, is_noisy in zip(
-            predicted_by_tone, unpredicted, noisy, strict=True
-        )
+        unpredicted[place] if noisy[place] else prediction
+        for place, prediction in enumerate(predicted_by_tone)
     ]
     return _tones_of_residuals(records, predictions, plain, response, poles)[0]
 
@@ -191,13 +189,8 @@ def _tones_of_residuals(
         )
     tones = measure_tones(residual_records, plain.frequency_hz.tolist(), poles, records)
     share = np.array(reaches, dtype=float)
-    powers = [
-        np.var(record.response[record.mask]) if is_reached else 0.0
-        for record, is_reached in zip(residual_records, reaches, strict=True)
-    ]
-    noise_rms = np.sqrt(
-        np.maximum(np.array(powers) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0)
-    )
+    powers = np.array([np.var(record.response[record.mask]) for record in residual_records])
+    noise_rms = np.sqrt(np.maximum(share * (powers - 0.5 * np.abs(tones.response) ** 2), 0.0))
     lines = response_at(tones.line_hz.ravel()).reshape(tones.line_hz.shape)
     measured = replace(
         tones,
