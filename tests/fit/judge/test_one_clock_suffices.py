@@ -8,7 +8,7 @@ from vibrident.fit.judge.clocks import _suffices
 
 
 def fit(adequate, explained, chi2=1.0):
-    return SimpleNamespace(adequate=adequate, judgement=SimpleNamespace(explained=explained), chi2=chi2)
+    return SimpleNamespace(adequate=adequate, judgement=SimpleNamespace(unexplained=1.0 - explained), chi2=chi2)
 
 
 @pytest.mark.parametrize(

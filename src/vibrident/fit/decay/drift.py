@@ -1,6 +1,6 @@
 """Straight drift of the zero of a free decay, separated from slow noise.
 
-Of records with a reference drift is a departure from the fit
+The drift of records with a reference is a departure from the fit
 (:mod:`vibrident.fit.departures.kinds.drift`).
 """
 
@@ -16,7 +16,7 @@ from vibrident.fit.response.transform import hann
 
 #: Number of slow lines that bound how far noise alone may wander.
 LINES = 8
-#: A drift counts beyond this many standard deviations of the noise of those lines …
+#: A drift is significant above this many standard deviations of the noise of those lines …
 MIN_RISE_DEVIATIONS = 8.0
 #: … and above this fraction of the standard deviation of the response.
 MIN_RELATIVE_RISE = 0.02
@@ -40,9 +40,9 @@ def significant_rise(residual: FloatArray, times_s: FloatArray, size: float) -> 
 def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
     """Return the slope by weighted least squares, 1/s, and its standard deviation.
 
-    The deviation is that in noise as strong as the slowest lines. The weights fade towards both
-    ends: without them a slope would draw on noise of all frequencies, and the noise of a
-    displacement channel grows with their cube.
+    The deviation holds for noise as strong as the slowest lines. The weights fade towards both
+    ends: without them noise of all frequencies would affect the slope, and that of a displacement
+    channel grows with their cube.
 
     Args:
         residual: shape (used,); overwritten, as a long record has no memory to spare.
@@ -67,9 +67,9 @@ def _trend(residual: FloatArray, t: FloatArray) -> tuple[float, float]:
 def _slow_lines(series: FloatArray) -> ComplexArray:
     """Return lines 2 to LINES + 1 of the discrete Fourier transform, shape (LINES,).
 
-    With sample j = a w + b, e^{−2πi k j/n} is a product of one factor of a and one of b: a product
-    with a matrix suffices, for any number of samples, where a fast transform of an unfavourable one
-    needs many times the memory of the record.
+    With sample j = a w + b, e^{−2πi k j/n} is a product of a factor of a and one of b, so a product
+    of matrices suffices. A fast transform of an unfavourable number of samples would need many
+    times the memory of the record.
     """
     n = series.shape[0]
     width = math.isqrt(n)
@@ -80,7 +80,6 @@ def _slow_lines(series: FloatArray) -> ComplexArray:
     body = series[: rows * width].reshape(rows, width)
     remainder = series[rows * width :]
     sums = body @ inner.real + 1j * (body @ inner.imag)
-    return np.asarray(
-        np.sum(outer * sums, axis=0)
-        + remainder @ np.exp(np.arange(rows * width, n)[:, None] * turn)
+    return np.sum(outer * sums, axis=0) + remainder @ np.exp(
+        np.arange(rows * width, n)[:, None] * turn
     )

@@ -1,7 +1,7 @@
 """Estimator of free decays alone, and the messages about them.
 
-Nothing measures the motion that moved the mass. So sensitivity (or generator constant), delay and
-response over frequency stay unknown, and the result does not have them.
+Nothing measures the motion that moved the mass, so the result has no sensitivity (or generator
+constant), no delay and no response over frequency.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def gathered(calibration: Calibration, model: SensorModel) -> Evidence:
     Of the stated systematic effects only that of the clock applies: all frequencies scale with it.
 
     Raises:
-        InputError: no record can be used, the model has further parameters, which a decay does not
-            determine, or the response of the channel is known as a table.
+        InputError: no record can be used, a decay does not determine all parameters of the model,
+            or the response of the channel is known as a table.
     """
     _require_one_oscillator(model)
     known = calibration.response_known_response
@@ -83,7 +83,7 @@ def channel_poles(known: KnownResponse | None) -> tuple[complex, ...]:
     """Return the poles of a channel, 1/s, with imaginary parts of zero and above.
 
     Raises:
-        InputError: its response is a table, which has none.
+        InputError: its response is a table, which has no poles.
     """
     poles: list[complex] = []
     for shape in () if known is None else known.shapes:
@@ -102,7 +102,7 @@ def channel_poles(known: KnownResponse | None) -> tuple[complex, ...]:
 def decays_at(estimate: Estimate) -> tuple[Decays, DecayFit]:
     """Return the decays as they were fitted, and their fit at the values of an estimate.
 
-    There each has its best initial state.
+    In the latter, too, each decay has its best initial state.
     """
     decays = estimate.findings.decays
     assert isinstance(decays, Decays)

@@ -1,9 +1,9 @@
 """Fit and examination of free decays by one linear oscillator.
 
 A sensor whose spring or damping depends on the amplitude still moves like a linear one for a while.
-So the motion is compared in stretches of time, as other motion is in bands of frequency: in each of
-them the component of the residual along the motion and across it (two numbers) is χ² of two degrees
-of freedom where the sensor is linear.
+So the motion is compared in pieces of time, as other motion is in bands of frequency. In each piece
+the residual has a component along the motion and one across it; where the sensor is linear, their
+squares are χ² of two degrees of freedom.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from vibrident.fit.decay.motion import (
     shortened,
     unit,
 )
-from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of
+from vibrident.fit.decay.noise import WHITE, Noise, autoregression, tones_of, without_columns
 from vibrident.fit.decay.release import free_stretch, trimmed, without_first
 from vibrident.fit.optimise import Progress, silent
 from vibrident.fit.response.verdict import REJECTION
 
-#: Most stretches of time that are compared, and fewest samples of each.
+#: Most pieces of time that are compared, and fewest samples of each.
 MAX_PIECES = 12
 MIN_SAMPLES = 8
-#: Where the motion lasts for less than this fraction of the record, the remainder is its noise.
+#: Where the motion lasts for less than this fraction of the record, the remainder is noise.
 MAX_MOTION_FRACTION = 0.6
-#: Fewest steps of a coarse recorder in a motion; the rounding of a smaller one follows it.
+#: Fewest steps of a coarse recorder in a motion; the rounding errors of a smaller motion follow it.
 MIN_STEPS = 6.0
 #: Fractions of a decay at which its beginning is compared with its end.
 SPLITS = (0.1, 0.25, 0.5)
 #: Beginning and end of a decay differ below this probability.
 CHANGE_PROBABILITY = 1e-4
-#: A column is spanned by others that leave less than this fraction of it, in squares.
+#: Other columns span a column if they leave less than this fraction of its square.
 MIN_INDEPENDENT = 1e-6
 
 
@@ -55,7 +55,7 @@ class MotionMisfit:
 
     Attributes:
         chi2: sum of squares of the residual along the motion, in units of the noise.
-        degrees: of freedom, two a stretch of time less those of initial state, offset and drift.
+        degrees: of freedom, two a piece less those of initial state, offset and drift.
         freedom: degrees of freedom of the noise.
     """
 
@@ -82,7 +82,7 @@ class OscillatorChange:
 
     @property
     def words(self) -> str:
-        """Return what changes with the amplitude, for a message."""
+        """Return the sentence on the change."""
         f0, f1 = self.frequency_hz
         d0, d1 = self.damping
         a0, a1 = self.amplitude
@@ -128,7 +128,6 @@ class Decays:
             }
             for stretch, misfit in zip(self.fit.stretches, misfits_of(self.fit), strict=True)
         ]
-
         return {"decays": entries}
 
 
@@ -148,13 +147,11 @@ def examine(
     stretches = [start.stretches[0] for start in starts]
     fits = (fit(stretches, *start.values, progress) for start in starts)
     best = min(fits, key=lambda candidate: candidate.cost)
-    changes = [change for start in starts if (change := change_of(start)) is not None]
+    changes = tuple(filter(None, map(change_of, starts)))
     if not changes and len(starts) > 1:  # too small for one decay to show
         largest = max(starts, key=lambda start: float(np.max(np.abs(start.free()))))
-        changes = [
-            change for change in [change_of(largest, _chance_of_bend(best))] if change is not None
-        ]
-    return Decays(best, tuple(changes))
+        changes = tuple(filter(None, [change_of(largest, _chance_of_bend(best))]))
+    return Decays(best, changes)
 
 
 def verdict(misfits: Sequence[MotionMisfit]) -> tuple[float, int, bool]:
@@ -167,14 +164,9 @@ def verdict(misfits: Sequence[MotionMisfit]) -> tuple[float, int, bool]:
 
 
 def weighed(decay: DecayFit) -> DecayFit:
-    """Return the fit of one record, weighted by the residual noise of a flexible fit.
-
-    With a drift where that is significant.
-    """
+    """Return the fit of one record, weighted by its noise, with a drift if that is significant."""
     for _ in range(2):
-        decay = decay.refitted(_with_noise(decay))
-        drifting = _drifting(decay)
-        decay = trimmed(decay if drifting is None else drifting)
+        decay = trimmed(_with_drift(decay.refitted(_with_noise(decay))))
     return without_first(decay)
 
 
@@ -186,57 +178,53 @@ def _with_noise(decay: DecayFit) -> Stretch:
     live_s = _live_s(decay)
     known_hz = stretch.noise.tones_hz
     end = int(live_s * stretch.rate_hz)
-    ends_early = end < MAX_MOTION_FRACTION * residual.size
-    if ends_early:  # where the motion has ended, any line is a tone
-        tones = tones_of(residual[end:], stretch.rate_hz, (0.0, 0.0), known_hz)
-    else:
-        motion_hz = (max(0.0, frequency - 3.0 / live_s), frequency + 3.0 / live_s)
-        tones = tones_of(residual, stretch.rate_hz, motion_hz, known_hz)
-    residual = _without_tones(residual, replace(stretch, noise=replace(WHITE, tones_hz=tones)))
-    quiet = residual[end:] if ends_early else residual
+    motion_hz = (max(0.0, frequency - 3.0 / live_s), frequency + 3.0 / live_s)
+    fitted = 2 * len(_edges(decay)) + 1
+    begin = 0  # of the samples that show the noise
+    if end < MAX_MOTION_FRACTION * residual.size:
+        begin = end
+        motion_hz = (0.0, 0.0)  # the motion has ended: any line is a tone
+        fitted = 1
+    tones = tones_of(residual[begin:], stretch.rate_hz, motion_hz, known_hz)
+    white = replace(WHITE, tones_hz=tones)
+    nuisances = replace(stretch, noise=white, drift=False).nuisance_columns()
+    residual = without_columns(residual, nuisances)
     coarse = resolution(stretch.response[stretch.valid]) / np.sqrt(12.0)
-    if np.std(quiet) < 1.5 * coarse:  # at rest a coarse recorder shows a constant, not its noise
+    if np.std(residual[begin:]) < 1.5 * coarse:
+        # At rest a coarse recorder shows a constant, not its noise.
         moving = _while_larger(decay, MIN_STEPS * np.sqrt(12.0) * coarse)
-        with_tones = replace(moving, noise=replace(WHITE, tones_hz=tones))
         spread = float(np.sqrt(np.mean(residual[: moving.response.size][moving.valid] ** 2)))
-        return replace(with_tones, scale=max(coarse, spread))
-    noise = Noise(autoregression(quiet), tones)
+        return replace(moving, noise=white, scale=max(coarse, spread))
+    noise = Noise(autoregression(residual[begin:]), tones)
     with_noise = replace(stretch, noise=noise, scale=1.0)
-    counted = with_noise.rows[residual.size - quiet.size :]
-    whitened = noise.applied(residual[:, None])[residual.size - quiet.size :][counted][:, 0]
-    fitted = 1 if quiet.size < residual.size else 2 * len(_edges(decay)) + 1
+    counted = with_noise.rows[begin:]
+    whitened = noise.applied(residual[:, None])[begin:][counted][:, 0]
     scale = float(np.sqrt(np.sum(whitened**2) / max(whitened.size - fitted, 1)))
     rounding = np.finfo(float).eps * float(np.max(np.abs(stretch.response)))
     return replace(with_noise, scale=max(scale, rounding, np.finfo(float).tiny))
 
 
 def _while_larger(decay: DecayFit, level: float) -> Stretch:
-    """Return the stretch as long as its motion swings beyond a level."""
+    """Return the stretch up to the last swing of its motion beyond a level."""
     stretch = decay.stretches[0]
     larger = np.flatnonzero(np.abs(decay.free()) > level)
     last = int(larger[-1]) + 1 if larger.size else stretch.response.size
     return shortened(stretch, 0, last) if last > 4 * MIN_SAMPLES else stretch
 
 
-def _without_tones(residual: FloatArray, stretch: Stretch) -> FloatArray:
-    """Return a residual without offset, tones and further columns of the stretch."""
-    columns = replace(stretch, drift=False).nuisance_columns()
-    return residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
-
-
-def _drifting(decay: DecayFit) -> DecayFit | None:
-    """Return the fit with a straight line among the unknowns, or None if it is not significant."""
+def _with_drift(decay: DecayFit) -> DecayFit:
+    """Return the fit with a straight line among the unknowns, if that is significant."""
     stretch = decay.stretches[0]
     if stretch.drift:
-        return None
+        return decay
     trial = decay.refitted(replace(stretch, drift=True))
-    return trial if decay.cost - trial.cost > MIN_RISE_DEVIATIONS**2 else None
+    return trial if decay.cost - trial.cost > MIN_RISE_DEVIATIONS**2 else decay
 
 
 def _live_s(decay: DecayFit, index: int = 0) -> float:
-    """Return the time from the beginning of a stretch for which its motion exceeds the noise.
+    """Return the time from the beginning of a stretch to the last motion above the noise.
 
-    That is, three tenths of its standard deviation.
+    Above the noise is above three tenths of its standard deviation.
     """
     stretch = decay.stretches[index]
     residual = decay.parts[index].residual
@@ -248,7 +236,7 @@ def _live_s(decay: DecayFit, index: int = 0) -> float:
 
 
 def _edges(decay: DecayFit, index: int = 0) -> list[tuple[int, int]]:
-    """Return the first sample of each piece of the motion, and the one after its last."""
+    """Return the first sample of each piece of the motion, and the sample after the last."""
     stretch = decay.stretches[index]
     live_s = _live_s(decay, index)
     count = int(np.clip(2.0 * live_s * decay.values[0], 2, MAX_PIECES))
@@ -269,7 +257,7 @@ def _pieces(decay: DecayFit, index: int = 0) -> FloatArray:
 def _flexible_residual(decay: DecayFit) -> FloatArray:
     """Return the residual with separate amplitude and phase for every piece, shape (samples,).
 
-    It holds almost no misfit of the oscillator, so it shows the noise.
+    It shows the noise, as it holds almost no misfit of the oscillator.
     """
     stretch = decay.stretches[0]
     flexible = replace(
@@ -286,7 +274,7 @@ def _flexible_residual(decay: DecayFit) -> FloatArray:
 def _score(residual: FloatArray, columns: FloatArray, spanned: FloatArray) -> tuple[float, int]:
     """Return χ² of a whitened residual along columns, and its degrees of freedom.
 
-    A score test (Rao 1948).
+    Source: the score test of Rao 1948.
 
     Args:
         residual: shape (rows,).
@@ -301,10 +289,7 @@ def _score(residual: FloatArray, columns: FloatArray, spanned: FloatArray) -> tu
 
 
 def misfits_of(decay: DecayFit) -> tuple[MotionMisfit, ...]:
-    """Return the misfit of each stretch along its motion, piece by piece.
-
-    Nuisance parameters are at their best, nothing else is fitted.
-    """
+    """Return the misfit of each stretch along its motion, beside the best nuisance parameters."""
     misfits = []
     for index, (stretch, projected) in enumerate(zip(decay.stretches, decay.parts, strict=True)):
         pieces = basis_of(stretch.whitened(_pieces(decay, index)))
@@ -318,13 +303,12 @@ def misfits_of(decay: DecayFit) -> tuple[MotionMisfit, ...]:
 def change_of(decay: DecayFit, together: float = 1.0) -> OscillatorChange | None:
     """Return the change of the oscillator from the beginning of a decay to its end, if significant.
 
-    Score tests of a step of natural frequency and damping ratio, against one of all nuisance
-    parameters, and of the components that depend on the amplitude.
+    Score tests are made of a step in natural frequency and damping ratio beside a step of all
+    nuisance parameters, and of the components that depend on the amplitude.
 
     Args:
         decay: fit of one decay by itself.
-        together: probability of as much change with the amplitude in several decays, of which this
-            is one.
+        together: probability of as much change with the amplitude in several decays with this one.
     """
     stretch = decay.stretches[0]
     projected = decay.parts[0]
@@ -358,9 +342,11 @@ def change_of(decay: DecayFit, together: float = 1.0) -> OscillatorChange | None
     halves = [
         decay.refitted(half) for half in (shortened(stretch, 0, middle), shortened(stretch, middle))
     ]
-    frequencies, dampings = zip(*(half.values for half in halves), strict=True)
-    sizes = [float(np.sqrt(np.mean(half.free() ** 2))) for half in halves]
-    return OscillatorChange(stretch.name, frequencies, dampings, (sizes[0], sizes[1]))
+    frequencies, dampings, sizes = zip(
+        *((*half.values, float(np.sqrt(np.mean(half.free() ** 2)))) for half in halves),
+        strict=True,
+    )
+    return OscillatorChange(stretch.name, frequencies, dampings, sizes)
 
 
 def _chance_of_bend(decay: DecayFit) -> float:
@@ -373,7 +359,7 @@ def _chance_of_bend(decay: DecayFit) -> float:
     decrement = 2.0 * np.pi * natural * damping
     largest = max(float(np.hypot(*projected.linear[:2])) for projected in decay.parts)
     columns = []
-    spanned = []
+    free_columns = []
     for stretch, projected in zip(decay.stretches, decay.parts, strict=True):
         a, b = projected.linear[:2] / largest
         squares = (a**2 + b**2) * np.exp(-2.0 * decrement * stretch.time_s)
@@ -381,9 +367,8 @@ def _chance_of_bend(decay: DecayFit) -> float:
             free_motion(natural, damping, stretch.time_s) @ [[a, b], [b, -a]] * squares[:, None]
         )
         columns.append(bend)
-        spanned.append(projected.spanned @ (projected.spanned.T @ bend))
-    size = np.linalg.norm(np.concatenate(columns), axis=0)
-    tested = (np.concatenate(columns) - np.concatenate(spanned)) / size
+        free_columns.append(bend - projected.spanned @ (projected.spanned.T @ bend))
+    tested = np.concatenate(free_columns) / np.linalg.norm(np.concatenate(columns), axis=0)
     slopes = basis_of(np.concatenate([projected.jacobian for projected in decay.parts]))
     chi2, degrees = _score(decay.residual, tested, slopes)
     return chi2_tail(degrees, chi2) if degrees == 2 else 1.0  # imitated by others: no evidence
@@ -392,8 +377,8 @@ def _chance_of_bend(decay: DecayFit) -> float:
 def drifts(decay: DecayFit, index: int) -> bool:
     """Return whether a stretch rises by more than its slow noise allows.
 
-    A line is a nuisance parameter even if it may be 1/f noise, which an autoregression of few terms
-    does not whiten.
+    Its line may be a nuisance parameter all the same, as an autoregression of few terms does not
+    whiten 1/f noise.
     """
     stretch = decay.stretches[index]
     residual = (stretch.response - decay.free(index))[stretch.valid]

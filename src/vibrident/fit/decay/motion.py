@@ -1,7 +1,7 @@
 """Least-squares problem of one natural frequency and damping ratio from free decays.
 
 Initial state, offset, a straight drift and tones of the mains are nuisance parameters of each
-record; the best ones are solved for at every (fn, δ), and the Jacobian is projected onto their
+record. The best ones are solved for at every (fn, δ), and the Jacobian is projected onto their
 complement (variable projection; Kaufman 1975, Golub & Pereyra 2003). Samples are whitened by the
 noise of the record, so the estimate is maximum likelihood and its covariance the Cramér-Rao bound.
 
@@ -13,8 +13,8 @@ Every output of a linear second-order sensor moves like this when nothing drives
 velocity pickup, delayed or averaged. Both functions depend on μ² alone, so they pass smoothly from
 oscillation (μ imaginary) to two real poles. The gain only scales a and b.
 
-So does a channel of known response: what it adds is free motion at its own poles, e^{pt}, whose
-amplitudes are further linear unknowns. Its zeros, its gain and its delay do not matter.
+A channel of known response adds free motion at its own poles, e^{pt}, whose amplitudes are further
+linear unknowns. Its zeros, its gain and its delay do not matter.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ MIN_SINGULAR_VALUE = 1e-10
 def oscillator_of(model: SensorModel) -> SensorModel:
     """Return the part of a model that free motion determines.
 
-    It has natural frequency, damping ratio, and what follows from these alone.
+    It has natural frequency, damping ratio, and the quantities that follow from these alone.
     """
     core = model.core
     parameters = tuple(spec for spec in core.parameters if spec.name in NAMES)
@@ -79,7 +79,7 @@ def free_motion(
         damping_ratio: any.
         time_s: from the beginning of the motion, shape (samples,).
     """
-    angle = 2.0 * np.pi * natural_frequency_hz * np.asarray(time_s, dtype=float)
+    angle = 2.0 * np.pi * natural_frequency_hz * time_s
     square = damping_ratio**2 - 1.0
     if square < 0.0:
         # Differences about no damping may grow.
@@ -121,7 +121,7 @@ class Stretch:
         response: shape (samples,), interpolated where not valid.
         valid: shape (samples,).
         rate_hz: sampling rate.
-        noise: that whitens it.
+        noise: by which the samples are whitened.
         scale: standard deviation of the whitened noise.
         drift: whether a straight line is among the unknowns.
         further_columns: of further unknowns, shape (samples, n); None without any.
@@ -171,7 +171,7 @@ class Stretch:
 def pole_columns(poles: Sequence[complex], time_s: FloatArray) -> FloatArray:
     """Return the free motion of poles, real and imaginary part of each, shape (samples, n).
 
-    A pole that is there for the k-th time has t^k beside it.
+    Each repetition of a pole has another factor t.
     """
     columns = [np.zeros((time_s.size, 0))]
     for number, pole in enumerate(poles):
@@ -190,7 +190,7 @@ def basis_of(columns: FloatArray) -> FloatArray:
 
 
 def unit(columns: FloatArray) -> FloatArray:
-    """Return columns scaled to unit length; those of zeros stay."""
+    """Return columns scaled to unit length; columns of zeros stay."""
     return columns / _sizes(columns)
 
 
@@ -319,7 +319,7 @@ class DecayFit:
     @property
     def covariance(self) -> FloatArray:
         """Return the covariance of the coordinates in unit noise, shape (2, 2)."""
-        return inverse_normal(np.asarray(self.problem.normal(self.z).matrix))
+        return inverse_normal(self.problem.normal(self.z).matrix)
 
     def free(self, index: int = 0) -> FloatArray:
         """Return the motion of a stretch, without offset, drift and tones, shape (samples,)."""
@@ -328,7 +328,7 @@ class DecayFit:
         )
 
     def predicted(self, index: int) -> FloatArray:
-        """Return everything in a stretch that is no noise, shape (samples,)."""
+        """Return the motion of a stretch with its nuisances, shape (samples,)."""
         return (
             self.free(index)
             + self.stretches[index].nuisance_columns() @ self.parts[index].linear[2:]

@@ -29,7 +29,7 @@ class Noise:
     Attributes:
         whitening: coefficients of the prediction-error filter, the first of them one, shape (order
             + 1,).
-        tones_hz: tones in the record beside the motion.
+        tones_hz: tones in the record that are not of the motion.
     """
 
     whitening: FloatArray
@@ -67,7 +67,7 @@ def tones_of(
         residual: shape (samples,); zero where it is not known.
         rate_hz: sampling rate.
         skip_hz: band in which a line is motion and no tone.
-        known_hz: tones that were subtracted already.
+        known_hz: tones that are subtracted from the residual already.
     """
     remainder = np.array(residual)
     tones = []
@@ -76,9 +76,14 @@ def tones_of(
         if tone is None:
             break
         tones.append(_refined(remainder, tone, rate_hz))
-        basis = tone_columns(tuple(tones), np.arange(remainder.size) / rate_hz)
-        remainder = residual - basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+        columns = tone_columns(tuple(tones), np.arange(remainder.size) / rate_hz)
+        remainder = without_columns(residual, columns)
     return (*known_hz, *tones)
+
+
+def without_columns(series: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return a series less its least-squares fit by columns, shape (samples, n)."""
+    return series - columns @ np.linalg.lstsq(columns, series, rcond=None)[0]
 
 
 def tone_columns(tones_hz: tuple[float, ...], time_s: FloatArray) -> FloatArray:

@@ -1,8 +1,7 @@
 """The release: where in a record the free motion begins, and a first fit of it.
 
 A record may begin inside the motion, or long before it: at rest, held aside, or under the knock
-that starts it. Samples before the release are not free motion, so a window that includes them
-cannot be fitted by one.
+that starts it. No free motion fits a window that includes samples before the release.
 """
 
 from __future__ import annotations
@@ -24,19 +23,19 @@ from vibrident.fit.decay.motion import (
     shortened,
 )
 
-#: The last sample of at least this fraction of the largest deviation lies after the release.
+#: The last sample whose deviation is at least this fraction of the largest is after the release.
 FREE_FRACTION = 0.7
 #: Damping ratios that are tried at every frequency.
 DAMPING_GRID = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.5, 4.0, 8.0)
 #: Most samples of a trial.
 MAX_POINTS = 3000
-#: A window is no free motion where its residual exceeds that after the release by this factor.
+#: A window is no free motion if its residual exceeds that after the release by this factor.
 MAX_MISFIT_RATIO = 3.0
 #: Fewest samples of a window.
 MIN_SAMPLES = 16
 #: A release is abrupt: a residual below this fraction of the motion may be a nonlinearity.
 MIN_RELEASE_MISFIT = 0.08
-#: One or two first samples are not of the motion below this probability, as they cost little …
+#: One or two first samples are left out below this probability, as they cost little information …
 FOREIGN_PROBABILITY = 0.01
 #: … and more of them below this one.
 FOREIGN_PROBABILITY_OF_MORE = 5e-4
@@ -69,11 +68,11 @@ def free_stretch(record: Record, channel_poles: tuple[complex, ...] = ()) -> Dec
     extended = decay.refitted(shortened(complete, _extended(complete, decay, safe)))
     first = extended.stretches[0].first
     for earlier in sorted({0, _onset(response)}):
-        if earlier < first and _as_good(
-            trial := started(shortened(complete, earlier), complete.scale), extended
-        ):
-            return trial
-    if channel_poles:  # whose own motion imitates what comes right before the release
+        if earlier < first:
+            trial = started(shortened(complete, earlier), complete.scale)
+            if _as_good(trial, extended):
+                return trial
+    if channel_poles:  # their free motion imitates the samples right before the release
         return extended.refitted(shortened(extended.stretches[0], _window(extended) // 4))
     return extended
 
@@ -87,9 +86,9 @@ def _onset(response: FloatArray) -> int:
 
 
 def _as_good(earlier: DecayFit, later: DecayFit) -> bool:
-    """Return whether the motion before a later beginning is explained as well as the remainder.
+    """Return whether a fit explains the motion before a later beginning as well as the remainder.
 
-    It may hold a fast pole.
+    That motion may hold a fast pole.
     """
     ahead = later.stretches[0].first - earlier.stretches[0].first
     residual = earlier.residual
@@ -124,19 +123,19 @@ def started(stretch: Stretch, scale: float | None = None) -> DecayFit:
             misfit = float(values @ values - explained @ np.linalg.solve(matrix, explained))
             costs.append((misfit / total, natural, damping))
     costs.sort()
-    best: list[tuple[float, float, float]] = []
-    for candidate in costs:
+    best: list[tuple[float, float]] = []
+    for _, natural, damping in costs:
         if all(
-            abs(np.log(candidate[1] / b[1])) > 0.1 or abs(np.log(candidate[2] / b[2])) > 1.5
-            for b in best
+            abs(np.log(natural / best_natural)) > 0.1 or abs(np.log(damping / best_damping)) > 1.5
+            for best_natural, best_damping in best
         ):
-            best.append(candidate)
+            best.append((natural, damping))
         if len(best) == 3:
             break
     residual_rms = np.sqrt(max(costs[0][0], np.finfo(float).eps) * total / time.size)
     weighted = replace(stretch, scale=scale or float(residual_rms))
     return min(
-        (fit([weighted], natural, damping) for _, natural, damping in best),
+        (fit([weighted], natural, damping) for natural, damping in best),
         key=lambda decay: decay.cost,
     )
 
@@ -164,7 +163,7 @@ def _frequencies(stretch: Stretch) -> FloatArray:
 
 
 def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
-    """Return the first sample of the motion, searched backwards from one that surely is."""
+    """Return the first sample of the motion, searched backwards from a sample inside it."""
     length = _window(decay)
     offset = float(decay.parts[0].linear[2])
     time_s = np.arange(length) / complete.rate_hz
@@ -197,8 +196,8 @@ def _extended(complete: Stretch, decay: DecayFit, safe: int) -> int:
 def trimmed(decay: DecayFit) -> DecayFit:
     """Return the fit without the samples at the beginning that do not belong to the motion.
 
-    Nested fits, with and without the first samples, differ in cost by a χ² of as many degrees of
-    freedom as samples were left out, if those belong to the motion. The noise must be known.
+    If the first samples belong to it, the costs with and without them differ by a χ² of as many
+    degrees of freedom as samples were left out. The noise must be known.
     """
     limit = _window(decay) // 2 + 2
     removed = 0
@@ -219,10 +218,7 @@ def without_first(decay: DecayFit) -> DecayFit:
 
 
 def _without_foreign(decay: DecayFit, limit: int) -> DecayFit | None:
-    """Return the fit without the fewest first samples that do not belong to it.
-
-    None where all belong.
-    """
+    """Return the fit without the fewest first samples that do not belong, None if all belong."""
     for count in np.unique(np.geomspace(1, limit, 8).astype(int)):
         trial = decay.refitted(shortened(decay.stretches[0], int(count)))
         rows = len(decay.residual) - len(trial.residual)
@@ -233,10 +229,7 @@ def _without_foreign(decay: DecayFit, limit: int) -> DecayFit | None:
 
 
 def _window(decay: DecayFit) -> int:
-    """Return the number of samples over which the motion changes.
-
-    A period, or the slow time constant of a heavily damped sensor.
-    """
+    """Return the number of samples of a period, or of a heavily damped sensor's slow decay."""
     stretch = decay.stretches[0]
     natural, damping = decay.values
     length = stretch.rate_hz / natural * max(1.0, 1.5 * damping)

@@ -40,11 +40,11 @@ class Estimate:
         begin: the path from the grid to the start values.
         predicted: predicted response of every record at the optimum, NaN where it is not defined;
             None if not computed.
-        criterion: what was minimised: the residual of the network's ``samples``, the ``likelihood``
-            of the responses in frequency, or an ``other`` function.
-        findings: what was found beside the parameters.
-        in_noise: records in the noise of the fit, by which it is judged, and joined with others;
-            None of equal weights, or points.
+        criterion: the function that was minimised: of the residual of the network's ``samples``,
+            the ``likelihood`` of the responses in frequency, or an ``other`` one.
+        findings: of the estimator, beside the parameters.
+        in_noise: records in the noise of the fit, for its judgement and for a joint fit; None for
+            equal weights or points.
     """
 
     estimator: str
@@ -86,12 +86,11 @@ class Estimator(ABC):
 
     Attributes:
         name: in results, settings and on the command line.
-        title: what it is, in a few words.
+        title: the estimator in a few words.
         rank: place in the order in which methods are compared and asked whether they suit, the
             lowest first.
-        settings: name → what a user may set by that name; names that are no field are
-            ``configured``'s to know.
-        trains_network: whether it leaves the weights of a network.
+        settings: what a user may set, by name; ``configured`` knows the names that are no field.
+        trains_network: whether the result has weights of a network.
         for_one_calibration: whether its estimate can take no part in a joint fit.
     """
 
@@ -114,9 +113,9 @@ class Estimator(ABC):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """Return what to take in place of an estimate where the model does not explain the data.
+        """Return the replacement of an estimate whose model does not explain the data, if any.
 
-        The residual is then no noise to weigh by. None: the estimate itself.
+        The residual by which the estimate was weighted is not noise then.
         """
         return None
 

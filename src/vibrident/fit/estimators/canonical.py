@@ -20,17 +20,17 @@ from vibrident.physics.models.labels import canonical, rule, slopes, with_positi
 def canonically_labelled(estimate: Estimate) -> Estimate:
     """Return the estimate with the labels that the rule gives, or itself where it has them.
 
-    The response is the same to rounding, and so is all that was predicted from it.
+    Response and predictions stay the same to rounding.
     """
     previous = estimate.coordinates
-    model = estimate.coordinates.model
+    model = previous.model
     values = with_positive_damping(model, previous.values(estimate.z))
     change = rule(model, values)
     if change is None:
         return estimate
     coordinates = Coordinates.at(
         model,
-        {name: float(value) for name, value in change(values).items()},
+        canonical(model, values),
         (float(previous.band_hz[0]), float(previous.band_hz[1])),
         float(previous.response_size),
     )

@@ -33,8 +33,8 @@ class TrainedNetwork:
         noise: standard deviation by which each record was weighted, response unit, shape
             (records,).
         linear: whether the model has a transfer function.
-        weights: by which the lines of the residual count: all alike, or by the spectrum of the
-            noise found; empty where the weights of the network are free, or a residual is learned.
+        weights: of the lines of the residual: all alike (``white``), or by the ``spectrum`` of the
+            noise; empty where the weights of the network are free, or a residual is learned.
         hum_hz: tones of each record that no motion causes, unknowns of the training.
         reading: how free weights were read back; empty for weights that are tied to the physics.
     """
@@ -73,7 +73,7 @@ class LearnedShare:
 
     Attributes:
         accepted: whether it predicts held-out data better than the physics alone.
-        share: rms of what it adds, over that of the response.
+        share: rms of its output over that of the response.
         tried: verdict on each structure.
         about: its structure, weights and shares where it is accepted, else the reason.
     """
@@ -102,7 +102,7 @@ class Stated(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that an estimator found beside the parameters.
+    """Findings of an estimator beside the parameters.
 
     Attributes:
         network: how it was trained; None for an estimator without one.

@@ -1,4 +1,4 @@
-"""A network beside the physics, before it is judged: where its training begins, and how it runs."""
+"""A network beside the physics before its judgement: the start and the course of its training."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from vibrident.fit.problem.time_domain import TimeProblem, evaluate
 from vibrident.physics.network.residual import initial_weights, with_residual
 from vibrident.physics.network.sensitivity import NormalEquations
 
-#: Deviation of a weight from where it begins, in coordinates, that costs as much as one standard
-#: deviation of noise: enough to keep apart what the data cannot, too little to move what they can.
+#: Deviation of a weight from its start, in coordinates, that costs as much as one standard
+#: deviation of noise: enough to separate weights that the data cannot, too little to move others.
 PRIOR = {
     "memory_frequency": 1.0,
     "memory_damping": 0.5,
@@ -72,7 +72,7 @@ class ResidualCandidate:
     def residuals(self, lanes: np.ndarray) -> FloatArray:
         """Return the residual, zero outside the lanes chosen, shape (L, M).
 
-        Initial states and offsets are those of all lanes.
+        All lanes determine initial states and offsets.
         """
         problem = self.problem
         residual = np.asarray(problem.lanes.response) - np.asarray(
@@ -85,7 +85,7 @@ class ResidualCandidate:
     ) -> ResidualCandidate:
         """Return the candidate trained on the lanes chosen, from z.
 
-        The noise is read again between rounds. ``tolerance``: of the cost; its default is that of a
+        The noise is read again after each round. ``tolerance``: of the cost; the default suits a
         trial.
         """
         candidate = self
@@ -118,9 +118,9 @@ def _penalised_normal(z: Any, args: Any) -> Local:
 
 
 def prior_weights(coordinates: Coordinates) -> FloatArray:
-    """Return how strongly the residual's weights are drawn to where they begin, shape (p,).
+    """Return the strength by which the prior draws weights to their start, shape (p,).
 
-    The parameters of the physics are not.
+    It is zero for the parameters of the physics.
     """
     return np.array([PRIOR.get(spec.name, np.inf) for spec in coordinates.model.parameters]) ** -2
 
@@ -128,15 +128,17 @@ def prior_weights(coordinates: Coordinates) -> FloatArray:
 def _noise(candidate: ResidualCandidate, lanes: np.ndarray) -> FloatArray:
     """Return the noise of every record from the lanes chosen.
 
-    That of records without any is the mean of the others', in proportion to their size.
+    A record without chosen lanes has noise in proportion to its size, as the other records.
     """
     problem = candidate.problem
     record_of_lane = problem.by_lane(np.arange(len(problem.records)), fill=-1).astype(int)
     squares = np.sum(candidate.residuals(lanes) ** 2, axis=0)
     counts = np.sum(np.asarray(problem.lanes.weight), axis=0) * lanes
     used = record_of_lane >= 0
-    total = np.bincount(record_of_lane[used], weights=squares[used], minlength=len(problem.records))
-    number = np.bincount(record_of_lane[used], weights=counts[used], minlength=len(problem.records))
+    total, number = (
+        np.bincount(record_of_lane[used], weights=sums[used], minlength=len(problem.records))
+        for sums in (squares, counts)
+    )
     has_lanes = number > 0
     deviation = np.array(
         [float(np.std(record.response[record.mask])) for record in problem.records]
@@ -153,7 +155,7 @@ def beginning_network(
 ) -> ResidualCandidate:
     """Return a network that does nothing yet.
 
-    Its recurrent neurons are where the physics' residual asks for them most.
+    Its recurrent neurons have the frequency that promises the largest gain on the residual.
     """
     if "memory" not in structure:
         return network_beside(structure, physics, {})
@@ -185,10 +187,7 @@ def beginning_network(
 
 
 def _promised_gain(matrix: FloatArray, gradient: FloatArray) -> float:
-    """Return the fall of the cost that a full step promises, the physics free to follow.
-
-    What the physics leaves counts, and that alone.
-    """
+    """Return the fall of the cost that a full step promises while the physics follows."""
     movable = np.diag(matrix) > 0
     scale = np.sqrt(np.diag(matrix)[movable])
     values, vectors = np.linalg.eigh(matrix[np.ix_(movable, movable)] / scale[:, None] / scale)
@@ -201,20 +200,16 @@ def network_beside(
 ) -> ResidualCandidate:
     """Return the physics as trained, with a network beside it that does nothing yet."""
     problem = physics.problem
-    coordinates_before = physics.coordinates
-    frame = physics.problem.frame
+    previous = physics.coordinates
+    frame = problem.frame
     model = with_residual(frame.model, structure)
-    response_size = float(coordinates_before.response_size)
+    response_size = float(previous.response_size)
     start = dict(
-        zip(
-            coordinates_before.model.parameter_names,
-            np.asarray(coordinates_before.start).tolist(),
-            strict=True,
-        )
+        zip(previous.model.parameter_names, np.asarray(previous.start).tolist(), strict=True)
     )
     start |= initial_weights(structure, response_size, memory)
-    values = {**start, **coordinates_before.values(physics.z)}
+    values = {**start, **previous.values(physics.z)}
     network = TimeProblem.build(problem.records, model, frame.method, frame.quantity, values)
-    coordinates = Coordinates.at(model, start, coordinates_before.band_hz, response_size)
+    coordinates = Coordinates.at(model, start, previous.band_hz, response_size)
     z = np.concatenate([physics.z, coordinates.first[len(physics.z) :]])
     return ResidualCandidate(network, coordinates, z, physics.noise)

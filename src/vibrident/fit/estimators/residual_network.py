@@ -1,23 +1,23 @@
 """The network with a learned residual beside its physics.
 
-First the physics alone. Then small networks beside it (:mod:`vibrident.physics.network.residual`),
-trained together with the physics on a part of the data and judged on the remainder: one is used
-only if it predicts data that it has not seen significantly better than the physics alone. Otherwise
-its share is zero and the estimate is that of the physics alone, bit by bit. The network used is
-trained once more on all data, physics and network together, so that the parameters' covariance
-includes their correlation.
+The physics is trained alone first. Then small networks beside it
+(:mod:`vibrident.physics.network.residual`) are trained together with the physics on a part of the
+data and judged on the remainder. A network is used only if it predicts data that it has not seen
+significantly better than the physics alone. Otherwise the estimate is that of the physics alone,
+bit by bit. The network used is trained once more on all data, together with the physics, so that
+the parameters' covariance includes their correlation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from vibrident.base.errors import ModelError, NotConverged
-from vibrident.data.records import FloatArray
+from vibrident.data.records import FloatArray, Record
 from vibrident.fit.descent.sandwich import hac_covariance
 from vibrident.fit.estimators.base import Estimate, Estimator
 from vibrident.fit.estimators.findings import Findings, LearnedShare
@@ -34,9 +34,9 @@ from vibrident.fit.registry import ESTIMATORS
 from vibrident.physics.models import SensorModel
 from vibrident.physics.network.residual import STRUCTURES, with_residual
 
-#: Steps over which squared residuals are summed to be compared.
+#: Steps of a block, over which squared residuals are summed and compared.
 BLOCK_STEPS = 32
-#: Fewest such blocks that are held out.
+#: Fewest blocks that are held out.
 MIN_BLOCKS = 16
 
 
@@ -99,7 +99,7 @@ class ResidualIpnn(Estimator):
             return _estimate_of_physics(
                 plain, "no network predicts held-out data better than the physics alone", summaries
             )
-        # A larger network must leave 80 % or less of what the smaller one left (mean square).
+        # A larger network must leave at most 80 % of the mean square that a smaller one leaves.
         best = min(useful, key=lambda pair: pair[1].remainder * 0.8 ** (2 - len(pair[0])))
         candidate = best[1].candidate.trained(np.ones(train.shape, dtype=bool), progress, 1e-3)
         return _estimate_with_network(plain, physics.problem, best[0], candidate, summaries)
@@ -107,15 +107,13 @@ class ResidualIpnn(Estimator):
 
 @dataclass(frozen=True, eq=False)
 class _Verdict:
-    """A trained candidate, and the held-out squared residual that it takes and leaves.
-
-    Both are over the physics' noise.
+    """A trained candidate, with its effect on the held-out data.
 
     Attributes:
         candidate: as trained.
-        gain: squared residual that it takes.
-        remainder: squared residual that it leaves.
-        is_useful: whether it is worthwhile and significant.
+        gain: squared residual over the physics' noise that the candidate removes.
+        remainder: squared residual over the physics' noise that the candidate leaves.
+        is_useful: whether the gain is worthwhile and significant.
         summary: for the settings of a result.
     """
 
@@ -127,9 +125,9 @@ class _Verdict:
 
 
 def _training_lanes(problem: TimeProblem) -> np.ndarray | None:
-    """Return lanes to train on, shape (M,); the others are held out. None where there are too few.
+    """Return lanes to train on, shape (M,), None where there are too few; the others are held out.
 
-    From six records on, every third is held out; of fewer, every other eighth of each.
+    Of six or more records every third is held out; of fewer, every other eighth of each.
     """
     lanes = problem.lanes
     segment = np.asarray(lanes.segment)
@@ -167,8 +165,8 @@ def _judge(
     residual_after = best.residuals(~train) / scale
     gain = float(np.sum(residual_before**2 - residual_after**2))
     remaining = float(np.sum(residual_after**2))
-    # Where the network has learned nothing but noise, its prediction moves by δ at random: Σ r δ
-    # has this deviation.
+    # Where the network has learned noise alone, its prediction moves by a random δ: Σ r δ has this
+    # deviation.
     products = np.sum(
         (residual_after * (residual_before - residual_after)).reshape(-1, BLOCK_STEPS, scale.size),
         axis=1,
@@ -191,7 +189,7 @@ def _judge(
 def _are_both_needed(single: list[_Verdict]) -> bool:
     """Return whether each part improves the fit and none makes the others superfluous.
 
-    The best one must leave a tenth or more of what each other one takes.
+    The best part must leave a tenth or more of the gain of each other part.
     """
     if not all(verdict.is_useful for verdict in single):
         return False
@@ -214,7 +212,7 @@ def _estimate_with_network(
 ) -> Estimate:
     """Return the estimate with the network beside the physics, and the share of each by record.
 
-    The records less what was learned are what the physics has to explain.
+    The physics has to explain the records less the learned part.
     """
     assert plain.problem is not None
     count = len(plain.z)
@@ -243,15 +241,8 @@ def _estimate_with_network(
             if name in PRIOR
         },
         "share_by_record": dict(zip([record.name for record in records], shares, strict=True)),
-        "rmse": _rms(
-            [record.response - series for record, series in zip(records, predicted, strict=True)]
-        ),
-        "rmse_of_physics_alone": _rms(
-            [
-                record.response - series
-                for record, series in zip(records, plain.predicted or (), strict=True)
-            ]
-        ),
+        "rmse": _rmse(records, predicted),
+        "rmse_of_physics_alone": _rmse(records, plain.predicted or ()),
     }
     share = _rms_share(np.concatenate(added), np.concatenate(predicted))
     network = plain.findings.network
@@ -262,8 +253,8 @@ def _estimate_with_network(
         replace(record, response=record.response - np.nan_to_num(added_series))
         for record, added_series in zip(records, added, strict=True)
     )
-    # What of the misfit looked like noise of the reference has been learned since: none of the
-    # plain fit's is stated.
+    # A part of the misfit looked like noise of the reference, and has been learned since: the noise
+    # of the plain fit is not stated.
     findings = Findings(
         replace(network, noise=candidate.noise, weights=""),
         learned=LearnedShare(True, share, tried, about),
@@ -288,15 +279,20 @@ def _estimate_with_network(
 
 
 def _rms_share(added: FloatArray, predicted: FloatArray) -> float:
-    """Return the rms of what the network adds, over that of the whole prediction."""
+    """Return the rms of the network's output over that of the prediction."""
     deviation = float(np.nanstd(predicted)) if np.isfinite(predicted).any() else 0.0
-    return _rms([added]) / deviation if deviation > 0 else 0.0
+    return _rms(added) / deviation if deviation > 0 else 0.0
 
 
-def _rms(residuals: list[FloatArray]) -> float:
-    """Return the root mean square of residuals, NaN left out."""
-    joined = np.concatenate(residuals)
-    return float(np.sqrt(np.nanmean(joined**2)))
+def _rmse(records: Sequence[Record], predicted: Sequence[FloatArray]) -> float:
+    """Return the root mean square of measured minus predicted responses, NaN left out."""
+    pairs = zip(records, predicted, strict=True)
+    return _rms(np.concatenate([record.response - series for record, series in pairs]))
+
+
+def _rms(series: FloatArray) -> float:
+    """Return the root mean square of a series, NaN left out."""
+    return float(np.sqrt(np.nanmean(series**2)))
 
 
 def saved_model(
@@ -304,7 +300,7 @@ def saved_model(
 ) -> tuple[SensorModel, dict[str, float]]:
     """Return the model with the residual network that a result holds, and its weights.
 
-    Without one, the model is the one given and there are no weights.
+    A result without one gives the model itself and no weights.
     """
     saved = settings.get("residual_network") or {}
     if not saved.get("kept"):

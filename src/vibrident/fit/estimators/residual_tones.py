@@ -1,11 +1,11 @@
 """The tones of the sine records, without the part that the network already explains.
 
-A sine fit of each channel alone is disturbed by motion beside the tone: vibration noise is in both
+Motion beside the tone disturbs a sine fit of each channel alone: vibration noise is in both
 channels, but its start and end in the record leave a transient in the response that no ratio of
-spectra takes out (Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's
+spectra removes (Pintelon & Schoukens 2012, sec. 2.6). So the sine is fitted to the network's
 residual e = y − ŷ(x; θ), which holds no vibration, initial state or start transient. The response's
-amplitude is then Y = H(θ) X + E. To first order it does not depend on the θ used, and after two
-rounds the dependence is negligible.
+amplitude is then Y = H(θ) X + E. To first order it does not depend on θ; after two rounds the
+dependence is negligible.
 """
 
 from __future__ import annotations
@@ -33,10 +33,7 @@ from vibrident.physics.discretisation.inputs import half_width_for
 
 
 def network_problem(evidence: Evidence, values: dict[str, float]) -> NetworkProblem | None:
-    """Return the network over all records with band-limited inputs.
-
-    It is None where every record is too short for it.
-    """
+    """Return the network over all records with band-limited inputs, None if all are too short."""
     try:
         return network_of(
             evidence.records, evidence.model, method("bandlimited"), evidence.quantity, values
@@ -69,9 +66,7 @@ def residual_tones(
     values = coordinates.values(z)
 
     def response(frequency: FloatArray) -> ComplexArray:
-        return np.asarray(
-            model.frequency_response(values, frequency, evidence.quantity), dtype=complex
-        )
+        return model.frequency_response(values, frequency, evidence.quantity)
 
     records = [evidence.records[index] for index in plain.record]
     poles = model.poles(values)
@@ -82,14 +77,14 @@ def residual_tones(
         unpredicted if predicted is None else [predicted[index] for index in plain.record]
     )
     cleaned, noise_rms = _tones_of_residuals(records, predicted_by_tone, plain, response, poles)
-    # Only the network brings the tones of a nonlinear model to what its linear part answers.
+    # Only the network reduces the tones of a nonlinear model to those of its linear part.
     if predicted is None or not model.is_linear:
         return cleaned
     samples = np.array([record.mask.sum() for record in records])
     deviation = cleaned.error_deviation(response)
     max_noise_ratio = 1.5
-    # Noise of the reference passes the network: where it is above the noise beside the tone, a
-    # plain sine with the free motion is fitted, if that is not the noisier way.
+    # Noise of the reference passes the network. Where it exceeds the noise beside the tone, a plain
+    # sine with the free motion is fitted, unless that is noisier.
     noisy = (noise_rms > 3.0 * deviation * np.sqrt(samples / 2.0)) | (
         deviation > max_noise_ratio * plain.error_deviation(response)
     )
@@ -103,10 +98,8 @@ def residual_tones(
     if not np.any(noisy):
         return cleaned
     predictions = [
-        no_prediction if is_noisy else prediction
-        for prediction, no_prediction, is_noisy in zip(
-            predicted_by_tone, unpredicted, noisy, strict=True
-        )
+        unpredicted[place] if noisy[place] else prediction
+        for place, prediction in enumerate(predicted_by_tone)
     ]
     return _tones_of_residuals(records, predictions, plain, response, poles)[0]
 
@@ -133,7 +126,7 @@ def roughly_cleaned(
         used = record.mask & np.isfinite(series)
         window = hann(record.samples) * used
         periods = frequency[place] * record.duration_s
-        # Of fewer samples or periods, offset and mirror image mix with the tone.
+        # With fewer samples or periods, offset and mirror image mix with the tone.
         if used.sum() > 0.5 * record.mask.sum() and periods > 4.0:
             wave = phasors(
                 record.samples, -2.0 * np.pi * frequency[place] / record.sampling_rate_hz
@@ -144,10 +137,10 @@ def roughly_cleaned(
 
 
 def _is_steady(record: Record, tones: MeasuredResponse, place: int) -> bool:
-    """Return whether the reference keeps the size of its tone, as far as its noise tells.
+    """Return whether the reference keeps the size of its tone within its noise.
 
-    Else its amplitude is another under Hann's window: the motion rings up, or changes in size, and
-    the sensor's answer to that is in no sine.
+    If the motion rings up or changes in size, its amplitude under Hann's window differs, and no
+    sine describes the sensor's response.
     """
     mask = record.mask
     turns = tones.frequency_hz[place] / record.sampling_rate_hz
@@ -170,17 +163,22 @@ def _tones_of_residuals(
     response_at: Callable[[FloatArray], ComplexArray],
     poles: ComplexArray,
 ) -> tuple[MeasuredResponse, FloatArray]:
-    """Return the tones of the residuals, and the rms of what is beside each.
+    """Return the tones of the residuals, and the rms of the noise beside each.
 
-    The rms is zero where a plain sine was fitted. Records and what the network predicts of them,
-    NaN where it does not reach, are in the order of the tones; ``response_at``: response of the
-    model.
+    The rms is zero where a plain sine was fitted.
+
+    Args:
+        records: in the order of the tones.
+        predicted: response of each by the network, NaN where it does not reach.
+        plain: tones of the records themselves.
+        response_at: complex sensitivity of the model at frequencies.
+        poles: of the sensor, 1/s.
     """
     residual_records = []
     reaches = []
     for record, series in zip(records, predicted, strict=True):
         used = record.mask & np.isfinite(series)
-        # Where the network reaches too little, or interpolates by too few samples to be good to
+        # Where the network predicts too few samples, or interpolates by too few for an error of
         # 1e-5, the record keeps all its samples and its vibration noise.
         reaches.append(
             half_width_for(record.samples) >= 32 and bool(used.sum() > 0.5 * record.mask.sum())
@@ -191,13 +189,8 @@ def _tones_of_residuals(
         )
     tones = measure_tones(residual_records, plain.frequency_hz.tolist(), poles, records)
     share = np.array(reaches, dtype=float)
-    powers = [
-        np.var(record.response[record.mask]) if is_reached else 0.0
-        for record, is_reached in zip(residual_records, reaches, strict=True)
-    ]
-    noise_rms = np.sqrt(
-        np.maximum(np.array(powers) - 0.5 * np.abs(tones.response) ** 2 * share, 0.0)
-    )
+    powers = np.array([np.var(record.response[record.mask]) for record in residual_records])
+    noise_rms = np.sqrt(np.maximum(share * (powers - 0.5 * np.abs(tones.response) ** 2), 0.0))
     lines = response_at(tones.line_hz.ravel()).reshape(tones.line_hz.shape)
     measured = replace(
         tones,

@@ -1,13 +1,14 @@
 """The joint fit: first the least sum of all costs, then moment conditions.
 
-The sum of costs finds the place, robust against a bad separate fit: Levenberg–Marquardt on the
-summed normal equations, from the separate estimates in turn, each record weighted by its residual
-there. A separate fit that stopped at another optimum is repeated from there. The moment conditions
-(:mod:`vibrident.fit.joint.moments`) then weight each calibration by its stated covariance, and the
-stated systematic effects are columns beside the parameters, each with an amount whose prior is N(0,
-1) in its standard uncertainties (random effects; with the amounts eliminated, by Woodbury's
-identity, the estimate of generalised least squares). A calibration against a better reference thus
-has the greater weight on what the references limit.
+The sum of costs finds the place, whatever a bad separate fit says: Levenberg–Marquardt descends the
+summed normal equations from each separate estimate in turn, with each record weighted by its
+residual there. A separate fit that stopped at another optimum is repeated from the joint one.
+
+The moment conditions (:mod:`vibrident.fit.joint.moments`) then weight each calibration by its
+stated covariance. The stated systematic effects are columns beside the parameters, each with an
+amount whose prior is N(0, 1) in its standard uncertainty (random effects; with the amounts
+eliminated, by Woodbury's identity, this is generalised least squares). A calibration against a
+better reference thus has the greater weight where the references limit the result.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ Costs = Sequence[Callable[[FloatArray], Local]]
 
 @dataclass(frozen=True, eq=False)
 class JointProblem:
-    """The calibrations of a joint fit, and where their coordinates lie in its own."""
+    """The calibrations of a joint fit, with the map from its coordinates to theirs."""
 
     fitted: tuple[Fitted, ...]  # the separate fits
     numbers: tuple[JointParameter, ...]  # the parameters of the joint fit
 
     @functools.cached_property
     def places(self) -> tuple[JointPlace, ...]:
-        """Return the place of each fit in the joint coordinates."""
+        """Return the map from the joint coordinates to those of each fit."""
         return places(self.numbers, [fit.estimate.coordinates for fit in self.fitted])
 
     def at(self, theta: FloatArray) -> list[FloatArray]:
@@ -61,21 +62,16 @@ def stacked(
     """Return the costs of calibrations as one objective in the coordinates of the joint fit.
 
     Args:
-        places: of each calibration in these.
-        costs: of each, from its own coordinates.
-        prior: information on these about zero, of each, shape (q,).
+        places: map from these to the coordinates of each calibration.
+        costs: of each calibration, at its own coordinates.
+        prior: information on the joint coordinates about zero, shape (q,).
     """
 
     def objective(theta: FloatArray, _: object) -> Local:
         local_costs = [cost(place.z(theta)) for place, cost in zip(places, costs, strict=True)]
-        matrix = sum(
-            place.matrix.T @ local.matrix @ place.matrix
-            for place, local in zip(places, local_costs, strict=True)
-        )
-        gradient = sum(
-            place.matrix.T @ local.gradient
-            for place, local in zip(places, local_costs, strict=True)
-        )
+        pairs = list(zip(places, local_costs, strict=True))
+        matrix = sum(place.matrix.T @ local.matrix @ place.matrix for place, local in pairs)
+        gradient = sum(place.matrix.T @ local.gradient for place, local in pairs)
         prior_gradient = prior * theta
         return Local(
             matrix + np.diag(prior * np.ones_like(theta)),
@@ -88,13 +84,10 @@ def stacked(
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """A systematic effect, and its shift of each calibration's coordinates.
-
-    ``shifts``: by one standard uncertainty, of the calibrations that have it, shapes (p,).
-    """
+    """A systematic effect, and its shift of the coordinates of each calibration that has it."""
 
     effect: SystematicEffect
-    shifts: dict[int, FloatArray]
+    shifts: dict[int, FloatArray]  # by one standard uncertainty, by calibration, shapes (p,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,31 +96,31 @@ class Balance:
 
     theta: FloatArray  # joint coordinates, shape (q,)
     covariance: FloatArray  # of these and of the amounts of the effects, shape (q + K, q + K)
-    places: tuple[JointPlace, ...]  # of each fit in both
-    information: tuple[FloatArray, ...]  # of the coordinates of each fit, shapes (p, p)
-    #: Of each fit alone; to first order where its own is not used, shapes (p,).
+    places: tuple[JointPlace, ...]  # map from both to the coordinates of each fit
+    information: tuple[FloatArray, ...]  # on the coordinates of each fit, shapes (p, p)
+    #: Separate estimates; to first order where a separate fit is not used, shapes (p,).
     estimates: tuple[FloatArray, ...]
 
     def by_data(self, index: int) -> FloatArray:
-        """Return what the data of a calibration add to the covariance of theta, shape (q, q)."""
+        """Return the contribution of a calibration's data to the covariance of theta, (q, q)."""
         gain = self.covariance[: len(self.theta)] @ self.places[index].matrix.T
         return gain @ self.information[index] @ gain.T
 
     def by_effect(self, number: int) -> FloatArray:
-        """Return what one standard uncertainty of an effect does to theta, shape (q,)."""
+        """Return the shift of theta by one standard uncertainty of an effect, shape (q,)."""
         return self.covariance[: len(self.theta), len(self.theta) + number]
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """The joint estimate, and what it was made of."""
+    """The joint estimate, with the fits and effects that it was made of."""
 
-    problem: JointProblem  # what was fitted, after repetition
+    problem: JointProblem  # with the fits that were repeated
     effects: tuple[Effect, ...]  # each once
     balance: Balance
     near: tuple[CalibrationScore, ...]  # residual of each fit near the joint estimate
     trace: Trace  # of the optimiser
-    own_used: tuple[int, ...]  # fits whose own estimate is used; others ended at another optimum
+    unused: frozenset[int]  # fits that ended at another optimum, whose estimate is not used
 
 
 def descend(
@@ -161,8 +154,7 @@ def descend(
     path = np.concatenate([trace.coordinates, balance.theta[None]])
     status = f"{trace.status}; the last point: each calibration weighted by its stated covariance"
     trace = Trace(trace.optimiser, trace.converged, status, (*trace.costs, float(cost)), path)
-    own_used = tuple(index for index in range(len(problem.fitted)) if index not in unused)
-    return Descent(problem, effects, balance, tuple(near), trace, own_used)
+    return Descent(problem, effects, balance, tuple(near), trace, frozenset(unused))
 
 
 def _balance(
@@ -173,9 +165,9 @@ def _balance(
     covariance: Callable[[Fitted], FloatArray],
     progress: Progress,
 ) -> tuple[Balance, tuple[Effect, ...]]:
-    """Return the joint estimate by moments, from where the sum of costs led, and the effects.
+    """Return the joint estimate by moments, started at the optimum of the costs, and the effects.
 
-    ``unused``: fits whose own estimate is not used.
+    ``unused``: fits whose separate estimate is not used.
     """
     moments = []
     coordinates = problem.at(theta)
@@ -225,7 +217,7 @@ def _balance(
     ]
     return Balance(
         iterate[: len(theta)],
-        inverse_normal(np.asarray(total)),
+        inverse_normal(total),
         places,
         information,
         tuple(estimates),
@@ -235,9 +227,9 @@ def _balance(
 def _effects(fitted: Sequence[Fitted], coordinates: Sequence[FloatArray]) -> tuple[Effect, ...]:
     """Return every systematic effect once.
 
-    Equal statements in two calibrations are one effect, as of one instrument. It is taken at the
-    joint values ``coordinates``: relative effects at each measured value would draw these down
-    (Peelle's puzzle; D'Agostini 1994).
+    Equal statements in two calibrations are one effect, as of one instrument. Effects are taken at
+    the joint values ``coordinates``: relative effects taken at each measured value would draw these
+    down (Peelle's puzzle; D'Agostini 1994).
     """
     shifts_by_effect: dict[SystematicEffect, dict[int, FloatArray]] = {}
     for index, (fit, z) in enumerate(zip(fitted, coordinates, strict=True)):
@@ -248,7 +240,7 @@ def _effects(fitted: Sequence[Fitted], coordinates: Sequence[FloatArray]) -> tup
 
 
 def _with_effects(place: JointPlace, index: int, effects: Sequence[Effect]) -> JointPlace:
-    """Return a calibration's place in the joint coordinates and the amounts of the effects."""
+    """Return the map to a calibration's coordinates from the joint ones and the amounts."""
     columns = [effect.shifts.get(index, np.zeros(len(place.offset))) for effect in effects]
     return replace(place, matrix=np.column_stack([place.matrix, *columns]))
 
@@ -293,13 +285,13 @@ def _best_optimum(
 
 
 def _starts(problem: JointProblem) -> list[FloatArray]:
-    """Return joint coordinates by each calibration in turn, and once more with its delay for all.
+    """Return joint coordinates whose shared ones are those of each calibration in turn.
 
-    The shared coordinates are from it.
+    Each comes twice: with the delay of every calibration, and with its own delay for all.
     """
     fitted = problem.fitted
     starts = []
-    for preferred, by_preferred in itertools.product(range(len(fitted)), (False, True)):
+    for preferred, one_delay in itertools.product(range(len(fitted)), (False, True)):
         values = fitted[preferred].estimate.coordinates.values(fitted[preferred].estimate.z)
         theta = np.zeros(len(problem.numbers))
         for column, number in enumerate(problem.numbers):
@@ -309,10 +301,7 @@ def _starts(problem: JointProblem) -> list[FloatArray]:
             place = problem.places[owner]
             estimate = fitted[owner].estimate
             z = estimate.z[index]
-            if (
-                by_preferred
-                and fitted[owner].evidence.model.parameters[index].describes == "channel"
-            ):
+            if one_delay and fitted[owner].evidence.model.parameters[index].describes == "channel":
                 z = values.get(number.name, 0.0) / estimate.coordinates.time_unit_s
             theta[column] = (z - place.offset[index]) / place.matrix[index, column]
         if not any(np.allclose(theta, known, rtol=0.0, atol=1e-9) for known in starts):
@@ -323,19 +312,19 @@ def _starts(problem: JointProblem) -> list[FloatArray]:
 def _fits_elsewhere(
     problem: JointProblem, near: Sequence[CalibrationScore], theta: FloatArray
 ) -> set[int]:
-    """Return calibrations whose own fit is not the optimum near the joint estimate.
+    """Return calibrations whose separate fit is not the optimum near the joint estimate.
 
-    That optimum is where a Gauss–Newton step from the joint estimate leads to. What that step
-    promises is what the own optimum gains, unless this is another one or too far off for the moment
-    conditions; or the own fit is the worse one.
+    A Gauss–Newton step from the joint estimate leads to that optimum. The gain that it promises is
+    the gain of the separate fit, unless this is another optimum, too far off for the moment
+    conditions, or the worse one.
     """
     elsewhere = set()
     for index, (fit, score, z) in enumerate(
         zip(problem.fitted, near, problem.at(theta), strict=True)
     ):
-        at_joint, at_own = (score.local(place) for place in (z, fit.estimate.z))
-        gain = at_joint.cost - at_own.cost + _promised_gain(at_own)
-        # Within one standard uncertainty, or a step promises at least half of what is gained.
+        at_joint, at_separate = (score.local(place) for place in (z, fit.estimate.z))
+        gain = at_joint.cost - at_separate.cost + _promised_gain(at_separate)
+        # Within one standard uncertainty, or a step promises at least half of the gain.
         if not abs(gain) <= 1.0 and not _promised_gain(at_joint) >= 0.5 * gain > 0.0:
             elsewhere.add(index)
     return elsewhere

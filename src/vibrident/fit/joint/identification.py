@@ -31,7 +31,7 @@ from vibrident.physics.models import GivenModel, named
 from vibrident.physics.naming import in_words
 from vibrident.result import Parameter, Result, ResultWarning
 
-#: Coverage of a calibration whose own fit is not used.
+#: Source of a calibration's uncertainty where its separate fit is not used.
 RESIDUAL = "its residual at the joint fit, noise and misfit (its own fit is not used)"
 
 
@@ -48,9 +48,10 @@ def identify_together(
 ) -> tuple[Result, ...]:
     """Identify one sensor from several of its calibrations.
 
-    They are by sine and by shock, say, or by two of its outputs. Each calibration keeps its own
-    model, units and estimator. What they share is estimated once, from all of them, each weighted
-    by its own covariance. One of free decays alone shares natural frequency and damping ratio.
+    The calibrations are by sine and by shock, for example, or of two outputs. Each keeps its own
+    model, units and estimator. The parameters that they share are estimated once, from all of them,
+    each weighted by its covariance. A calibration of free decays alone shares natural frequency and
+    damping ratio.
 
     Args:
         calibrations: of one sensor, or paths of their calibration files.
@@ -148,14 +149,12 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
     fitted = descent.problem.fitted
     places = descent.problem.places
     balance = descent.balance
-    separate_rows = [budget_of(effect, uncertainty) for effect in fitted]
+    separate_rows = [budget_of(separate, uncertainty) for separate in fitted]
     data = [rows[0] for rows in separate_rows]
-    for i, effect in enumerate(fitted):
-        if i not in descent.own_used:
-            covariance = inverse_normal(balance.information[i])
-            data[i] = BudgetRow(
-                RESIDUAL, DATA, None, "", effect.estimate.degrees_of_freedom, covariance
-            )
+    for i in descent.unused:
+        covariance = inverse_normal(balance.information[i])
+        freedom = fitted[i].estimate.degrees_of_freedom
+        data[i] = BudgetRow(RESIDUAL, DATA, None, "", freedom, covariance)
     consistency = _consistency(descent, data)
     birge = 1.0
     disagreements = []
@@ -163,22 +162,23 @@ def _documents(descent: Descent, uncertainty: Uncertainty, labels: Sequence[str]
         if uncertainty != "noise":
             birge = np.sqrt(consistency.overall.chi2 / consistency.overall.degrees_of_freedom)
         disagreements = [_disagreement(consistency, birge, labels, descent)]
-    shares = [
-        (
-            replace(row, source=f"{label}: {row.source}" if len(places) > 1 else row.source),
-            birge**2 * balance.by_data(i),
+    joint_rows = [  # with covariances of theta
+        replace(
+            row,
+            source=f"{label}: {row.source}" if len(places) > 1 else row.source,
+            covariance=birge**2 * balance.by_data(i),
         )
         for i, (row, label) in enumerate(zip(data, labels, strict=True))
     ]
     for number, effect in enumerate(descent.effects):
         shift = balance.by_effect(number)
-        shares.append((row_of_effect(effect.effect, np.zeros(0)), np.outer(shift, shift)))
+        joint_rows.append(row_of_effect(effect.effect, np.outer(shift, shift)))
     results = []
     for i, place in enumerate(places):
         rows = [
-            replace(row, covariance=place.matrix @ share @ place.matrix.T)
-            for row, share in shares
-            if share.any()
+            replace(row, covariance=place.matrix @ row.covariance @ place.matrix.T)
+            for row in joint_rows
+            if row.covariance.any()
         ]
         results.append(document(fitted[i].at(_estimate(descent, i)), rows, disagreements))
     if len(places) == 1:
@@ -197,8 +197,8 @@ def _estimate(descent: Descent, index: int) -> Estimate:
     near = descent.near[index]
     estimate = fitted[index].estimate
     findings = estimate.findings
-    changes = {}
-    if index not in descent.own_used and findings.noise is not None:
+    problem = estimate.problem
+    if index in descent.unused and findings.noise is not None:
         no_values = np.zeros(0)
         no_pulls = np.zeros((0, 0))
         findings = replace(
@@ -207,7 +207,7 @@ def _estimate(descent: Descent, index: int) -> Estimate:
         )
     if near.noise is not None and findings.network is not None:
         findings = replace(findings, network=replace(findings.network, noise=near.noise))
-        changes["problem"] = near.problem
+        problem = near.problem
     theta = descent.balance.theta
     trace = descent.trace
     return replace(
@@ -217,12 +217,12 @@ def _estimate(descent: Descent, index: int) -> Estimate:
         @ descent.balance.covariance[: len(theta), : len(theta)]
         @ place.matrix.T,
         trace=replace(trace, coordinates=place.offset + trace.coordinates @ place.matrix.T),
+        problem=problem,
         findings=findings,
         tones=None,  # measured again, with the network's response at the joint values
         predicted=None,
         begin=None,
         equations=sum(fit.estimate.equations for fit in fitted),
-        **changes,
     )
 
 
@@ -230,26 +230,22 @@ def _consistency(descent: Descent, data: Sequence[BudgetRow]) -> Consistency | N
     """Return the comparison of the separate estimates, None if nothing is shared."""
     problem = descent.problem
     estimates = descent.balance.estimates
-    stacked = [
+    shifts = [
         np.concatenate([effect.shifts.get(i, np.zeros(len(z))) for i, z in enumerate(estimates)])
         for effect in descent.effects
     ]
-    fewest = min(row.degrees_of_freedom for row in data)
     return compare(
         problem.numbers,
         problem.places,
         estimates,
         [row.covariance for row in data],
-        stacked,
-        fewest,
+        shifts,
+        min(row.degrees_of_freedom for row in data),
     )
 
 
 def _labels(calibrations: Sequence[Calibration]) -> list[str]:
-    """Return a short name for each calibration: its file's.
-
-    The folder comes with it where files share a name.
-    """
+    """Return a short name for each calibration: that of its file, with the folder if ambiguous."""
     names = [
         Path(calibration.source).name or f"calibration {i}"
         for i, calibration in enumerate(calibrations, 1)
@@ -281,7 +277,7 @@ def _disagreement(
         unit = parameter_units(estimate.coordinates.model, fitted[owner].evidence.calibration)[name]
         text = (
             amount(estimate.coordinates.values(estimate.z)[name], unit, 6)
-            if owner in descent.own_used
+            if owner not in descent.unused
             else "elsewhere"
         )
         values.append(f"{text} ({labels[owner]})")
@@ -310,11 +306,10 @@ def _about(
     rows: Sequence[Sequence[BudgetRow]],
     consistency: Consistency | None,
 ) -> dict[str, Any]:
-    """Return the content of ``settings["joint"]``; ``rows``: whole budget of each separate fit."""
-    fitted = descent.problem.fitted
+    """Return the content of ``settings["joint"]``; ``rows``: budget of each separate fit."""
     separate = [
-        _separate_parameters(fitted[i], rows[i]) if i in descent.own_used else {}
-        for i in range(len(fitted))
+        {} if i in descent.unused else _separate_parameters(fit, rows[i])
+        for i, fit in enumerate(descent.problem.fitted)
     ]
     shared = []
     for number in descent.problem.numbers:
@@ -343,7 +338,7 @@ def _about(
                 "file": label,
                 "model": result.model,
                 "estimator": result.estimator,
-                "own_fit_used": i in descent.own_used,
+                "own_fit_used": i not in descent.unused,
             }
             for i, (label, result) in enumerate(zip(labels, results, strict=True))
         ],
@@ -355,7 +350,7 @@ def _about(
 
 
 def _separate_parameters(fitted: Fitted, rows: Sequence[BudgetRow]) -> dict[str, Parameter]:
-    """Return the parameters of a separate fit, with its whole budget."""
+    """Return the parameters of a separate fit, with uncertainties by all rows of its budget."""
     estimate = fitted.estimate
     covariance = np.sum([row.covariance for row in rows], axis=0)
     units = unit_fields(fitted.evidence.calibration)

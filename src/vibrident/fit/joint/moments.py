@@ -31,16 +31,16 @@ from vibrident.fit.problem import Coordinates, Local
 class CalibrationScore:
     """A calibration's residual: at points, at the samples of records, or of free decays."""
 
-    coordinates: Coordinates  # its coordinates
-    problem: Any  # with ``normal``
+    coordinates: Coordinates
+    problem: Any  # an object with a method ``normal``
     #: Standard deviation by which samples of each record are weighted, shape (records,).
     noise: FloatArray | None = None
 
     @classmethod
     def from_fit(cls, fitted: Fitted) -> CalibrationScore:
-        """Build the residual of an estimate, weighted as there."""
+        """Build the residual of an estimate, with the weights of its fit."""
         estimate = fitted.estimate
-        network = fitted.estimate.findings.network
+        network = estimate.findings.network
         if estimate.findings.decays is not None:
             from vibrident.fit.decay.estimate import decays_at  # only where there are decays
 
@@ -58,18 +58,15 @@ class CalibrationScore:
         return Local(np.asarray(normal.matrix), np.asarray(normal.gradient), float(normal.cost))
 
     def deviance(self, z: FloatArray) -> float:
-        """Return −2 log likelihood at ``z`` up to a constant.
-
-        The noise of each record is read there.
-        """
+        """Return −2 log likelihood at ``z`` up to a constant; of records, that of their noise."""
         if self.noise is None:
             return self.local(z).cost
         return float(2.0 * self.problem.degrees_of_freedom @ np.log(self.noise))
 
     def near(self, z: FloatArray) -> CalibrationScore:
-        """Return the residual with delay and noise of ``z``.
+        """Return the residual with inputs interpolated at the delay of ``z``.
 
-        Inputs are interpolated at its delay, and each record is weighted by its residual there.
+        Each record is weighted by its residual at ``z``.
         """
         if self.noise is None:
             return self
@@ -107,12 +104,11 @@ class MomentConditions:
         """Build the conditions from an estimate with its covariance as stated.
 
         Args:
-            score: its score.
+            score: of the calibration.
             z: the estimate, shape (p,).
-            covariance: of it, shape (p, p).
+            covariance: of the estimate, shape (p, p).
             near: the score with inputs interpolated at the joint delay.
-            optimum: whether ``z`` is an optimum; else it is a place where the residual is looked
-                at.
+            optimum: whether ``z`` is an optimum, or any place.
         """
         local = score.local(z)
         diagonal = np.diag(local.matrix)

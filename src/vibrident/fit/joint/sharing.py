@@ -34,17 +34,20 @@ class JointParameter:
     """A parameter of the joint fit: one of a calibration, or shared by several."""
 
     name: str  # of the parameter
-    #: Calibration, and index in its model, of each parameter that is this one.
+    #: Calibration, and index in its model, of each parameter that this one stands for.
     members: tuple[tuple[int, int], ...]
 
 
 def joined(
     calibrations: Sequence[Calibration], models: Sequence[SensorModel], share: Sequence[str] | None
 ) -> tuple[JointParameter, ...]:
-    """Return the parameters of the joint fit: each shared one once, each other one for itself.
+    """Return the parameters of the joint fit, each shared one once.
 
-    ``models``: of each calibration; ``share``: names of the parameters to share, these and no
-    others; None: the mechanics, and the parameters of equal outputs.
+    Args:
+        calibrations: of one sensor.
+        models: of each calibration.
+        share: names of the parameters to share, and no others; None: the mechanics, and the
+            parameters of equal outputs.
 
     Raises:
         InputError: a name is not a parameter, or not one that two calibrations can share.
@@ -92,7 +95,7 @@ def _check_common(
     share: Sequence[str] | None,
     calibrations: Sequence[Calibration],
 ) -> None:
-    """Refuse calibrations that have nothing to share, or not what was asked for.
+    """Refuse calibrations that have nothing, or not the names asked for, in common.
 
     Raises:
         InputError: nothing, or a name in ``share``, is common to two calibrations.
@@ -131,49 +134,36 @@ class JointPlace:
 def places(
     numbers: Sequence[JointParameter], coordinates: Sequence[Coordinates]
 ) -> tuple[JointPlace, ...]:
-    """Return the place of each calibration; a joint coordinate is that of its first member."""
-    offsets = [np.zeros(len(of_calibration.model.parameters)) for of_calibration in coordinates]
-    matrices = [
-        np.zeros((len(of_calibration.model.parameters), len(numbers)))
-        for of_calibration in coordinates
-    ]
+    """Return the map to each calibration; a joint coordinate is that of its first member."""
+    sizes = [len(of_calibration.model.parameters) for of_calibration in coordinates]
+    maps = tuple(JointPlace(np.zeros(size), np.zeros((size, len(numbers)))) for size in sizes)
     for column, number in enumerate(numbers):
         first, first_index = number.members[0]
         for owner, index in number.members:
-            offset, scale = _offset_and_scale(
+            maps[owner].offset[index], maps[owner].matrix[index, column] = _offset_and_scale(
                 coordinates[first], first_index, coordinates[owner], index
             )
-            offsets[owner][index] = offset
-            matrices[owner][index, column] = scale
-    return tuple(
-        JointPlace(offset, matrix) for offset, matrix in zip(offsets, matrices, strict=True)
-    )
+    return maps
 
 
 def _offset_and_scale(
     first: Coordinates, first_index: int, second: Coordinates, second_index: int
 ) -> tuple[float, float]:
-    """Return offset and scale from a coordinate to another of the same physical value.
-
-    The second is linear in the first.
-    """
+    """Return offset and scale of a coordinate as a linear function of another of the same value."""
     name = first.model.parameters[first_index].name
     other_values = second.values(np.zeros(len(second.model.parameters)))
-    values = [
-        first.values(np.full(len(first.model.parameters), coordinate))[name]
-        for coordinate in (0.0, 1.0)
-    ]
     begin, end = (
-        float(second.place(other_values | {name: value})[second_index]) for value in values
+        float(second.place(other_values | {name: first.values(z)[name]})[second_index])
+        for z in (np.zeros(len(first.model.parameters)), np.ones(len(first.model.parameters)))
     )
     return begin, end - begin
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A test of consistency: χ² of a difference, its degrees of freedom, and its probability.
+    """A test of consistency: χ² of a difference, and the probability that it is as large.
 
-    The probability is that of at least this χ² for consistent data.
+    The probability holds for consistent data.
     """
 
     chi2: float
@@ -188,7 +178,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Consistency:
-    """The outcome of the comparison of separate estimates."""
+    """The comparison of separate estimates."""
 
     overall: Verdict  # of all shared parameters together
     by_name: dict[str, Verdict]  # of each shared parameter by itself
@@ -213,12 +203,12 @@ def compare(
     """Compare separate estimates; None if nothing is shared.
 
     Args:
-        numbers: of the joint fit.
-        places: of each calibration in it.
+        numbers: parameters of the joint fit.
+        places: maps from the joint coordinates to each calibration's.
         estimates: separate estimates of each calibration's coordinates, shapes (p,).
-        covariances: of them, from the data alone, shapes (p, p).
-        effects: change of all of them for one standard uncertainty of each systematic effect,
-            shapes (Σp,).
+        covariances: of these, from the data alone, shapes (p, p).
+        effects: shift of all of these by one standard uncertainty of each systematic effect, shapes
+            (Σp,).
         degrees_of_freedom: the least of any covariance.
     """
     matrix = np.concatenate([place.matrix for place in places])
@@ -256,7 +246,7 @@ def compare(
 
 
 def _probability(chi2: float, contrasts: int, freedom: float) -> float:
-    """Return the probability of at least this χ²; of Fisher's F if the scale of V is estimated."""
+    """Return the chance of at least this χ²; that of Fisher's F if the scale of V is estimated."""
     if np.isfinite(freedom):
         return float(fdtrc(contrasts, max(freedom, 1.0), chi2 / contrasts))
     return float(chdtrc(contrasts, chi2))

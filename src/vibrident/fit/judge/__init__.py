@@ -1,9 +1,10 @@
 """Verdict on a fit: adequacy, warnings, remedies, and the document that states them.
 
-``attempts`` fits and judges, once more from elsewhere where nothing is explained; ``refits`` do so
-with other data; ``adequacy`` is the verdict, with the stated systematic ``effects``; ``remedy``
-names the model that explains what this one does not, ``held_drive`` fits a drive that is held
-between samples; ``departure_report`` states what departs from the fit; ``fit_warnings`` gives the
-warnings that need a fitted model; ``measured`` sets the data beside it; ``document`` makes the
-result.
+``attempts`` fits and judges; ``refits`` do so with other data. ``adequacy`` is the verdict, with
+the stated systematic ``effects``, by which ``corrections`` correct the records. ``clocks`` brings
+two clocks together, and ``held_drive`` fits a drive that is held between samples. ``remedy`` names
+a model, and ``reference`` a sensor as the reference, that would explain a misfit.
+``departure_report`` states departures from the fit, ``fit_warnings`` the warnings that need a
+fitted model, ``misfit`` the lack of fit. ``measured`` gives the data beside the fit, ``excerpts``
+pieces of them for pictures, ``provenance`` their files. ``document`` makes the result.
 """

@@ -1,4 +1,4 @@
-"""Parts of a result that follow from an estimate: prediction, deviations, metrics, excerpts."""
+"""The verdict of an estimate on its data: prediction, deviations, their test, excerpts."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Judgement:
 
     Attributes:
         adequacy: points, χ², verdict.
-        lack_of_fit: the warning's text, should it be needed.
+        lack_of_fit: text of the warning, for a model that is not adequate.
         birge: factor on the uncertainties that the deviations demand, at least one.
         predicted: predicted response of each record, NaN where it is not defined; empty for a
             table.
@@ -59,10 +59,10 @@ class Judgement:
         tones: of the sine records, cleaned; None without sines.
         points: what the adequacy is made of, those of the tones first.
         detected_effects: systematic effects that were found in the data.
-        effects: stated and detected ones, and how much of each the data show, in its standard
-            uncertainties.
-        remedy_chi2: χ²/ν of another model that explains the data, so that all else is misfit; None
-            where none does.
+        effects: stated and detected ones, each with the amount that the data show, in its standard
+            uncertainty.
+        remedy_chi2: χ²/ν of another model that explains the data, so that all departures are
+            misfit; None where none does.
         explained_by: name of that model.
         shares: of the response's power.
     """
@@ -83,9 +83,19 @@ class Judgement:
     shares: Shares = UNKNOWN_SHARES
 
     @property
+    def tone_points(self) -> Points | None:
+        """Return the points of the tones, None without sines."""
+        return None if self.tones is None else self.points[0]
+
+    @property
     def explained(self) -> float:
         """Return the share of the response's power that the model explains; one where not known."""
         return 1.0 if np.isnan(self.shares.explained) else self.shares.explained
+
+    @property
+    def unexplained(self) -> float:
+        """Return the share of the response's power that the model leaves; zero where not known."""
+        return 1.0 - self.explained
 
 
 def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
@@ -95,23 +105,22 @@ def judge_records(evidence: Evidence, estimate: Estimate) -> Judgement:
     values = estimate.coordinates.values(estimate.z)
 
     def response(frequency: FloatArray) -> Any:
-        return model.frequency_response(values, np.asarray(frequency), quantity)
+        return model.frequency_response(values, frequency, quantity)
 
-    points = list[Points]()
+    points: list[Points] = []
+    powers_by_record: list[FloatArray] = []
     tones = None
-    powers_by_record = list[FloatArray]()
     predicted, weights = _predict(evidence, estimate)
     if evidence.tones is not None and estimate.criterion != "samples":
-        tones = estimate.tones or _clean_tones(evidence, estimate, values)
+        tones = estimate.tones or _clean_tones(evidence, estimate)
         points.append(tone_points(tones, response, [record.name for record in evidence.records]))
         powers_by_record.append(_powers_of_tones(tones, response))
     for bins in weighed_records(evidence, estimate, predicted, sines=tones is None):
         record = evidence.records[bins.record]
         sine = record.excitation == "sine"
         factors = band_factors(bins, sine=sine, least=_rounding_floor(record, bins, response))
-        points += (
-            [] if factors is None else [factor_points(factors, record, bins.samples, response)]
-        )
+        if factors is not None:
+            points.append(factor_points(factors, record, bins.samples, response))
         powers_by_record.append(_powers(evidence, record, bins, model.delay_s(values)))
     decays = decay_deviations(evidence.records, model, values)
     adequacy = assess(points, len(estimate.z), decays)
@@ -150,24 +159,25 @@ def weighed_records(
         predicted: response of each record, NaN where it is not defined.
         sines: whether sines are among them.
     """
-    wanted = [
-        record.reference is not None and (sines or record.excitation != "sine")
-        for record in evidence.records
-    ]
-    if estimate.in_noise is not None and any(wanted):
+    wanted = {
+        number
+        for number, record in enumerate(evidence.records)
+        if record.reference is not None and (sines or record.excitation != "sine")
+    }
+    if estimate.in_noise is not None and wanted:
         segments = weighted_segments(estimate.in_noise, estimate.z, estimate.coordinates)
-        yield from (bins for bins in segments if wanted[bins.record])
+        yield from (bins for bins in segments if bins.record in wanted)
         return
-    for number, (record, series) in enumerate(zip(evidence.records, predicted, strict=True)):
-        weighed = weighted_series(number, record, series) if wanted[number] else None
-        if weighed is not None:
-            yield weighed
+    for number in sorted(wanted):
+        bins = weighted_series(number, evidence.records[number], predicted[number])
+        if bins is not None:
+            yield bins
 
 
 def _rounding_floor(record: Record, bins: WeightedBins, response: Response) -> FloatArray | float:
-    """Return the variance a sample of the converters' rounding, shape (bins,).
+    """Return the variance a sample of the converters' rounding, shape (bins,); zero without any.
 
-    Noise is not below it; it is zero where there is none.
+    No noise is below it.
     """
     hz = line_frequencies(bins.samples, record.sampling_rate_hz)[: bins.residual.size]
     variance = rounding_variance(record, lambda: power_of(response(hz)))
@@ -195,22 +205,18 @@ def _powers_of_tones(tones: MeasuredResponse, response: Response) -> FloatArray:
 
 def _sum_powers(power: FloatArray, residual_power: FloatArray, noise: FloatArray) -> FloatArray:
     """Return sums over points as those of :func:`powers`; all noise is incoherent."""
-    return np.array(
-        [np.sum(powers_at_points) for powers_at_points in (power, residual_power, noise, noise**2)]
-    )
+    return np.sum([power, residual_power, noise, noise**2], axis=1)
 
 
-def _clean_tones(
-    evidence: Evidence, estimate: Estimate, values: dict[str, float]
-) -> MeasuredResponse:
+def _clean_tones(evidence: Evidence, estimate: Estimate) -> MeasuredResponse:
     """Return the tones at the estimate, by the network with exact weights.
 
     A network that was trained with other weights is not used.
     """
     exact = estimate.findings.method.is_exact
-    problem = estimate.problem if exact else None
-    problem = problem or network_problem(evidence, values)
-    predicted = estimate.predicted if exact and estimate.predicted is not None else None
+    values = estimate.coordinates.values(estimate.z)
+    problem = (estimate.problem if exact else None) or network_problem(evidence, values)
+    predicted = estimate.predicted if exact else None
     return residual_tones(evidence, problem, estimate.coordinates, estimate.z, predicted)
 
 
@@ -220,25 +226,24 @@ def _birge(
     adequacy: Adequacy,
     decays: Sequence[DecayDeviation],
 ) -> float:
-    """Return by how much the deviations exceed the estimate's own covariance: √(χ²/dof) ≥ 1.
+    """Return the factor by which deviations exceed the estimate's own covariance: √(χ²/dof) ≥ 1.
 
-    Equal weights hold a record's whole residual, misfit and all, and a deviation is compared with
-    what that allows.
+    Equal weights are by a record's residual with its misfit, so deviations are compared with that.
     """
     network = estimate.findings.network
     if network is None or network.weights != "white" or adequacy.degrees_of_freedom <= 0:
         return adequacy.birge
     total = sum(
-        float(np.sum(points_of_record.squares * points_of_record.unweighted))
-        for points_of_record in points
-        if points_of_record.unweighted is not None
+        float(np.sum(group.squares * group.unweighted))
+        for group in points
+        if group.unweighted is not None
     )
     total += sum(decay.parts.chi2 for decay in decays)
     return float(np.sqrt(max(total / adequacy.degrees_of_freedom, 1.0)))
 
 
 def _is_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) -> bool:
-    """Return whether the model says what was measured at one frequency and claims nothing else."""
+    """Return whether the model states the response measured at one frequency, and nothing else."""
     at_one_frequency = len(set(frequency_hz.tolist())) == 1
     return evidence.model.is_gain_alone and degrees == 0 and at_one_frequency
 
@@ -246,9 +251,9 @@ def _is_measurement(evidence: Evidence, degrees: int, frequency_hz: FloatArray) 
 def _predict(
     evidence: Evidence, estimate: Estimate
 ) -> tuple[tuple[FloatArray, ...], dict[str, Any]]:
-    """Return the predicted responses by the network, and its weights as the paper's Table 1.
+    """Return the responses that the network predicts, and its weights as the paper's Table 1.
 
-    The network's weights are exact, or those it was trained with.
+    The network has the weights of its training, or exact ones if it was not trained.
     """
     step = estimate.findings.method
     values = estimate.coordinates.values(estimate.z)
@@ -276,10 +281,7 @@ def _predict(
 
 
 def judge_decays(evidence: Evidence, estimate: Estimate) -> Judgement:
-    """Compare free decays with the free motion, one stretch of time after the other.
-
-    They have no reference.
-    """
+    """Compare free decays, which have no reference, with the free motion in stretches of time."""
     from vibrident.fit.decay import estimate as free  # only where there are decays
 
     predicted = free.predicted(evidence, estimate)
@@ -296,27 +298,22 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     problem = evidence.first_look
     assert table is not None
     assert problem is not None
-    residual = np.asarray(problem.residual(estimate.z, estimate.coordinates))
+    residual = problem.residual(estimate.z, estimate.coordinates)
     squares = float(np.sum(residual**2))
     degrees = len(residual) - len(estimate.z)
     chi2 = squares / degrees if degrees > 0 else None
     chance = probability(squares, degrees)
+    explains = chance >= REJECTION
+    relative = problem.relative_deviation
     scatter = None
-    is_measurement = _is_measurement(evidence, degrees, table.frequency_hz)
-    adequate = is_measurement or (degrees > 0 and chance >= REJECTION)
     if table.magnitude_uncertainty is None:
-        # Where nothing tells the scatter, the points say nothing.
+        # Where no point is left to judge the scatter by, the points determine nothing.
         scatter = 1e8 if chi2 is None else float(np.sqrt(chi2))
-        order = np.argsort(table.frequency_hz, kind="stable")
-        count = table.points
-        residuals = [residual[:count][order]] + (
-            [residual[count:][order]] if problem.has_phase else []
-        )
+        relative = relative * scatter
         chi2 = None
         chance = 1.0
-        adequate = is_measurement or (
-            degrees > 0 and all(looks_random(component) for component in residuals)
-        )
+        order = np.argsort(table.frequency_hz, kind="stable")
+        explains = all(map(looks_random, residual.reshape(-1, table.points)[:, order]))
         text = (
             "The deviations from the model follow a pattern along frequency: "
             "the model does not explain the table."
@@ -334,26 +331,20 @@ def judge_table(evidence: Evidence, estimate: Estimate) -> Judgement:
     model = evidence.model.frequency_response(
         estimate.coordinates.values(estimate.z), table.frequency_hz, evidence.quantity
     )
-    deviation = table.response - model
     size = np.abs(table.response)
-    if not problem.has_phase:
-        deviation = size - np.abs(model)
-    names = (table.provenance.file or "table",) * table.points
-    relative = (
-        problem.relative_deviation if scatter is None else problem.relative_deviation * scatter
-    )
-    phase_deviation = np.asarray(problem.data[4]) * (scatter or 1.0)
+    deviation = table.response - model if problem.has_phase else size - np.abs(model)
+    noise = (1.0 + problem.has_phase) * (relative * size) ** 2
+    shares = shares_of([_sum_powers(size**2, np.abs(deviation) ** 2, noise)])
+    is_measurement = _is_measurement(evidence, degrees, table.frequency_hz)
     adequacy = Adequacy(
         table.frequency_hz,
         table.response,
         relative,
-        names,
+        (table.provenance.file or "table",) * table.points,
         chi2,
         degrees,
-        adequate,
-        phase_deviation,
+        is_measurement or (degrees > 0 and explains),
+        problem.data[4] * (scatter or 1.0),
         chance,
     )
-    noise = (1.0 + problem.has_phase) * (adequacy.relative_deviation * size) ** 2
-    shares = shares_of([_sum_powers(size**2, np.abs(deviation) ** 2, noise)])
     return Judgement(adequacy, text, adequacy.birge, scatter=scatter, shares=shares)

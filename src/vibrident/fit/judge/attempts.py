@@ -1,4 +1,4 @@
-"""A fit of a calibration, and its judgement."""
+"""The fit of a calibration, with its judgement."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from vibrident.base.memory import return_freed_after
-from vibrident.data.records import SystematicEffect
+from vibrident.data.records import FloatArray, SystematicEffect
 from vibrident.fit.departures.examination import DepartureGroup
 from vibrident.fit.estimators import Estimate, Estimator
 from vibrident.fit.estimators.canonical import canonically_labelled
@@ -15,6 +15,7 @@ from vibrident.fit.judge.adequacy import Judgement, judge_decays, judge_records,
 from vibrident.fit.judge.effects import all_effects, allowing_for_effects, linearised
 from vibrident.fit.optimise import Progress
 from vibrident.fit.problem import Evidence
+from vibrident.fit.response.response import ComplexArray
 from vibrident.fit.uncertainty.linearised import Linearised
 from vibrident.result import Finding, ResultWarning
 
@@ -32,19 +33,18 @@ class DepartureReport:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A calibration with its estimate, before anything is stated of it.
+    """A calibration with its estimate and judgement, before it becomes a result.
 
     Attributes:
         evidence: the data.
         estimate: the fit.
         judgement: of the data by the estimate.
-        estimator: that made it.
+        estimator: that made the estimate.
         progress: called after each iteration of its optimiser.
-        reason: why that estimator.
+        reason: why this estimator was chosen.
         reports: of departures that the fit has as nuisance parameters.
         phase_by_scatter: whether the uncertainty of a table's phase was read from its deviations.
-        departures: from the estimate, the most significant kind first; None where they were not
-            tested yet.
+        departures: from the estimate, the most significant kind first; None before their tests.
     """
 
     evidence: Evidence
@@ -69,7 +69,7 @@ class Fitted:
     def anew(self, evidence: Evidence, start: Mapping[str, float] | None = None) -> Fitted:
         """Return the same estimator's fit of other data.
 
-        It starts from these values or from where this fit stands.
+        ``start``: parameters to start from; None takes those of this fit.
         """
         values = self.values if start is None else dict(start)
         refit = Fitted.from_evidence(replace(evidence, start=values), self.estimator, self.progress)
@@ -114,6 +114,12 @@ class Fitted:
         """Return the parameters by name."""
         return self.estimate.coordinates.values(self.estimate.z)
 
+    def response(self, frequency_hz: FloatArray) -> ComplexArray:
+        """Return the model's complex sensitivity, shape (n,)."""
+        return self.evidence.model.frequency_response(
+            self.values, frequency_hz, self.evidence.quantity
+        )
+
     @cached_property
     def linear(self) -> Linearised:
         """Return the fit at all excited frequencies, linearised at the estimate."""
@@ -121,9 +127,9 @@ class Fitted:
 
     @property
     def effects(self) -> list[SystematicEffect]:
-        """Return the systematic effects as stated, and those detected in the data.
+        """Return the systematic effects, stated and detected.
 
-        Of those that the records are corrected for, what is left.
+        An effect that the records are corrected for has the uncertainty that remains.
         """
         effects = all_effects(self.evidence, self.judgement)
         for number, correction in enumerate(self.evidence.corrections):
@@ -142,19 +148,20 @@ def judged(evidence: Evidence, estimate: Estimate) -> Judgement:
 def _fit_and_judge(
     evidence: Evidence, estimator: Estimator, progress: Progress
 ) -> tuple[Estimate, Judgement]:
-    """Return an estimate, or what takes its place where it is rejected, and the judgement."""
+    """Return an estimate, or its replacement where it is rejected, and the judgement."""
     longest = max((record.samples for record in evidence.records), default=0)
     return_freed_after(longest)
     fitted = estimator.fit(evidence, progress)
-    fitted = fitted if fitted.problem is None else replace(fitted, problem=fitted.problem.idle())
+    if fitted.problem is not None:
+        fitted = replace(fitted, problem=fitted.problem.idle())
     return_freed_after(longest)
     estimate = canonically_labelled(fitted)
     judgement = judged(evidence, estimate)
     return_freed_after(longest)
-    if (
-        judgement.adequacy.adequate
-        or (replacement := estimator.where_rejected(evidence, fitted, progress)) is None
-    ):
+    if judgement.adequacy.adequate:
+        return estimate, judgement
+    replacement = estimator.where_rejected(evidence, fitted, progress)
+    if replacement is None:
         return estimate, judgement
     replacement = canonically_labelled(replacement)
     judgement_of_replacement = judged(evidence, replacement)

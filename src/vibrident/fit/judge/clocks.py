@@ -1,4 +1,4 @@
-"""The fit at one clock, where the response was read by another than the reference."""
+"""The fit at the reference's clock, where the response was read by another clock."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from vibrident.fit.departures.score import LinearFit
 from vibrident.fit.departures.sources import groups_of
 from vibrident.fit.departures.sums import ExactSums, RecordInformation
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.departure_report import departures_of
+from vibrident.fit.judge.departure_report import departure_names, departures_of
 from vibrident.fit.response.bands import band_edges
 from vibrident.fit.response.clock_ratio import nearby_offset
 from vibrident.fit.response.clock_search import MAX_OFFSET
-from vibrident.fit.response.transform import power_of
+from vibrident.fit.response.transform import band_sums, power_of
 from vibrident.fit.uncertainty.parameters import deviations
 
 SOURCE = "the ratio of the two clocks"
@@ -29,30 +29,31 @@ MIN_SIGMA = 4.0  # of ε, to be tried
 DELAY_ORDER = 2  # of a rational function for what remains of a delay (Padé)
 MAX_SETTLED_STEP = 0.3  # of ε, in its standard uncertainty
 MAX_ROUNDS = 6
-MIN_FALL = 2.0  # of the power that is not explained, for a fit that is rejected still
+MIN_FALL = 2.0  # of the unexplained power, for a fit that remains rejected
 
 
 def at_one_clock(fitted: Fitted) -> Fitted:
     """Return the fit with the response at the reference's clock, where two clocks explain the data.
 
-    ε comes from the score of t dŷ/dt beside the parameters and a delay, by Gauss–Newton steps, each
-    with a fit; so fit and ε have one optimum together. What u(ε) does to the parameters is a row of
-    the budget.
+    ε comes from the score of t dŷ/dt beside the parameters and a delay, by Gauss–Newton steps. Each
+    step is followed by a fit, so that fit and ε reach their common optimum. The effect of u(ε) on
+    the parameters is a row of the budget.
     """
     known = fitted.evidence.clock_offset != 0.0
     if not known:
         fitted = replace(fitted, departures=departures_of(fitted))
-        if fitted.adequate and not _departure_names(fitted) & {CLOCKS.name, CHANGE}:
+        if fitted.adequate and not departure_names(fitted) & {CLOCKS.name, CHANGE}:
             return fitted
-        if _goes_on_alike(fitted) and fitted.judgement.shares.is_of_steady_sensor:
+        if _is_stationary(fitted) and fitted.judgement.shares.is_of_steady_sensor:
             return fitted
     settled = _settle_offset(fitted, known)
     if settled is None:
         return fitted
     best, u = settled
     offset = best.evidence.clock_offset
-    has_offset = best.adequate and abs(offset) > MIN_SIGMA * u
-    has_offset = has_offset and CHANGE not in _departure_names(best)
+    has_offset = (
+        best.adequate and abs(offset) > MIN_SIGMA * u and CHANGE not in departure_names(best)
+    )
     if not known:
         return _with_statement(best, offset, u) if has_offset else fitted
     # Of ringing alone, two clocks and another natural frequency are one: one clock suffices there.
@@ -65,24 +66,23 @@ def at_one_clock(fitted: Fitted) -> Fitted:
     return at_one_clock(at_no_offset)
 
 
-def _goes_on_alike(fitted: Fitted) -> bool:
-    """Return whether the motion of every record goes on alike, and no sine is among them."""
-    kinds = {record.excitation for record in fitted.evidence.records}
-    return kinds <= set(STATIONARY_EXCITATIONS)
+def _is_stationary(fitted: Fitted) -> bool:
+    """Return whether the motion of every record is stationary and no sine."""
+    return all(record.excitation in STATIONARY_EXCITATIONS for record in fitted.evidence.records)
 
 
 def _suffices(at_no_offset: Fitted, best: Fitted, has_offset: bool) -> bool:
     """Return whether one clock explains as much; ``has_offset``: whether two clocks explain all."""
     if not has_offset:
         return at_no_offset.adequate or at_no_offset.chi2 < best.chi2
-    unexplained, unexplained_best = (1.0 - fit.judgement.explained for fit in (at_no_offset, best))
-    return at_no_offset.adequate and unexplained <= MIN_FALL * unexplained_best
+    max_unexplained = MIN_FALL * best.judgement.unexplained
+    return at_no_offset.adequate and at_no_offset.judgement.unexplained <= max_unexplained
 
 
 def _settle_offset(fitted: Fitted, known: bool) -> tuple[Fitted, float] | None:
-    """Return the fit at the ε that its score leads to, and u(ε); None where ε is nothing.
+    """Return the fit at the ε that the score leads to, and u(ε); None where ε is not significant.
 
-    ``known``: whether the fit is at an ε of its own already.
+    ``known``: whether the clock was corrected before the fit.
     """
     best = fitted
     u = math.inf
@@ -111,15 +111,17 @@ def _improved(fitted: Fitted, change: float) -> Fitted | None:
     if candidate is None or candidate.adequate:
         return candidate
     # χ² may rise where the misfit falls, as the noise beside it does.
-    unexplained, unexplained_before = (1.0 - fit.judgement.explained for fit in (candidate, fitted))
-    falls = unexplained < unexplained_before / MIN_FALL or candidate.chi2 < fitted.chi2 / MIN_FALL
+    max_unexplained = fitted.judgement.unexplained / MIN_FALL
+    falls = candidate.judgement.unexplained < max_unexplained or (
+        candidate.chi2 < fitted.chi2 / MIN_FALL
+    )
     return candidate if falls else None
 
 
 def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
-    """Return the fit at another ε, or None where it leads to none, or no clock goes so wrong.
+    """Return the fit at another ε, or None where none converges, or no clock is so far off.
 
-    A fit that was rejected is no start: its parameters stand in for ε.
+    A rejected fit is no start: its parameters stand in for ε.
     """
     if abs(offset) > MAX_OFFSET:
         return None
@@ -130,15 +132,11 @@ def _fit_at_offset(fitted: Fitted, offset: float) -> Fitted | None:
         return None
 
 
-def _departure_names(fitted: Fitted) -> set[str]:
-    """Return the kinds of departures from a fit."""
-    return {
-        departure.kind.name for group in departures_of(fitted) for departure in group.departures
-    }
-
-
 def _distance_to_nearby(fitted: Fitted) -> float:
-    """Return how far ε is from that of the fit, by a function of the model's order; 0 of none."""
+    """Return the distance from the fit's ε to that of a rational function of the model's order.
+
+    It is 0 where such a function explains little.
+    """
     model = fitted.evidence.model.linear
     system = model.rational(fitted.values, fitted.evidence.quantity)
     delay_order = DELAY_ORDER if model.has_delay else 0
@@ -147,16 +145,15 @@ def _distance_to_nearby(fitted: Fitted) -> float:
 
 
 def _offset_step(fitted: Fitted) -> tuple[float, float] | None:
-    """Return how far ε is from that of the fit, and its u; None where nothing tells it."""
+    """Return the distance from the fit's ε to that of the score, and its u; None of no score."""
     evidence = fitted.evidence
     estimate = fitted.estimate
     judgement = fitted.judgement
-    tones = judgement.points[0] if judgement.tones is not None else None
     information: list[RecordInformation] = []
     total: ExactSums | None = None
     spread: FloatArray | float = 0.0
     common: FloatArray | float = 0.0
-    for group in groups_of(evidence, estimate, judgement.predicted, tones):
+    for group in groups_of(evidence, estimate, judgement.predicted, judgement.tone_points):
         group = group.again(slope_with_time(group, 0.0))
         rows = group.freed(group.whiten(slope_with_time(group, 0.0)))
         sums = group.exact_sums(rows, None).total()
@@ -203,39 +200,27 @@ def _format_with_u(offset: float, u: float) -> str:
 
 
 def _delay_pattern(records: Sequence[Record]) -> tuple[tuple[float, float, float], ...]:
-    """Return the change of log H for ε = 1.
+    """Return the change of log H for ε = 1: frequency in Hz, real and imaginary part of each point.
 
-    It is a delay as long as the time at which each frequency was excited.
+    Two clocks delay each frequency by ε times the instant at which it was excited.
     """
-    hz_by_record = []
-    powers_by_record = []
-    moments_by_record = []
+    bands = []
     for record in records:
         if record.reference is None:
             continue
         edges = band_edges(record.samples, record.sampling_rate_hz).astype(int)
         motion = np.where(record.reference_mask, record.reference, 0.0)
         motion = motion - motion.mean()
-        lines, moment = (
-            np.asarray(np.fft.rfft(values)) for values in (motion, motion * record.time_s)
-        )
-        sums = [
-            np.add.reduceat(values[: edges[-1]], edges[:-1])
-            for values in (power_of(lines), np.real(np.conj(lines) * moment))
-        ]
-        hz_by_record.append(
-            0.5 * (edges[1:] + edges[:-1]) * record.sampling_rate_hz / record.samples
-        )
-        powers_by_record.append(sums[0])
-        moments_by_record.append(sums[1])
-    all_hz, power, moment_sum = (
-        np.concatenate(arrays) for arrays in (hz_by_record, powers_by_record, moments_by_record)
-    )
-    order = np.argsort(all_hz, kind="stable")
+        lines, moment_lines = (np.fft.rfft(values) for values in (motion, motion * record.time_s))
+        middle_hz = 0.5 * (edges[1:] + edges[:-1]) * record.sampling_rate_hz / record.samples
+        moment = np.real(np.conj(lines) * moment_lines)
+        bands.append([middle_hz, *band_sums(np.stack([power_of(lines), moment]), edges)])
+    hz, power, moment = np.concatenate(bands, axis=1)
+    order = np.argsort(hz, kind="stable")
     loud = order[power[order] > 1e-6 * np.max(power)]
-    time_s = moment_sum[loud] / power[loud]
-    phase = 2.0 * np.pi * all_hz[loud] * time_s
+    time_s = moment[loud] / power[loud]
+    phase = 2.0 * np.pi * hz[loud] * time_s
     return tuple(
         (frequency, 0.0, angle)
-        for frequency, angle in zip(all_hz[loud].tolist(), phase.tolist(), strict=True)
+        for frequency, angle in zip(hz[loud].tolist(), phase.tolist(), strict=True)
     )

@@ -12,6 +12,7 @@ from vibrident.base.amounts import amount, plain
 from vibrident.data.records import FloatArray, Record
 from vibrident.fit.departures.examination import DepartureGroup, SignificantDeparture, examine
 from vibrident.fit.departures.points import PointsPart
+from vibrident.fit.departures.score import Score
 from vibrident.fit.departures.sources import groups_of, scale_of
 from vibrident.fit.judge.attempts import DepartureReport, Fitted
 from vibrident.fit.response.hum import hum_tones, lacking
@@ -26,8 +27,8 @@ BESIDE_ITS_MIDDLE = (
     "its middle, as under a static load, is not, and the parameters are off by more than their "
     "uncertainty says."
 )
-#: A longer shift of a coordinate is beyond what a linearised fit tells: a gain twice as large, e
-#: times the frequency.
+#: A linearised fit predicts no longer shift of a coordinate: a gain twice as large, e times the
+#: frequency.
 MAX_SHIFT = 1.0
 #: A smaller shift, in standard uncertainties, is rounding or next to nothing: no number is stated.
 MIN_STATED_SHIFT = 0.01
@@ -36,20 +37,18 @@ MIN_STATED_SHIFT = 0.01
 def departures_of(fitted: Fitted) -> tuple[DepartureGroup, ...]:
     """Return all departures from a fit, those of one kind together.
 
-    They are tested where they were not yet.
+    They are tested unless the fit holds the outcome already.
     """
-    evidence = fitted.evidence
     estimate = fitted.estimate
     judgement = fitted.judgement
     if fitted.departures is not None:
         return fitted.departures
     if estimate.findings.decays is not None:  # free decays have tests of their own
         return ()
-    tones = judgement.points[0] if judgement.tones is not None else None
     return tuple(
         examine(
-            groups_of(evidence, estimate, judgement.predicted, tones),
-            scale_of(evidence, judgement.predicted, fitted.linear),
+            groups_of(fitted.evidence, estimate, judgement.predicted, judgement.tone_points),
+            scale_of(fitted.evidence, judgement.predicted, fitted.linear),
             _points(fitted),
             deviations(estimate.covariance),
             misfit=not fitted.adequate,
@@ -57,10 +56,17 @@ def departures_of(fitted: Fitted) -> tuple[DepartureGroup, ...]:
     )
 
 
-def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
-    """Return the records with hum and departures as nuisance parameters, as far as they can be.
+def departure_names(fitted: Fitted) -> set[str]:
+    """Return the names of the kinds of departures from a fit."""
+    return {
+        departure.kind.name for group in departures_of(fitted) for departure in group.departures
+    }
 
-    They are themselves where they have all.
+
+def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
+    """Return the records with hum and departures as nuisance parameters where a fit can have them.
+
+    A record that has them all already is returned itself.
     """
     records = fitted.evidence.records
     if records and fitted.evidence.model.is_linear:
@@ -70,7 +76,8 @@ def with_nuisances(fitted: Fitted) -> tuple[Record, ...]:
             records = tuple(
                 replace(record, hum_hz=hz) for record, hz in zip(records, tones, strict=True)
             )
-    for group in _nuisances(fitted):  # those that some records show are in all: of the channel
+    # What some records show belongs to the channel, so all of them have it.
+    for group in _nuisances(fitted):
         with_nuisance = group.departures[0].kind.with_nuisances
         records = tuple(
             record if record.reference is None else with_nuisance(record) for record in records
@@ -83,13 +90,10 @@ def report_departures(fitted: Fitted, total: FloatArray) -> DepartureReport:
 
     ``total``: covariance of the coordinates as stated, systematic effects included, shape (p, p).
     """
-    groups = departures_of(fitted)
-    report = _Report(replace(fitted, departures=groups), deviations(total))
+    report = _Report(fitted, departures_of(fitted), deviations(total))
     # What another model explains is no defect of the data.
-    matter = [] if fitted.judgement.remedy_chi2 is not None else _select_that_matter(report)
-    return DepartureReport(
-        report.findings(groups), tuple(report.warning(group) for group in matter)
-    )
+    explained = fitted.judgement.remedy_chi2 is not None
+    return report.stated(report.groups, [] if explained else report.groups_that_matter())
 
 
 def report_nuisances(fitted: Fitted) -> DepartureReport:
@@ -97,61 +101,33 @@ def report_nuisances(fitted: Fitted) -> DepartureReport:
 
     The values stated are then without them.
     """
-    report = _report(fitted)
+    report = _Report.by_data_alone(fitted)
     groups = _nuisances(fitted)
-    matter = [group for group in groups if group in _select_that_matter(report)]
-    report = replace(report, admitted=True)
-    return DepartureReport(
-        report.findings(groups), tuple(report.warning(group) for group in matter)
-    )
-
-
-def _report(fitted: Fitted) -> _Report:
-    """Return the report of a fit, with the uncertainty of the data alone."""
-    return _Report(fitted, deviations(fitted.estimate.covariance))
+    matter = [group for group in groups if group in report.groups_that_matter()]
+    return replace(report, admitted=True).stated(groups, matter)
 
 
 def _nuisances(fitted: Fitted) -> list[DepartureGroup]:
     """Return the departures that the fit can have as nuisance parameters.
 
-    Beside a tone, where they cost most, only what matters.
+    Beside a tone, where they cost most, these are only the ones that matter.
     """
+    report = _Report.by_data_alone(fitted)
     in_time = fitted.estimate.criterion == "samples"
-    groups = departures_of(fitted) if in_time else _select_that_matter(_report(fitted))
+    groups = report.groups if in_time else report.groups_that_matter()
     return [group for group in groups if group.departures[0].kind.nuisance]
-
-
-def _select_that_matter(report: _Report) -> list[DepartureGroup]:
-    """Return the departures that matter.
-
-    They move a parameter by its standard uncertainty, are the first of a misfit, or matter to no
-    first order: an interferometer's light that is wrong at a harmonic is wrong at the tone, and a
-    spring that rests beside its middle moves the parameters by the square of what shows it.
-    """
-    adequacy = report.fitted.judgement.adequacy
-    bent = not report.fitted.evidence.model.is_linear
-    unexplained = not adequacy.adequate and adequacy.degrees_of_freedom > 0
-    return [
-        group
-        for number, group in enumerate(departures_of(report.fitted))
-        if np.max(report.sizes(group.shift), initial=0.0) >= 1.0
-        or (unexplained and number == 0)
-        or group.departures[0].code == "few_fringes"
-        or (group.departures[0].code == "nonlinear" and bent)
-    ]
 
 
 def _points(fitted: Fitted) -> PointsPart | None:
     """Return the response of a table or of sines at its points.
 
-    None for other motion, or where no degree of freedom remains.
+    It is None for other motion, and where no degree of freedom remains.
     """
     evidence = fitted.evidence
-    estimate = fitted.estimate
     judgement = fitted.judgement
     linear = fitted.linear
     has_points = evidence.calibration.table is not None or (
-        evidence.only_sines and estimate.criterion != "samples"
+        evidence.only_sines and fitted.estimate.criterion != "samples"
     )
     if not has_points or not evidence.model.is_linear or judgement.adequacy.degrees_of_freedom <= 0:
         return None
@@ -187,51 +163,86 @@ def _points(fitted: Fitted) -> PointsPart | None:
 class _Report:
     """Findings and warnings of a fit's departures, in words.
 
-    ``uncertainty``: of the coordinates as stated, shape (p,); ``admitted``: whether the fit that
-    states the result has the departures as nuisance parameters, and is not this one.
+    Attributes:
+        fitted: the fit.
+        groups: its departures.
+        uncertainty: of the coordinates as stated, shape (p,).
+        admitted: whether the fit that states the result has the departures as nuisance parameters,
+            and is not this one.
     """
 
     fitted: Fitted
+    groups: tuple[DepartureGroup, ...]
     uncertainty: FloatArray
     admitted: bool = False
 
-    def sizes(self, shift: FloatArray) -> FloatArray:
-        """Return a shift of the coordinates, in their standard uncertainties."""
-        return np.asarray(np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny))
+    @classmethod
+    def by_data_alone(cls, fitted: Fitted) -> _Report:
+        """Build the report of a fit with uncertainties without systematic effects."""
+        return cls(fitted, departures_of(fitted), deviations(fitted.estimate.covariance))
 
-    def findings(self, groups: Iterable[DepartureGroup]) -> tuple[Finding, ...]:
-        """Return the findings of all departures."""
-        return tuple(
-            self._finding(departure, group) for group in groups for departure in group.departures
+    def groups_that_matter(self) -> list[DepartureGroup]:
+        """Return the departures that matter.
+
+        They move a parameter by its standard uncertainty, are the most significant of a misfit, or
+        have effects that no first order shows: an interferometer that is wrong at a harmonic is
+        wrong at the tone, and a spring that rests beside its middle moves the parameters by the
+        square of its distance.
+        """
+        adequacy = self.fitted.judgement.adequacy
+        unexplained = not adequacy.adequate and adequacy.degrees_of_freedom > 0
+        return [
+            group
+            for number, group in enumerate(self.groups)
+            if np.max(self._sizes(group.shift), initial=0.0) >= 1.0
+            or (unexplained and number == 0)
+            or group.departures[0].code == "few_fringes"
+            or self._is_bent_spring(group)
+        ]
+
+    def _is_bent_spring(self, group: DepartureGroup) -> bool:
+        """Return whether departures are nonlinear beside a model that is nonlinear itself."""
+        is_linear = self.fitted.evidence.model.is_linear
+        return group.departures[0].code == "nonlinear" and not is_linear
+
+    def _sizes(self, shift: FloatArray) -> FloatArray:
+        """Return a shift of the coordinates, in their standard uncertainties."""
+        return np.abs(shift) / np.maximum(self.uncertainty, np.finfo(float).tiny)
+
+    def stated(
+        self, groups: Iterable[DepartureGroup], warned: Iterable[DepartureGroup]
+    ) -> DepartureReport:
+        """Return the findings of ``groups``, and the warnings of the groups ``warned``."""
+        return DepartureReport(
+            tuple(
+                self._finding(departure, group)
+                for group in groups
+                for departure in group.departures
+            ),
+            tuple(self._warning(group) for group in warned),
         )
 
     def _finding(self, departure: SignificantDeparture, group: DepartureGroup) -> Finding:
         """Return a departure's finding.
 
-        One that is alone in its group moves what the group does.
+        A departure that is alone in its group moves what the group does.
         """
-        is_single = len(group.departures) == 1
-        shift, doubt = (
-            (group.shift, group.doubt)
-            if is_single
-            else (departure.score.shift, departure.score.doubt)
-        )
-        without = self._values_without(shift)
+        moving = group if len(group.departures) == 1 else departure.score
+        without = self._values_without(moving.shift)
         impact = {
             name: 0.0 if self.admitted else float(value - without[name])
             for name, value in self.fitted.values.items()
         }
-        message = f"{_describe(departure)} {self._without(departure, shift, doubt, 'it')}"
         return Finding(
             departure.code,
             departure.record,
             departure.candidate.time_s,
             departure.chance,
             impact,
-            message,
+            f"{_describe(departure)} {self._without(departure, moving, 'it')}",
         )
 
-    def warning(self, group: DepartureGroup) -> ResultWarning:
+    def _warning(self, group: DepartureGroup) -> ResultWarning:
         """Return the warning of a group, one for all its records."""
         first = group.departures[0]
         more_records = len({departure.record for departure in group.departures}) - 1
@@ -244,12 +255,13 @@ class _Report:
             text = (
                 f"{text} So it is in {more_records} more record{'s' if more_records > 1 else ''}."
             )
-        if first.code == "nonlinear" and not self.fitted.evidence.model.is_linear:
-            return ResultWarning(first.code, f"{text} {BESIDE_ITS_MIDDLE}")
         pronoun = "it" if len(group.departures) == 1 else "them"
-        return ResultWarning(
-            first.code, f"{text} {self._without(first, group.shift, group.doubt, pronoun)}"
+        consequence = (
+            BESIDE_ITS_MIDDLE
+            if self._is_bent_spring(group)
+            else self._without(first, group, pronoun)
         )
+        return ResultWarning(first.code, f"{text} {consequence}")
 
     def _values_without(self, shift: FloatArray) -> dict[str, float]:
         """Return the parameters without a shift, as far as a linearised fit tells."""
@@ -257,31 +269,32 @@ class _Report:
         return estimate.coordinates.values(estimate.z - np.clip(shift, -MAX_SHIFT, MAX_SHIFT))
 
     def _without(
-        self, departure: SignificantDeparture, shift: FloatArray, doubt: FloatArray, pronoun: str
+        self, departure: SignificantDeparture, moving: DepartureGroup | Score, pronoun: str
     ) -> str:
-        """Return the sentence on what the parameter that moves most would be.
+        """Return the sentence on the value, without the departures, of the parameter moved most.
 
-        ``pronoun``: of the departures, ``it`` or ``them``.
+        Args:
+            departure: of which the sentence is.
+            moving: what shifts the parameters.
+            pronoun: of the departures, ``it`` or ``them``.
         """
         evidence = self.fitted.evidence
-        shift_sizes = self.sizes(shift)
-        name = evidence.model.parameter_names[int(np.argmax(shift_sizes))]
-        shift_in_u = f"{plain(float(np.max(shift_sizes)), 2)} u"
-        if departure.kind.own_columns and not np.any(shift):
+        sizes = self._sizes(moving.shift)
+        index = int(np.argmax(sizes))
+        shift = moving.shift[index]
+        name = evidence.model.parameter_names[index]
+        if departure.kind.own_columns and not np.any(moving.shift):
             return "No single band shows by how much the parameters are off."
-        if np.max(shift_sizes) < MIN_STATED_SHIFT:
+        if sizes[index] < MIN_STATED_SHIFT:
             return f"No parameter moves by {MIN_STATED_SHIFT:g} u."
-        index = int(np.argmax(shift_sizes))
-        if abs(shift[index]) < doubt[index] or abs(shift[index]) > MAX_SHIFT:
-            return (
-                f"By how much {pronoun} moves the {in_words(name)} the data do not tell.".replace(
-                    "them moves", "they move"
-                )
-            )
+        if abs(shift) < moving.doubt[index] or abs(shift) > MAX_SHIFT:
+            moves = "it moves" if pronoun == "it" else "they move"
+            return f"By how much {moves} the {in_words(name)} the data do not tell."
+        shift_in_u = f"{plain(float(sizes[index]), 2)} u"
         if departure.kind.own_columns:  # the data do not determine which of them is wrong
             return f"Where it is largest, it moves the {in_words(name)} by {shift_in_u}."
         stated = self.fitted.values[name]
-        without = self._values_without(shift)[name]
+        without = self._values_without(moving.shift)[name]
         alternative, fitted = (stated, without) if self.admitted else (without, stated)
         digits = _digits(alternative, fitted)
         unit = parameter_units(evidence.model, evidence.calibration)[name]

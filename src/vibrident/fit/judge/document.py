@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.judge.departure_report import report_departures
 from vibrident.fit.judge.fit_warnings import warnings_of_fit
-from vibrident.fit.judge.measured import fit_of_signals, fit_of_table, measured_curve
+from vibrident.fit.judge.measured import measured_curve, metrics, sums_of_signals, sums_of_table
 from vibrident.fit.judge.provenance import provenance
 from vibrident.fit.judge.refits import PHASE_BY_SCATTER
 from vibrident.fit.problem import Evidence, FrequencyProblem
@@ -84,21 +84,14 @@ def document(
     doubts += [*warnings_of_fit(fitted, by_data), *report.warnings, *_warn_of_learned(estimate)]
     reports = (*fitted.reports, report)
     table = parameter_table(coordinates, estimate.z, total, freedom, unit_fields(calibration), weak)
-    # Of a joint fit the data of one calibration do not tell how far χ² rises.
-    profile = _profile(fitted, by_data, coverage_factor(freedom)) if len(data) == 1 else None
+    coverage = coverage_factor(freedom)
+    # The data of one calibration in a joint fit do not tell how far χ² of all rises.
+    profile = _profile(fitted, by_data, coverage) if len(data) == 1 else None
     if profile is not None:
-        table, widened = with_profile(
-            table, profile, coordinates, total - by_data, coverage_factor(freedom)
-        )
+        table, widened = with_profile(table, profile, coordinates, total - by_data, coverage)
         doubts = _with_intervals(doubts, widened)
-    warnings = _warnings(
-        fitted,
-        table,
-        [warning for earlier in fitted.reports for warning in earlier.warnings]
-        + doubts
-        + list(further_warnings),
-        scope,
-    )
+    of_departures = [warning for earlier in fitted.reports for warning in earlier.warnings]
+    warnings = _warnings(fitted, table, [*of_departures, *doubts, *further_warnings], scope)
     response, measured = _curves(fitted, total)
     points = point_budget(measured, fitted.effects, fitted.linear)
     result = Result(
@@ -109,7 +102,7 @@ def document(
             **estimate.findings.as_settings(model.parameter_names),
             "uncertainty_covers": "; ".join([scope, *covered(rows)]),
             **_settings_of_data(fitted),
-            "coverage_factor": coverage_factor(freedom),
+            "coverage_factor": coverage,
             "effective_degrees_of_freedom": freedom,
             "reference_standard_uncertainty": calibration.reference_standard_uncertainty,
             "uncertainty_budget": as_settings(
@@ -124,12 +117,14 @@ def document(
         provenance=provenance(fitted),
         parameters=table,
         correlation=correlation(model, total),
-        fit=(fit_of_table if calibration.table else fit_of_signals)(fitted),
+        fit=metrics((sums_of_table if calibration.table else sums_of_signals)(fitted), fitted),
         response=response,
         measured=measured,
         warnings=warnings,
         sensor=dict(calibration.sensor),
-        reference=_reference(calibration) if model.has_gain else {},
+        reference={"quantity": calibration.quantity, "unit": calibration.reference_unit}
+        if model.has_gain
+        else {},
         sensitivity_per=_sensitivity_per(model, calibration) if model.has_gain else {},
         response_unit=calibration.response_unit,
         signals=judgement.signals,
@@ -145,7 +140,7 @@ def document(
 def _with_intervals(
     doubts: Sequence[ResultWarning], widened: Mapping[str, str]
 ) -> list[ResultWarning]:
-    """Return the doubts with the sentences on widened intervals in place of those they replace.
+    """Return the doubts, with sentences on widened intervals in place of those that they replace.
 
     ``widened``: sentence of each parameter with an interval of the profile, by name.
     """
@@ -157,13 +152,8 @@ def _with_intervals(
     return remaining + [ResultWarning("weakly_determined", text) for text in widened.values()]
 
 
-def _reference(calibration: Calibration) -> dict[str, str]:
-    """Return quantity and unit of the reference."""
-    return {"quantity": calibration.quantity, "unit": calibration.reference_unit}
-
-
 def _sensitivity_per(model: SensorModel, calibration: Calibration) -> dict[str, str]:
-    """Return the quantity that curve and points are per, with its unit; a drive has its own."""
+    """Return quantity and unit that the curve and the points are per; a drive has its own unit."""
     quantity = model.stated_quantity(calibration.quantity)
     unit = REFERENCE_UNITS[quantity] if is_motion(quantity) else calibration.reference_unit
     return {"quantity": quantity, "unit": unit}
@@ -173,24 +163,18 @@ def _profile(fitted: Fitted, by_data: FloatArray, coverage: float) -> Profile | 
     """Return the profile likelihood of the response, where χ² is no parabola; None elsewhere."""
     evidence = fitted.evidence
     estimate = fitted.estimate
-    judgement = fitted.judgement
     coordinates = estimate.coordinates
-    adequacy = judgement.adequacy
-    linear = (
-        coordinates.model.is_linear
-        and evidence.first_look is not None
-        and len(adequacy.frequency_hz) > 0
-    )
-    if not linear or not adequacy.adequate or not needs_profile(coordinates, estimate.z, by_data):
+    adequacy = fitted.judgement.adequacy
+    problem = evidence.first_look
+    if not coordinates.model.is_linear or problem is None or not len(adequacy.frequency_hz):
         return None
-    if evidence.calibration.table is not None:
-        problem = evidence.first_look
-        assert problem is not None
-    else:
+    if not adequacy.adequate or not needs_profile(coordinates, estimate.z, by_data):
+        return None
+    if evidence.calibration.table is None:
         problem = FrequencyProblem(evidence.model, evidence.quantity, adequacy.as_data)
         if estimate.in_noise and not points_suffice(problem, coordinates, estimate.z, by_data):
             problem = estimate.in_noise.likelihood()
-    rise = (coverage * (judgement.scatter or 1.0)) ** 2
+    rise = (coverage * (fitted.judgement.scatter or 1.0)) ** 2
     return profile_of(problem, coordinates, estimate.z, by_data, rise)
 
 
@@ -202,8 +186,8 @@ def covered(rows: Sequence[BudgetRow]) -> list[str]:
 def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> list[str]:
     """Return which of ``noise``, ``gain`` and ``phase`` the uncertainties hold.
 
-    They hold scatter, and what was stated of the chain. The uncertainty that a table states of its
-    points is all that its laboratory says of them, the chain's with it.
+    They hold the scatter of the data, and statements on the chain. The uncertainty that a table
+    states of its points includes that of the chain.
     """
     kinds = {row.kind for row in rows}
     if table is not None and table.magnitude_uncertainty is not None:
@@ -212,115 +196,114 @@ def _kinds_covered(rows: Sequence[BudgetRow], table: ResponseTable | None) -> li
 
 
 def _curves(fitted: Fitted, covariance: FloatArray) -> tuple[Curve, MeasuredCurve]:
-    """Return the sensitivity over the band, and the points; empty for free decays.
-
-    These have no gain.
-    """
+    """Return the sensitivity over the band, and the points; both empty for a model without gain."""
     evidence = fitted.evidence
     estimate = fitted.estimate
-    calibration = fitted.evidence.calibration
+    calibration = evidence.calibration
     if not evidence.model.has_gain:
         return Curve.none(), MeasuredCurve.none()
     reference_hz = calibration.certificate.get("reference_frequency_hz")
-    band = frequencies(
-        evidence.band_hz, fitted.judgement.adequacy.frequency_hz.tolist(), reference_hz
+    measured_hz = fitted.judgement.adequacy.frequency_hz.tolist()
+    grid_hz = with_resonances(
+        frequencies(evidence.band_hz, measured_hz, reference_hz),
+        evidence.model.rational(fitted.values),
     )
-    band = with_resonances(band, evidence.model.rational(fitted.values))
     return curve(
-        estimate.coordinates, estimate.z, covariance, calibration.quantity, band
+        estimate.coordinates, estimate.z, covariance, calibration.quantity, grid_hz
     ), measured_curve(fitted)
 
 
 def _settings_of_data(fitted: Fitted) -> dict[str, Any]:
-    """Return, for the settings, what the data show beside the parameters.
+    """Return the settings that state what the data show beside the parameters.
 
-    It is how much of each effect they show, in its u, a model that explains all, and the quality of
-    optical signals.
+    These are the amount of each systematic effect in its u, a model that explains all, the quality
+    of optical signals, the clock's offset, known responses of the channels and their band.
     """
-    judgement = fitted.judgement
+    evidence = fitted.evidence
     amounts: list[dict[str, Any]] = [
         {"source": effect.source, "kind": effect.kind, "amount_in_u": size}
-        for effect, size in judgement.effects
+        for effect, size in fitted.judgement.effects
     ]
-    for row, correction in zip(amounts, fitted.evidence.corrections, strict=False):
-        row["uncertainty_in_u"] = correction.uncertainty  # of what the records are corrected for
-    records = fitted.evidence.calibration.records
-    optical = {
-        record.name: record.optical.as_settings()
-        for record in records
-        if record.optical is not None
+    for row, correction in zip(amounts, evidence.corrections, strict=False):
+        row["uncertainty_in_u"] = correction.uncertainty  # after the correction
+    bands = {record.band_hz for record in evidence.records if record.band_hz is not None}
+    settings = {
+        "systematic_effects_seen": amounts,
+        "explained_by": fitted.judgement.explained_by,
+        "interferometer": {
+            record.name: record.optical.as_settings()
+            for record in evidence.calibration.records
+            if record.optical is not None
+        },
+        "clock_offset": evidence.clock_offset,
+        "known_responses": _known_responses(evidence, bands),
+        "band_hz": [*next(iter(bands))] if len(bands) == 1 else [],
     }
-    settings = {"systematic_effects_seen": amounts, "explained_by": judgement.explained_by}
-    settings |= {"interferometer": optical, "clock_offset": fitted.evidence.clock_offset}
-    settings |= {"known_responses": _known_responses(fitted.evidence)}
-    bands = {record.band_hz for record in fitted.evidence.records if record.band_hz is not None}
-    settings |= {"band_hz": [*bands.pop()] if len(bands) == 1 else []}
     return {name: value for name, value in settings.items() if value}
 
 
-def _known_responses(evidence: Evidence) -> list[dict[str, Any]]:
-    """Return what was taken out of each channel, and the remaining band."""
-    bands = [record.band_hz for record in evidence.records if record.band_hz is not None]
+def _known_responses(
+    evidence: Evidence, bands_hz: Collection[tuple[float, float]]
+) -> list[dict[str, Any]]:
+    """Return the known response that was divided out of each channel, and the remaining band.
+
+    ``bands_hz``: of the records that such a response limits.
+    """
     band_hz = [*evidence.band_hz]
-    if bands:
-        low = min(low for low, _ in bands)
-        high = max(high for _, high in bands)
-        band_hz = [low if low > LOWEST_HZ else band_hz[0], high]
-    known = evidence.calibration.known_responses.items()
+    if bands_hz:
+        low = min(low for low, _ in bands_hz)
+        band_hz = [low if low > LOWEST_HZ else band_hz[0], max(high for _, high in bands_hz)]
     return [
-        {"channel": name, "source": response.source, "band_hz": band_hz} for name, response in known
+        {"channel": name, "source": response.source, "band_hz": band_hz}
+        for name, response in evidence.calibration.known_responses.items()
     ]
 
 
 def _scaled_covariance(fitted: Fitted, choice: Uncertainty) -> tuple[np.ndarray, float, str]:
     """Return the covariance of z, its degrees of freedom, and in words what it covers."""
-    evidence = fitted.evidence
     estimate = fitted.estimate
     judgement = fitted.judgement
-    adequacy = judgement.adequacy
-    freedom = estimate.degrees_of_freedom
-    if judgement.scatter is not None:
-        scatter = "the scatter of the points (no uncertainty was stated)"
-        if adequacy.degrees_of_freedom <= 0:
-            no_scatter = (
-                "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
-            )
-            return estimate.covariance * judgement.scatter**2, float("inf"), no_scatter
-        return (
-            estimate.covariance * judgement.scatter**2,
-            float(max(adequacy.degrees_of_freedom, 1)),
-            scatter,
-        )
+    has_records = bool(fitted.evidence.records)
+    points_freedom = float(judgement.adequacy.degrees_of_freedom)
     model_error = estimate.findings.model_error
-    if model_error is not None:
-        text = (
+    inflated = choice == "inflated" or (
+        choice == "auto" and has_records and not judgement.adequacy.adequate
+    )
+    factor = 1.0
+    freedom = estimate.degrees_of_freedom
+    scope = "noise" if has_records else "stated uncertainties"
+    if judgement.scatter is not None:
+        factor = judgement.scatter
+        freedom = points_freedom if points_freedom > 0.0 else float("inf")
+        scope = (
+            "the scatter of the points (no uncertainty was stated)"
+            if points_freedom > 0.0
+            else "nothing: no uncertainty is stated, and no point is left to judge the scatter by"
+        )
+    elif model_error is not None:
+        scope = (
             f"noise and a relative model error of {100 * model_error:.3g} %, "
             "as large as the deviations demand"
         )
-        return estimate.covariance, freedom, text
-    inflated_by_default = choice == "auto" and bool(evidence.records) and not adequacy.adequate
-    if (choice == "inflated" or inflated_by_default) and judgement.birge > 1.0:
-        text = f"noise, scaled by the Birge ratio {judgement.birge:.3g}, as the deviations demand"
-        return (
-            estimate.covariance * judgement.birge**2,
-            float(max(adequacy.degrees_of_freedom, 1)),
-            text,
-        )
-    if fitted.phase_by_scatter:
-        return estimate.covariance, freedom, f"stated uncertainties; {PHASE_BY_SCATTER}"
-    return estimate.covariance, freedom, "noise" if evidence.records else "stated uncertainties"
+    elif inflated and judgement.birge > 1.0:
+        factor = judgement.birge
+        freedom = max(points_freedom, 1.0)
+        scope = f"noise, scaled by the Birge ratio {factor:.3g}, as the deviations demand"
+    elif fitted.phase_by_scatter:
+        scope += f"; {PHASE_BY_SCATTER}"
+    return estimate.covariance * factor**2, freedom, scope
 
 
 def _warnings(
     fitted: Fitted, table: dict[str, Parameter], doubts: list[ResultWarning], scope: str
 ) -> tuple[ResultWarning, ...]:
-    """Return the warnings of the data, of the lack of fit, of what is doubted, and of the sign.
+    """Return the warnings of the data, of the lack of fit, of doubts, and of a negative gain.
 
-    The lack of fit is one warning with all that is said of it.
+    All doubts that concern the lack of fit are joined in one warning.
     """
     evidence = fitted.evidence
     adequacy = fitted.judgement.adequacy
-    model = fitted.evidence.model
+    model = evidence.model
     warnings = [ResultWarning(finding.code, finding.message) for finding in evidence.findings]
     if not adequacy.adequate:
         further = "".join(f" {doubt.message}" for doubt in doubts if doubt.code == "lack_of_fit")
@@ -360,7 +343,7 @@ def _warn_of_learned(estimate: Estimate) -> list[ResultWarning]:
 
 
 def _training(estimate: Estimate) -> Training:
-    """Return the way from the grid to the optimum: start values, then the estimator's steps."""
+    """Return the path from the grid to the optimum: start values, then the estimator's steps."""
     trace = estimate.trace
     begin = estimate.begin
     names = estimate.coordinates.model.parameter_names

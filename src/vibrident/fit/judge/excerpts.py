@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from vibrident.data.records import FloatArray
+from vibrident.data.records.basis import span_of
 from vibrident.fit.problem import Evidence
 from vibrident.result import Signal
 
-#: Samples of the excerpts of all records together; a picture is a few hundred wide.
+#: Samples of the excerpts of all records together; a picture is some hundreds wide.
 MAX_EXCERPT_SAMPLES = 5_000
 
 
 def excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Signal, ...]:
-    """Return a piece of every record from where its response is largest, a few periods long.
+    """Return a piece of every record: some periods of a sine, the surroundings of a shock, or all.
 
-    They have :data:`MAX_EXCERPT_SAMPLES` samples together. Samples that took no part in the fit
-    are NaN.
+    Together they have :data:`MAX_EXCERPT_SAMPLES` samples. Samples that took no part in the fit are
+    NaN.
     """
     signals = []
     tones = evidence.tones
@@ -27,8 +28,8 @@ def excerpts(evidence: Evidence, predicted: tuple[FloatArray, ...]) -> tuple[Sig
         used = np.flatnonzero(takes_part)
         if used.size < 2:
             continue
-        span_used = slice(int(used[0]), int(used[-1]) + 1)
-        # A view, where nothing is left out between: of long records each copy counts.
+        span_used = span_of(takes_part)
+        # A view where no sample between is left out: of a long record each copy counts.
         places = span_used if used.size == span_used.stop - span_used.start else used
         response = record.response[places]
         residual = response - series[places]

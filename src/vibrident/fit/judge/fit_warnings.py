@@ -15,11 +15,11 @@ from vibrident.data.records import MOTIONS, FloatArray, ResponseTable, is_motion
 from vibrident.data.records.basis import distinct
 from vibrident.fit.estimators import Estimate
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.problem import Evidence, FrequencyProblem
+from vibrident.fit.problem import FrequencyProblem
 from vibrident.fit.start.search import TargetFRF
 from vibrident.fit.start.start import Start, find_start, sought_response
 from vibrident.fit.uncertainty.alternatives import Solution, other_solutions
-from vibrident.fit.uncertainty.parameters import deviations, parameter_units
+from vibrident.fit.uncertainty.parameters import parameter_units, standard_uncertainties
 from vibrident.physics.models import ADD_ONS, CORES, SensorModel, parse
 from vibrident.physics.naming import in_words
 from vibrident.result import ResultWarning
@@ -49,9 +49,7 @@ def warnings_of_fit(fitted: Fitted, covariance: FloatArray) -> list[ResultWarnin
     # Without stated uncertainties a table that is misread is one that scatters.
     doubted = not fitted.adequate or fitted.judgement.scatter is not None
     if doubted and fitted.judgement.adequacy.degrees_of_freedom > 0:
-        warnings += _warn_of_misreading(
-            fitted.evidence, fitted.estimate, fitted.judgement.remedy_chi2
-        )
+        warnings += _warn_of_misreading(fitted)
     return warnings
 
 
@@ -78,7 +76,6 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
     estimate = fitted.estimate
     judgement = fitted.judgement
     coordinates = estimate.coordinates
-    z = estimate.z
     points = judgement.adequacy
     if not coordinates.model.is_linear or not points.adequate or not len(points.frequency_hz):
         return []
@@ -90,11 +87,7 @@ def _warn_of_solutions(fitted: Fitted, covariance: FloatArray) -> list[ResultWar
         sought = TargetFRF(
             points.frequency_hz, points.measured, deviation, deviation, has_phase=True, polar=False
         )
-    uncertainty = np.abs(coordinates.slopes(z)) * deviations(covariance)
-    solution = Solution(
-        fitted.values,
-        dict(zip(coordinates.model.parameter_names, uncertainty.tolist(), strict=True)),
-    )
+    solution = Solution(fitted.values, standard_uncertainties(coordinates, estimate.z, covariance))
     units = parameter_units(evidence.model, evidence.calibration)
     return list(
         other_solutions(
@@ -118,17 +111,18 @@ def _warn_of_reference_noise(estimate: Estimate) -> list[ResultWarning]:
     return [ResultWarning("reference_noise", text)]
 
 
-def _warn_of_misreading(
-    evidence: Evidence, estimate: Estimate, remedy_chi2: float | None
-) -> list[ResultWarning]:
+def _warn_of_misreading(fitted: Fitted) -> list[ResultWarning]:
     """Return the warning of a reading of the same data in other units, if any.
 
-    It fits far better than by chance, and no worse than the remedy, whose χ²/ν is ``remedy_chi2``.
+    That reading fits far better than by chance, and no worse than another model that explains the
+    data.
     """
+    evidence = fitted.evidence
+    remedy_chi2 = fitted.judgement.remedy_chi2
     problem = evidence.first_look
     if problem is None:
         return []
-    declared, freedom = _cost(problem, evidence.model, estimate.begin)
+    declared, freedom = _cost(problem, evidence.model, fitted.estimate.begin)
     max_cost = min(declared / MIN_IMPROVEMENT, MAX_CHI2_REDUCED) * freedom
     for text, reading, shrinkage in _readings(problem, evidence.calibration.table):
         cost, _ = _cost(reading, evidence.model, max_cost=max_cost)
@@ -144,11 +138,8 @@ def _warn_of_misreading(
             and f_tail(freedom, freedom, ratio) < MAX_CHANCE
             and not worse
         ):
-            return [
-                ResultWarning(
-                    "units_suspect", f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g})."
-                )
-            ]
+            text = f"{text} (χ²/dof {cost:.3g} in place of {declared:.3g})."
+            return [ResultWarning("units_suspect", text)]
     return []
 
 
@@ -158,9 +149,9 @@ def _cost(
     known_start: Start | None = None,
     max_cost: float = np.inf,
 ) -> tuple[float, int]:
-    """Return the cost of the best start for each degree of freedom, and these.
+    """Return the cost of the best start over its degrees of freedom, and these.
 
-    ``known_start``: is taken where given; the cost is infinite where it is above ``max_cost``.
+    The cost is infinite where it is above ``max_cost``; ``known_start``: a start found before.
     """
     try:
         start = known_start or find_start(problem, model, max_cost)
@@ -171,9 +162,9 @@ def _cost(
 
 
 def _in_angular_frequencies(table: ResponseTable | None) -> bool:
-    """Return whether the frequencies are 2π times those of the one-third-octave series.
+    """Return whether all frequencies are 2π times those of the one-third-octave series.
 
-    Five of them are so by no chance.
+    Fewer than five may be so by chance: then it is False.
     """
     frequencies = np.zeros(0) if table is None else distinct(table.frequency_hz)
     return (
@@ -184,9 +175,9 @@ def _in_angular_frequencies(table: ResponseTable | None) -> bool:
 
 
 def _all_nominal(frequency_hz: FloatArray) -> bool:
-    """Return whether all frequencies are of the one-third-octave series (ISO 266).
+    """Return whether all frequencies are of the one-third-octave series, exact or as printed.
 
-    They are exact or as they are printed.
+    Source: ISO 266.
     """
     steps = np.round(10.0 * np.log10(frequency_hz)).astype(int)
     exact = 10.0 ** (steps / 10.0)
@@ -196,13 +187,12 @@ def _all_nominal(frequency_hz: FloatArray) -> bool:
 
 
 class _OtherReading(NamedTuple):
-    """Other reading of the same data.
+    """Another reading of the same data.
 
     Attributes:
-        question: that it raises.
-        problem: the data so read.
-        shrinkage: ratio of deviations that are scatter, so read and as declared: a reading that
-            makes all numbers smaller fits no better by that.
+        question: to the user, as the reading fits far better.
+        problem: the data in this reading.
+        shrinkage: factor by which the reading makes scatter smaller; it is no better by that.
     """
 
     question: str
@@ -213,8 +203,8 @@ class _OtherReading(NamedTuple):
 def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterator[_OtherReading]:
     """Yield other readings of the same data.
 
-    They have phase in the other unit or of the other sign, decibels, exchanged channels, or another
-    reference quantity.
+    These are phase in the other unit or of the other sign, power, decibels, exchanged channels, and
+    other quantities of the reference.
     """
     if table is not None:
         yield from _readings_of_table(problem, table)
@@ -238,7 +228,14 @@ def _readings(problem: FrequencyProblem, table: ResponseTable | None) -> Iterato
 
 def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Iterator[_OtherReading]:
     """Yield other readings of a table."""
-    frequency, magnitude, phase, magnitude_u, phase_u = problem.data
+    names = ("frequency", "magnitude", "phase", "magnitude_u", "phase_u")
+    declared = dict(zip(names, problem.data, strict=True))
+    _, magnitude, phase, magnitude_u, phase_u = problem.data
+
+    def reading(question: str, shrinkage: float = 1.0, **columns: FloatArray) -> _OtherReading:
+        data = tuple((declared | columns).values())
+        return _OtherReading(question, replace(problem, data=data), shrinkage)
+
     if problem.has_phase:
         for text, factor in (
             ('The phases fit far better as degrees: is phase_unit "rad" right?', np.pi / 180.0),
@@ -247,18 +244,15 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
             # Values without a stated uncertainty keep their weight; they are half of the data.
             is_stated = table.phase_uncertainty_rad is not None
             other_u = factor * phase_u if is_stated else phase_u
-            data = (frequency, magnitude, factor * phase, magnitude_u, other_u)
             if np.median(other_u) < 0.5:  # any phase fits within an uncertainty of a turn
                 shrinkage = 1.0 if is_stated else min(factor, 1.0)
-                yield _OtherReading(text, replace(problem, data=data), shrinkage)
+                yield reading(text, shrinkage, phase=factor * phase, phase_u=other_u)
         text = "The phases fit far better with the other sign: here a lag is negative"
-        data = (frequency, magnitude, -phase, magnitude_u, phase_u)
-        yield _OtherReading(text, replace(problem, data=data))
+        yield reading(text, phase=-phase)
     root = np.sqrt(magnitude)
     relative_u = magnitude_u / magnitude
     text = "The magnitudes fit far better as their square root: are they of power?"
-    data = (frequency, root, phase, 0.5 * relative_u * root, phase_u)
-    yield _OtherReading(text, replace(problem, data=data))
+    yield reading(text, magnitude=root, magnitude_u=0.5 * relative_u * root)
     # Any small numbers look like levels of a flat response.
     if np.max(magnitude) < 400.0 and np.ptp(magnitude) > 3.0:
         ratio = 10.0 ** (magnitude / 20.0)
@@ -269,5 +263,4 @@ def _readings_of_table(problem: FrequencyProblem, table: ResponseTable) -> Itera
         relative_u = (
             relative_u if table.magnitude_uncertainty is None else magnitude_u * np.log(10.0) / 20.0
         )
-        data = (frequency, ratio, phase, ratio * relative_u, phase_u)
-        yield _OtherReading(text, replace(problem, data=data))
+        yield reading(text, magnitude=ratio, magnitude_u=ratio * relative_u)

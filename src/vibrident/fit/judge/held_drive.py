@@ -10,7 +10,8 @@ from vibrident.base.errors import VibridentError
 from vibrident.data.records import SystematicEffect
 from vibrident.fit.estimators.kinds.ipnn import Ipnn
 from vibrident.fit.judge.attempts import Fitted
-from vibrident.fit.judge.departure_report import departures_of
+from vibrident.fit.judge.departure_report import departure_names
+from vibrident.fit.uncertainty.parameters import standard_uncertainties
 from vibrident.physics.models import ADD_ONS, installed
 
 DELAY = "delay"
@@ -21,9 +22,9 @@ HELD_REASON = "the drive is held between its samples, as stairs: zero-order hold
 def fit_held_drive(fitted: Fitted) -> Fitted:
     """Return the fit of the same records with their drive held from sample to sample.
 
-    Converters of drive and response have no common instant: where the data show that the edges lie
-    beside the samples, by less than a step, the fit has them there, and the budget their
-    uncertainty. A model with a delay has that in it.
+    The converters of drive and response have no common instant. Where the data show that the edges
+    lie beside the samples, by less than a step, the fit puts them there, and the budget has their
+    uncertainty. A model with a delay contains this shift already.
     """
     findings = tuple(finding for finding in fitted.evidence.findings if finding.code != ALIASING)
     evidence = replace(fitted.evidence, findings=findings)
@@ -45,15 +46,12 @@ def fit_held_drive(fitted: Fitted) -> Fitted:
 
 
 def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
-    """Return by how much the edges come after the samples and its u, s.
+    """Return the time, and its u, by which the edges come after the samples, s.
 
-    None where that is not shown.
+    None where the data do not show it.
     """
     evidence = fitted.evidence
-    kinds = {
-        departure.kind.name for group in departures_of(fitted) for departure in group.departures
-    }
-    if evidence.model.has_delay or (fitted.adequate and DELAY not in kinds):
+    if evidence.model.has_delay or (fitted.adequate and DELAY not in departure_names(fitted)):
         return None
     if len({record.sampling_rate_hz for record in evidence.records}) > 1:
         return None
@@ -66,11 +64,9 @@ def _edge_delay(fitted: Fitted) -> tuple[float, float] | None:
         delayed = fitted.once(replace(evidence, model=model, start=start))
     except VibridentError:
         return None
-    coordinates = delayed.estimate.coordinates
-    z = delayed.estimate.z
-    place = model.parameter_names.index(DELAY)
-    variance = float(delayed.estimate.covariance[place, place])
+    estimate = delayed.estimate
     delay_s = delayed.values[DELAY]
-    u = abs(float(coordinates.slopes(z)[place])) * math.sqrt(variance)
-    step_s = evidence.records[0].sampling_interval_s
-    return (delay_s, u) if delayed.adequate and abs(delay_s) < step_s else None
+    if not delayed.adequate or abs(delay_s) >= evidence.records[0].sampling_interval_s:
+        return None
+    u = standard_uncertainties(estimate.coordinates, estimate.z, estimate.covariance)
+    return delay_s, u[DELAY]

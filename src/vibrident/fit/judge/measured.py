@@ -15,9 +15,9 @@ from vibrident.result import Fit, MeasuredCurve
 def measured_curve(fitted: Fitted) -> MeasuredCurve:
     """Return the data's points with their deviation from the model, in order of frequency.
 
-    They are per the sensor's own quantity, whatever the reference measured. Systematic effects,
-    common to all points, are in the uncertainty of each point, but in that of its deviation only as
-    far as the parameters cannot follow them.
+    They are per the sensor's own quantity, whatever the reference measured. The uncertainty of a
+    point includes systematic effects, which are common to all points; that of its deviation
+    includes only what the parameters cannot follow of them.
     """
     points = fitted.judgement.adequacy
     linear = fitted.linear
@@ -34,7 +34,7 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
     deviation_u = [
         values[order] for values in np.split(deviation_u, 2 if linear.is_phase.any() else 1)
     ]
-    ratio = _model_at(fitted, frequency) / measured
+    ratio = fitted.response(frequency) / measured
     has_phase = bool(np.any(np.imag(measured) != 0.0))
     quantity = fitted.evidence.quantity
     stated_per = fitted.evidence.model.stated_quantity(quantity)
@@ -66,18 +66,6 @@ def measured_curve(fitted: Fitted) -> MeasuredCurve:
     )
 
 
-def _model_at(fitted: Fitted, frequency_hz: FloatArray) -> np.ndarray:
-    """Return the complex sensitivity of the model, shape (n,)."""
-    return fitted.evidence.model.frequency_response(
-        fitted.values, frequency_hz, fitted.evidence.quantity
-    )
-
-
-def fit_of_signals(fitted: Fitted) -> Fit:
-    """Return the metrics of measured minus predicted response over all records."""
-    return metrics(sums_of_signals(fitted), fitted)
-
-
 def sums_of_signals(fitted: Fitted) -> FloatArray:
     """Return n, Σ |e|, Σ e² of measured minus predicted response, and Σ y² about its mean, (4,)."""
     sums = np.zeros(4)
@@ -90,21 +78,21 @@ def sums_of_signals(fitted: Fitted) -> FloatArray:
     return sums
 
 
-def fit_of_table(fitted: Fitted) -> Fit:
-    """Return the metrics of measured minus model response over a table's points."""
+def sums_of_table(fitted: Fitted) -> FloatArray:
+    """Return sums as those of :func:`sums_of_signals` over a table's points, shape (4,)."""
     adequacy = fitted.judgement.adequacy
     problem = fitted.evidence.first_look
     assert problem is not None
     measured = adequacy.measured
-    model = _model_at(fitted, adequacy.frequency_hz)
+    model = fitted.response(adequacy.frequency_hz)
     residual = measured - model if problem.has_phase else np.abs(measured) - np.abs(model)
-    return metrics(_sums(np.abs(residual), np.abs(measured - measured.mean())), fitted)
+    return _sums(np.abs(residual), np.abs(measured - measured.mean()))
 
 
 def _sums(residual: FloatArray, response: FloatArray) -> FloatArray:
     """Return n, Σ |residual| and the sums of squares of residual and response, shape (4,).
 
-    The response is about its mean.
+    ``response``: about its mean.
     """
     return np.array(
         [residual.size, np.sum(np.abs(residual)), residual @ residual, response @ response]

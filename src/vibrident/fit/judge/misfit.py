@@ -28,13 +28,17 @@ def describe_misfit(
         equations = 2 * len(adequacy.frequency_hz)
         return describe_no_freedom(equations, equations - adequacy.degrees_of_freedom, "data")
     chi2 = adequacy.chi2_reduced or 0.0
-    worst = _describe_worst(points, response)
-    if decays:
-        worst_decay = max(decays, key=lambda decay: decay.parts.chi2)
-        if worst_decay.parts.chi2 > max(
-            float(np.max(points_of_record.squares)) for points_of_record in points
-        ):
-            worst = f"; most in a free decay: {worst_decay.words}"
+    squares = np.concatenate([group.squares for group in points])
+    index = int(np.argmax(squares))
+    hz = adequacy.frequency_hz[index : index + 1]
+    difference_percent = 100 * abs(response(hz)[0] / adequacy.measured[index] - 1.0)
+    worst = (
+        f", most at {hz[0]:.4g} Hz, where model and measurement differ by "
+        f"{difference_percent:.2g} %"
+    )
+    worst_decay = max(decays, key=lambda decay: decay.parts.chi2, default=None)
+    if worst_decay is not None and worst_decay.parts.chi2 > squares[index]:
+        worst = f"; most in a free decay: {worst_decay.words}"
     return (
         "The model does not explain the data: deviations at the excited frequencies are "
         f"{plain(chi2**0.5, 3)} times what the noise explains "
@@ -43,27 +47,9 @@ def describe_misfit(
 
 
 def describe_no_freedom(equations: int, parameters: int, what: str) -> str:
-    """Return the sentence on a model with as many parameters as there are equations, or more.
-
-    Such a model meets any data.
-    """
+    """Return the sentence on a model with too many parameters for these equations to be tested."""
     return (
         f"It cannot be tested whether the model explains the {what}: {parameters} parameters meet "
         f"{equations} measured values, and none is left to judge by. Measure at more frequencies, "
         "or take a model with fewer parameters."
-    )
-
-
-def _describe_worst(points: list[Points], response: Any) -> str:
-    """Return the clause on the point with the largest deviation."""
-    frequency = np.concatenate([points_of_record.frequency_hz for points_of_record in points])
-    measured = np.concatenate([points_of_record.measured for points_of_record in points])
-    squares = np.concatenate([points_of_record.squares for points_of_record in points])
-    index = int(np.argmax(squares))
-    difference_percent = 100 * abs(
-        response(frequency[index : index + 1])[0] / measured[index] - 1.0
-    )
-    return (
-        f", most at {frequency[index]:.4g} Hz, where model and measurement differ by "
-        f"{difference_percent:.2g} %"
     )

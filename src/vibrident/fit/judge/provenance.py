@@ -22,8 +22,7 @@ from vibrident.physics.models.source import source_of
 from vibrident.physics.registry import MODELS
 
 _ALWAYS = ("numpy", "scipy")
-#: Reader → packages that read its files. NumPy and SciPy are named anyhow; a text file of numbers
-#: needs no other.
+#: Packages that read the files of each reader, beside NumPy and SciPy, which are always named.
 LIBRARIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "csv": (),
@@ -44,7 +43,7 @@ LIBRARIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 def provenance(fitted: Fitted) -> dict[str, Any]:
     """Return versions, files and time of an identification, as plain values."""
     evidence = fitted.evidence
-    calibration = fitted.evidence.calibration
+    calibration = evidence.calibration
     sources = [record.provenance for record in evidence.records or calibration.records]
     if calibration.table is not None:
         sources = [calibration.table.provenance]
@@ -55,7 +54,9 @@ def provenance(fitted: Fitted) -> dict[str, Any]:
     return {
         "vibrident": __version__,
         "python": platform.python_version(),
-        "libraries": _versions((*_ALWAYS, *sorted(participants() | read_by))),
+        "libraries": {
+            package: _version(package) for package in (*_ALWAYS, *sorted(participants() | read_by))
+        },
         **({"plug_ins": packages} if packages else {}),
         **({"model": source_of(model)} if MODELS.is_registered(model.name) else {}),
         "calibration_file": calibration.source,
@@ -79,7 +80,7 @@ def _known_files(calibration: Calibration) -> Iterator[dict[str, Any]]:
 
 
 def _readers(files: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the readers of these files; one of another package is loaded last."""
+    """Return the names of the readers of these files; those of other packages are asked last."""
     endings = {PurePath(file).suffix.lower() for file in files} - {""}
     names: list[str] = []
     readers = READERS.one_by_one()
@@ -91,7 +92,7 @@ def _readers(files: Iterable[str]) -> tuple[str, ...]:
 
 
 def _plug_ins(fitted: Fitted, readers: Iterable[str]) -> dict[str, str]:
-    """Return name → package with its version, of all that another package added."""
+    """Return the package, with its version, of each part that another package added, by name."""
     return {
         name: package
         for registry, name in _taking_part(fitted, readers)
@@ -107,11 +108,6 @@ def _taking_part(fitted: Fitted, readers: Iterable[str]) -> Iterator[tuple[Regis
     yield from ((READERS, name) for name in readers)
     if fitted.estimate.findings.decays is None:  # free decays have tests of their own
         yield from ((DEPARTURES, name) for name in DEPARTURES.names())
-
-
-def _versions(packages: Iterable[str]) -> dict[str, str]:
-    """Return the versions of packages by name."""
-    return {package: _version(package) for package in packages}
 
 
 @functools.cache  # reading a package's metadata takes time

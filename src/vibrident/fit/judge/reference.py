@@ -1,8 +1,8 @@
 """A reference that is a sensor itself, as the cause of a misfit: its own response is in the data.
 
-The points are then those of S/K, with K an oscillator that falls above its resonance (an
-accelerometer) or below its corner (a seismometer): two more unknowns, its natural frequency and
-damping.
+The points are then those of S/K. K is an oscillator that falls above its resonance (an
+accelerometer) or below its corner (a seismometer); its natural frequency and damping are two more
+unknowns.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from vibrident.fit.information import inverse_where_shown
 from vibrident.fit.judge.attempts import Fitted
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.response.response import ComplexArray
-from vibrident.physics.models.slopes import response_and_slopes
+from vibrident.fit.uncertainty.linearised import log_slopes
 
-#: Natural frequencies to begin from.
+#: Number of natural frequencies to begin from.
 PLACES = 40
-#: The lowest and the highest of them, as parts of the ends of the band.
+#: The lowest and the highest of them, over the ends of the band.
 REACH = (0.3, 2.0)
 #: Damping ratios to begin from, and their limits.
 DAMPINGS = (0.03, 0.15, 0.7)
@@ -34,7 +34,7 @@ ROUGH_STEPS = 4
 MAX_EVALUATIONS = 60
 #: Deviation, in its standard deviation, from which a point counts as wild.
 WILD = 3.0
-#: Part of what the model leaves that an explanation may leave.
+#: Part of the cost of the model alone that an explanation may leave.
 MAX_REMAINING_SHARE = 0.25
 #: Degrees of freedom that must remain.
 MIN_FREEDOM = 6
@@ -50,7 +50,7 @@ def with_reference_named(fitted: Fitted) -> Fitted:
 
 
 def _explanation(fitted: Fitted) -> str:
-    """Return the sentence that names the reference as a cause; empty where it is none."""
+    """Return the sentence that names the reference as the cause; empty where it is not."""
     evidence = fitted.evidence
     adequacy = fitted.judgement.adequacy
     stated = "reference" in evidence.calibration.known_responses or not is_motion(
@@ -96,31 +96,21 @@ class BesideOscillator:
 
         ``x``: the model's coordinates, and the oscillator's logarithms.
         """
-        z = x[:-2]
-        logarithms = x[-2:]
-        values = self.coordinates.values(z)
-        response = np.asarray(
-            self.coordinates.model.frequency_response(values, self.hz, self.quantity)
-        )
-        oscillator, _ = _oscillator(self.hz, logarithms, above=self.above)
+        values = self.coordinates.values(x[:-2])
+        response = self.coordinates.model.frequency_response(values, self.hz, self.quantity)
+        oscillator, _ = _oscillator(self.hz, x[-2:], above=self.above)
         return _parts(np.log(self.measured * oscillator / response) / self.deviation)
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """Return the derivatives of :meth:`errors` with ``x``, shape (2 K, P + 2)."""
-        z = x[:-2]
-        logarithms = x[-2:]
-        values = self.coordinates.values(z)
-        response, slopes = response_and_slopes(
-            self.coordinates.model, values, self.hz, self.quantity
-        )
-        of_model = -slopes * self.coordinates.slopes(z)[:, None] / response
-        _, of_oscillator = _oscillator(self.hz, logarithms, above=self.above)
-        return _parts(np.concatenate([of_model, of_oscillator]) / self.deviation).T
+        _, of_model = log_slopes(self.coordinates, x[:-2], self.quantity, self.hz)
+        _, of_oscillator = _oscillator(self.hz, x[-2:], above=self.above)
+        return _parts(np.concatenate([-of_model.T, of_oscillator]) / self.deviation).T
 
     def best_of_grid(self, z: FloatArray, places: FloatArray) -> FloatArray:
         """Return the best of places of the oscillator, the model's coordinates being free.
 
-        They are found by Gauss-Newton steps from z, weighed by Cauchy's distribution.
+        Gauss–Newton steps from z find these, with deviations weighed by Cauchy's distribution.
 
         Args:
             z: coordinates of the model, shape (P,).
@@ -144,15 +134,15 @@ class BesideOscillator:
 
 
 def _parts(values: Any) -> FloatArray:
-    """Return real and imaginary parts one after the other; what is not finite is very large."""
+    """Return real parts, then imaginary parts; those that are not finite become very large."""
     both = np.concatenate([values.real, values.imag], axis=-1)
     return np.nan_to_num(both, nan=1e9, posinf=1e9, neginf=-1e9)
 
 
 def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
-    """Return natural frequency and damping of the oscillator that explains most; None of little.
+    """Return natural frequency and damping of the best oscillator, None if it explains too little.
 
-    Points that nothing moves are wild, so deviations are weighed by Cauchy's distribution.
+    Points without motion are wild, so deviations are weighed by Cauchy's distribution.
     """
     from scipy.optimize import least_squares  # slow to load
 
@@ -187,10 +177,8 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
                 )
             )
     best = min(ends, key=lambda fit: fit.cost)
-    model = np.asarray(
-        coordinates.model.frequency_response(fitted.values, hz, fitted.evidence.quantity)
-    )
-    before = _parts(np.log(adequacy.measured / model) / adequacy.relative_deviation) / WILD
+    ratio = adequacy.measured / fitted.response(hz)
+    before = _parts(np.log(ratio) / adequacy.relative_deviation) / WILD
     if not best.cost < MAX_REMAINING_SHARE * 0.5 * WILD**2 * float(np.sum(np.log1p(before**2))):
         return None
     natural_hz, damping = np.exp(best.x[len(z) :])
@@ -200,9 +188,9 @@ def _oscillator_that_explains(fitted: Fitted) -> tuple[float, float] | None:
 def _oscillator(
     hz: FloatArray, logarithms: FloatArray, *, above: bool
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return K by the logarithms of its parameters, and the derivatives of ln K with these.
+    """Return K, shape (K,), and the derivatives of ln K by its parameters' logarithms, (2, K).
 
-    It is that of one below resonance, or above its corner. Shapes: (K,) and (2, K).
+    ``above``: whether K falls above its resonance, and is one below; else the other way round.
     """
     natural_hz, damping = np.exp(np.clip(logarithms, -60.0, 60.0))
     place = hz / natural_hz

@@ -1,7 +1,6 @@
 """Fits without dead records, with nuisance parameters, and with a scatter that was not stated.
 
-The nuisance parameters are of drift and hum. Each step takes the attempt so far and returns it, or
-a better one.
+Each step takes a fit and returns it, or a better one.
 """
 
 from __future__ import annotations
@@ -22,27 +21,28 @@ PHASE_BY_SCATTER = "the phase's uncertainty, which the table does not state, by 
 
 
 def without_dead_records(first: Fitted) -> Fitted:
-    """Return the fit without records that seem dead, where that is the better one.
+    """Return the fit without records that seem dead, where it is better than the one with them.
 
-    It is better where it explains the others or contradicts the first.
+    It is better where it explains the other records far better, or contradicts the first fit.
     """
     evidence = first.evidence.without_dead_records()
     if evidence is None:
         return first
     better = Fitted.from_evidence(evidence, first.estimator, first.progress)
-    chi2 = [attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)]
+    chi2, chi2_of_all = (
+        attempt.judgement.adequacy.chi2_reduced or np.inf for attempt in (better, first)
+    )
     # A dead record of little noise may draw the whole fit to itself, and leave the others as noise.
-    unexplained = [1.0 - attempt.judgement.explained for attempt in (better, first)]
-    clearer = chi2[0] < chi2[1] / 4.0 or unexplained[0] < unexplained[1] / 4.0
+    max_unexplained = first.judgement.unexplained / 4.0
+    clearer = chi2 < chi2_of_all / 4.0 or better.judgement.unexplained < max_unexplained
     return better if clearer or (better.adequate and _contradicted(first, better)) else first
 
 
 def _contradicted(first: Fitted, better: Fitted) -> bool:
-    """Return whether a fit is not where some of its records say (Hausman 1978).
+    """Return whether the fit of some records contradicts that of all (Hausman 1978).
 
-    Were all records right, the fit of all would deviate from that of some by less than the latter
-    from the truth. A sharp resonance is where its ringing is read: what hides it in a dead record
-    moves it.
+    Were all records right, the two fits would differ by less than that of some records differs from
+    the truth. A sharp resonance is read from its ringing, so a dead record moves it.
     """
     estimate = better.estimate
     shift = np.array([first.values[name] - value for name, value in better.values.items()])
@@ -52,11 +52,11 @@ def _contradicted(first: Fitted, better: Fitted) -> bool:
 
 
 def with_phase_scatter(first: Fitted) -> Fitted:
-    """Return the fit of a table whose phase has its uncertainty from its deviations.
+    """Return the fit of a table whose phase gets its uncertainty from its deviations.
 
-    That is done where the table states the magnitude's uncertainty alone. The phase's is taken in
-    proportion to it. Where the deviations follow a pattern, the model does not explain the phase,
-    and their size says nothing of its uncertainty.
+    The table states the uncertainty of its magnitudes alone; that of the phase is taken in
+    proportion to it. Deviations that follow a pattern are misfit, so their size says nothing of the
+    phase's uncertainty: the first fit is returned.
     """
     calibration = first.evidence.calibration
     problem = first.evidence.first_look
@@ -71,9 +71,9 @@ def with_phase_scatter(first: Fitted) -> Fitted:
     provenance = replace(table.provenance, history=(*table.provenance.history, PHASE_BY_SCATTER))
     scatter_before = 1.0
     for _ in range(20 if freedom > 1.0 else 0):
-        phase_residual = np.asarray(
-            problem.residual(current.estimate.z, current.estimate.coordinates)
-        )[table.points :][order]
+        phase_residual = problem.residual(current.estimate.z, current.estimate.coordinates)[
+            table.points :
+        ][order]
         scatter = float(np.sqrt(np.sum(phase_residual**2) / freedom))
         if abs(scatter - scatter_before) < 0.01 * scatter_before or scatter == 0.0:
             return current if looks_random(phase_residual) else first
@@ -88,22 +88,16 @@ def with_phase_scatter(first: Fitted) -> Fitted:
 
 
 def refit_with_departures(first: Fitted) -> Fitted:
-    """Return the fit with departures as nuisance parameters, from where it stands.
-
-    Those are drift and hum.
-    """
+    """Return the fit with drift and hum as nuisance parameters, where the data show them."""
     current = first
     for _ in range(3):
         current = replace(current, departures=departures_of(current))
         records = with_nuisances(current)
-        if all(
-            record_with_nuisances is record
-            for record_with_nuisances, record in zip(records, current.evidence.records, strict=True)
-        ):
+        if records == current.evidence.records:  # the records themselves
             break
         refit = current.anew(current.evidence.with_records(records))
-        # A misfit has tones and drifts, too; and what has more unknowns does not explain less,
-        # unless it went astray.
+        # A misfit has tones and drifts, too; and a fit with more unknowns explains less only where
+        # it went astray.
         explains_less = refit.judgement.explained < current.judgement.explained
         if not refit.adequate and (explains_less or not current.adequate):
             break

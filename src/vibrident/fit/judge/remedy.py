@@ -23,8 +23,8 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
     """Return the fit, its judgement with the model that explains what its own does not, if any.
 
     Models are tried at the excited frequencies, from the values of the present one, and the likely
-    ones by one fit from the values at the points. What is said is what a user gets who asks for
-    that model: ``fit_anew`` fits it from nothing, and its χ² is stated.
+    ones by one fit of the records from there. The χ² stated is what a user gets who asks for that
+    model: ``fit_anew`` fits it from nothing.
     """
     evidence = fitted.evidence
     judgement = fitted.judgement
@@ -40,10 +40,12 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
             continue
         if better.adequate:
             chi2 = better.judgement.adequacy.chi2_reduced or 0.0
-            explained = f"The model {candidate.name} explains them (χ²/dof = {plain(chi2, 3)})."
-            text = f"{judgement.lack_of_fit} {explained}"
+            text = f"The model {candidate.name} explains them (χ²/dof = {plain(chi2, 3)})."
             judgement = replace(
-                judgement, lack_of_fit=text, remedy_chi2=chi2, explained_by=candidate.name
+                judgement,
+                lack_of_fit=f"{judgement.lack_of_fit} {text}",
+                remedy_chi2=chi2,
+                explained_by=candidate.name,
             )
             return replace(fitted, judgement=judgement)
     return fitted
@@ -52,7 +54,7 @@ def with_remedy(fitted: Fitted, fit_anew: Callable[[SensorModel], Fitted]) -> Fi
 def _may_lack_model(fitted: Fitted) -> bool:
     """Return whether the model may be at fault.
 
-    It is not where its discretisation is, nor where no linear model explains the data.
+    It is not where its discretisation may be, or where a linear model explains hardly any motion.
     """
     findings = fitted.estimate.findings
     untestable = fitted.judgement.adequacy.degrees_of_freedom < MIN_FREEDOM
@@ -68,19 +70,18 @@ def _may_lack_model(fitted: Fitted) -> bool:
 
 
 def _likely_models(fitted: Fitted) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Yield the models worth a fit of the records, with their values at the points.
+    """Yield the models worth a fit of the records, with their parameters at the points.
 
-    Those of fewest parameters come first.
+    Models with the fewest parameters come first.
     """
     problem = fitted.evidence.first_look
     if problem is None:
         return
     if not problem.polar:  # beside the fit
         problem = replace(problem, data=fitted.judgement.adequacy.as_data)
-    present = (fitted.judgement.adequacy.chi2_reduced or 0.0, fitted.evidence.model, fitted.values)
     for models_by_size in _other_models(fitted.evidence):
         likely = itertools.chain.from_iterable(
-            _models_that_explain(problem, models, *present) for models in models_by_size
+            _models_that_explain(problem, models, fitted) for models in models_by_size
         )
         first = next(likely, None)
         if first is not None:
@@ -90,32 +91,25 @@ def _likely_models(fitted: Fitted) -> Iterator[tuple[SensorModel, dict[str, floa
 
 
 def _models_that_explain(
-    problem: FrequencyProblem,
-    models: Sequence[SensorModel],
-    chi2_reduced: float,
-    model: SensorModel,
-    values: dict[str, float],
+    problem: FrequencyProblem, models: Sequence[SensorModel], fitted: Fitted
 ) -> Iterator[tuple[SensorModel, dict[str, float]]]:
-    """Yield models that leave a tenth of χ²/ν or less, or little, with their parameters.
+    """Yield models whose χ²/ν is a tenth of the present one's or small, with their parameters.
 
-    They leave no more than 30 times what the best one leaves.
+    It is no more than 30 times that of the best model.
 
     Args:
         problem: the points.
         models: to be tried.
-        chi2_reduced: of the present model.
-        model: the present one.
-        values: of its parameters.
+        fitted: the fit by the present model.
     """
+    chi2_reduced = fitted.judgement.adequacy.chi2_reduced or 0.0
     candidates = []
     max_cost = min(max(chi2_reduced / 10.0, MAX_SMALL_CHI2), 0.5 * chi2_reduced)
     for candidate in models:
         freedom = problem.equations - len(candidate.parameter_names)
-        start = (
-            _start_of_model(problem, candidate, model, values, max_cost * freedom)
-            if freedom >= MIN_FREEDOM
-            else None
-        )
+        if freedom < MIN_FREEDOM:
+            continue
+        start = _start_of_model(problem, candidate, fitted, max_cost * freedom)
         if start is not None and _lies_inside(problem, candidate, start.values):
             candidates.append((candidate, start.costs[-1] / freedom, start.values))
     limit = min([chi2_reduced / 10.0, *(30.0 * cost for _, cost, _ in candidates)])
@@ -125,21 +119,17 @@ def _models_that_explain(
 
 
 def _start_of_model(
-    problem: FrequencyProblem,
-    candidate: SensorModel,
-    model: SensorModel,
-    values: dict[str, float],
-    max_cost: float,
+    problem: FrequencyProblem, candidate: SensorModel, fitted: Fitted, max_cost: float
 ) -> Start | None:
     """Return the start of a model at the points, or None where its cost is above the limit.
 
-    That of a model that extends the present one begins there.
+    A model that extends the present one starts from the values of that.
     """
-    problem_of_other = replace(problem, model=candidate, start=None)
+    problem_of_candidate = replace(problem, model=candidate, start=None)
     try:
-        if set(model.parameter_names) < set(candidate.parameter_names):
-            return extended(problem_of_other, candidate, values, max_cost)
-        return find_start(problem_of_other, candidate, max_cost)
+        if set(fitted.evidence.model.parameter_names) < set(candidate.parameter_names):
+            return extended(problem_of_candidate, candidate, fitted.values, max_cost)
+        return find_start(problem_of_candidate, candidate, max_cost)
     except VibridentError:
         return None
 
@@ -147,10 +137,7 @@ def _start_of_model(
 def _lies_inside(
     problem: FrequencyProblem, candidate: SensorModel, values: dict[str, float]
 ) -> bool:
-    """Return whether no frequency is at the end of the range searched.
-
-    Out there it explains nothing.
-    """
+    """Return whether no frequency is at an end of the range searched, where it explains nothing."""
     coordinates = Coordinates.at(candidate, values, problem.band_hz)
     z = coordinates.first
     low, high = coordinates.edges
@@ -160,12 +147,12 @@ def _lies_inside(
 
 
 def _other_models(evidence: Evidence) -> Iterator[list[list[SensorModel]]]:
-    """Yield linear models of another core or with one more add-on; then with a delay too.
+    """Yield linear models of another core or with one more add-on; then those with a delay too.
 
-    Of either those with as many parameters come together, the fewest first.
+    Each of the two comes as lists of models with equally many parameters, the fewest first.
     """
     present = evidence.model.name.split("+")
-    # A mounting does to the data of one mounting what a second mode does, which is tried.
+    # In data of a single mounting, a mounting is the same as a second mode, which is tried.
     add_ons = [
         addon for addon in ADD_ONS.values() if addon.force is None and not addon.before_sensor
     ]

@@ -13,23 +13,23 @@ from vibrident.fit.response.sine_fit import phasors, spectral_peak, tone_frequen
 from vibrident.fit.response.tone_quality import MIN_PERIODS
 from vibrident.fit.response.transform import median
 
-#: Common ratio of tones to the stated frequencies, less one, beyond which the clock is suspect:
+#: Common ratio of tones to the stated frequencies, less one, above which the clock is suspect:
 #: nominal frequencies (ISO 266) are up to 0.9 % off the exact ones.
 MIN_OFFSET = 0.015
 #: The same for a single frequency, which may have been stated roughly.
 MIN_SINGLE_OFFSET = 0.05
 #: Uncertainty of the place of a tone, in lines of the record's spectrum.
 PLACE_UNCERTAINTY_LINES = 0.02
-#: A tone found without help is the record's tone where so little of the power is anything else.
+#: The strongest tone is the record's if at most this share of the power is anything else.
 MAX_OTHER_POWER = 0.3
 
 
 def judge_clocks(
     records: Sequence[Record],
 ) -> tuple[tuple[Record, ...], tuple[ScreeningFinding, ...]]:
-    """Return the records and a finding where tones contradict the sampling rate.
+    """Return the records, and a finding where tones contradict the sampling rate.
 
-    Start values that the tones contradict are removed from the records.
+    The stated frequencies are removed from the records then, as they are no start values.
     """
     stated = [
         r
@@ -50,10 +50,7 @@ def judge_clocks(
 
 
 def _common_ratio(records: Sequence[Record]) -> float | None:
-    """Return the ratio of measured to stated frequency that all records share.
-
-    None if it is one or not shared.
-    """
+    """Return the ratio of measured to stated frequency of all records; None if 1 or not shared."""
     ratios = []
     uncertainties = []
     for record in records:
@@ -79,8 +76,7 @@ def _common_ratio(records: Sequence[Record]) -> float | None:
 def _tone(record: Record, stated_hz: float) -> float | None:
     """Return the frequency of the tone that holds most of the power of the reference, Hz.
 
-    None where there is no such tone, or where it is another (hum) and the record's tone is found at
-    the stated frequency.
+    None without such a tone, or where it is hum and the record has a tone at the stated frequency.
     """
     mask = record.mask
     rate = record.sampling_rate_hz
@@ -100,7 +96,7 @@ def _tone(record: Record, stated_hz: float) -> float | None:
 
 
 def _without_trend(values: FloatArray, mask: BoolArray) -> FloatArray:
-    """Return a series less its offset and trend, zero where it is not valid, shape (samples,)."""
+    """Return a series less offset and trend, zero where it is not valid, shape (samples,)."""
     place = np.arange(values.size) - np.flatnonzero(mask).mean()
     level = values[mask].mean()
     slope = np.sum(place[mask] * (values[mask] - level)) / max(float(np.sum(place[mask] ** 2)), 1.0)

@@ -1,11 +1,11 @@
 """The ratio of the clocks of two devices, where it is so far from one that no model fits.
 
-The response is read at instants t(1 + ε). Brought to the clock of the reference it is what a
-rational transfer function makes of the reference (Sanathanan & Koerner 1963), of an order that
-suffices for any sensor and a short delay; at another clock it is almost uncorrelated with it. So ε
-is where the residual of that function, fitted to the windowed bins of all records together, is
-smallest. The valley is as wide as the inverse of the periods in a record: it is found in the first
-samples, where it is wide, and followed as their number doubles.
+The response is read at instants t(1 + ε). At the clock of the reference a rational transfer
+function explains it (Sanathanan & Koerner 1963), of an order that suffices for any sensor and a
+short delay; at another clock it is almost uncorrelated with the reference. So ε is where that
+function, fitted to the windowed bins of all records together, leaves the smallest residual. This
+valley is as wide as the inverse of the periods in a record: the search begins in the first samples,
+where it is wide, and follows it as their number doubles.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from vibrident.fit.response.clock_search import (
 
 MAX_PERIODS = 8  # by which a transfer function may stand in for two clocks
 MAX_CANDIDATES = 256  # of valleys that look alike, as in the first of several shocks
-MIN_SAMPLES = 8  # of a response at another clock; else the record keeps its own
+MIN_SAMPLES = 8  # of a response at another clock; with fewer the record keeps its clock
 
 
 def clock_offset(records: Sequence[Record]) -> float:
     """Return ε, by which intervals of the response exceed those of the reference.
 
-    0 where that explains little.
+    It is 0 where another clock explains little more.
     """
-    search = ClockSearch.of(records, MAX_ORDER, MAX_ORDER, delayed=True)
+    search = ClockSearch.from_records(records, MAX_ORDER, MAX_ORDER, delayed=True)
     if not search.driven or search.unexplained(0.0, LAST_SAMPLES) < FIRST_ORDER:
         return 0.0
     longest = max(channels.samples for channels in search.driven)
@@ -49,9 +49,8 @@ def clock_offset(records: Sequence[Record]) -> float:
         unexplained = np.array([search.unexplained(offset, samples) for offset in offsets])
         order = np.argsort(unexplained)[:MAX_CANDIDATES]
         limit = max(2.0 * unexplained[order[0]], 0.5)
-        candidates = offsets[order[unexplained[order] < limit]]
-        if not candidates.size:
-            candidates = offsets[order]
+        good = order[unexplained[order] < limit]
+        candidates = offsets[good if good.size else order]
         if samples >= min(longest, LAST_SAMPLES):
             return search.bottom(float(offsets[order[0]]), width, samples)
         reach = width
@@ -61,12 +60,14 @@ def clock_offset(records: Sequence[Record]) -> float:
 def nearby_offset(records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> float:
     """Return ε near zero by a transfer function of a model's order; 0 where it explains little.
 
-    In a sweep a higher order does what a ratio of the clocks does, to within some periods.
+    In a sweep a higher order imitates a ratio of the clocks, up to some periods.
     """
-    search = ClockSearch.of(records, poles, zeros, delayed=delayed)
+    search = ClockSearch.from_records(records, poles, zeros, delayed=delayed)
     if not search.driven:
         return 0.0
-    width = min(0.5 * search.valley(LAST_SAMPLES), MAX_OFFSET)  # few periods tell no clocks apart
+    width = min(
+        0.5 * search.valley(LAST_SAMPLES), MAX_OFFSET
+    )  # a wide valley of few periods is cut
     offsets = width * np.arange(-2 * MAX_PERIODS, 2 * MAX_PERIODS + 1)
     offsets = offsets[np.abs(offsets) <= MAX_OFFSET]
     unexplained = [search.unexplained(offset, LAST_SAMPLES) for offset in offsets]

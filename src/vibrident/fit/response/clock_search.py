@@ -26,10 +26,10 @@ MIN_POWER = 1e-4  # of a bin over the strongest of its record, to count as motio
 LOBE_BINS = 5  # of a tone under the window
 ITERATIONS = 3  # of the linearised fit
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # of an interval, the longer part
-PRECISION = 1e-3  # of the valley's width; the departure from the fit tells the last digits
+PRECISION = 1e-3  # of the valley's width; the test of departures from the fit gives the last digits
 MIN_GAIN = 4.0  # by which the unexplained part must fall; leakage of short records makes 3
 FIRST_SAMPLES = 1 << 11  # in which the search begins
-LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit goes on by itself
+LAST_SAMPLES = 1 << 17  # beyond which the valley is so narrow that the fit itself follows
 FINER = 8  # points of the interpolation between two samples; the search needs no better one
 
 
@@ -42,8 +42,8 @@ class _Channels:
     rate_hz: float
 
     @classmethod
-    def of(cls, record: Record) -> _Channels:
-        """Return the channels of a record with a reference."""
+    def from_record(cls, record: Record) -> _Channels:
+        """Build the channels of a record with a reference."""
         assert record.reference is not None
         n = min(record.samples, LAST_SAMPLES)
         response = about_mean(record.response, record.mask)[:n]
@@ -56,10 +56,7 @@ class _Channels:
         return len(self.reference)
 
     def moves_in(self, samples: int) -> bool:
-        """Return whether the first samples hold enough of the motion.
-
-        That is a quarter of the mean power of all, under their window.
-        """
+        """Return whether the first samples hold a quarter of the motion's mean power, windowed."""
         power = self.reference**2
         n = min(samples, self.samples)
         return float(hann(n) ** 2 @ power[:n]) / n >= 0.25 * float(np.mean(power))
@@ -69,7 +66,7 @@ class _Channels:
         """Return the response at FINER points a sample."""
         bins = np.zeros(self.samples * FINER // 2 + 1, dtype=complex)
         bins[: self.samples // 2 + 1] = fft.rfft(self.response)
-        return np.asarray(fft.irfft(bins, self.samples * FINER)) * FINER
+        return fft.irfft(bins, self.samples * FINER) * FINER
 
     def at(self, offset: float, samples: int) -> FloatArray:
         """Return the response at the first instants of the reference, shape (samples,)."""
@@ -85,7 +82,7 @@ class _Channels:
         """Return the reference in a band that holds all of the motion, cached by length."""
         if samples not in self._motions:
             n = min(samples, self.samples)
-            x = np.asarray(fft.rfft(self.reference[:n] * hann(n)))
+            x = fft.rfft(self.reference[:n] * hann(n))
             power = power_of(x[: int(USABLE_BAND * n) + 1])
             power[:2] = 0.0  # means under the window
             bins = np.flatnonzero(power > MIN_POWER * np.max(power))
@@ -103,7 +100,7 @@ class _Channels:
     def response_at(self, offset: float, samples: int) -> _BandResponse:
         """Return the response at the bins of the motion."""
         motion = self.motion(samples)
-        y = np.asarray(fft.rfft(self.at(offset, motion.samples) * hann(motion.samples)))
+        y = fft.rfft(self.at(offset, motion.samples) * hann(motion.samples))
         total = float(np.sum(power_of(y[motion.band]))) or 1.0
         delay = _delay_samples(motion, y) if len(motion.bins) > MAX_ORDER * LOBE_BINS else 0
         return _BandResponse(y[motion.bins], total, delay / self.rate_hz)
@@ -115,8 +112,8 @@ class _Channels:
         bins = motion.bins
         # A sine as window makes half the difference of the bins before and after each.
         sine = np.sin(np.arange(n) * (2.0 * np.pi / n))
-        difference = 1j * np.asarray(fft.rfft(self.reference[:n] * sine))[bins]
-        response = np.asarray(fft.rfft(self.response[:n] * hann(n)))[bins]
+        difference = 1j * fft.rfft(self.reference[:n] * sine)[bins]
+        response = fft.rfft(self.response[:n] * hann(n))[bins]
         reference = motion.reference, difference
         phases = Phases.between(reference, response, motion.hz, self.rate_hz / n)
         return agreed_delay(phases, n / self.rate_hz, float(motion.hz[-1]))
@@ -146,7 +143,7 @@ class _BandResponse(NamedTuple):
     Attributes:
         response: shape (K,).
         total: power of the response in the whole band.
-        delay_s: by which most of the response comes after the reference.
+        delay_s: delay of most of the response.
     """
 
     response: ComplexArray
@@ -155,10 +152,7 @@ class _BandResponse(NamedTuple):
 
 
 def _delay_samples(motion: _Motion, response: ComplexArray) -> int:
-    """Return by how many samples the peak of the impulse response is late.
-
-    0 where the poles of a sensor explain that.
-    """
+    """Return the delay of the impulse response's peak, 0 where a sensor's poles may explain it."""
     n = motion.samples
     x = motion.reference
     ratio = np.zeros(n // 2 + 1, dtype=complex)
@@ -189,8 +183,8 @@ class _Basis(NamedTuple):
 class ClockSearch:
     """Search for the ratio of clocks at which a rational transfer function explains most.
 
-    Each record counts by its size, so that one large one does not decide; a common delay comes from
-    the one with most bins.
+    Records are scaled by their size, so that a large one does not decide alone; a common delay is
+    that of the record with most bins.
 
     Attributes:
         driven: channels of the records that have a reference.
@@ -205,15 +199,17 @@ class ClockSearch:
     delayed: bool
 
     @classmethod
-    def of(cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool) -> ClockSearch:
-        """Return the search in the records that have a reference."""
-        driven = tuple(_Channels.of(r) for r in records if r.reference is not None)
+    def from_records(
+        cls, records: Sequence[Record], poles: int, zeros: int, *, delayed: bool
+    ) -> ClockSearch:
+        """Build the search in the records that have a reference."""
+        driven = tuple(_Channels.from_record(r) for r in records if r.reference is not None)
         return cls(driven, poles, zeros, delayed)
 
     def begin(self) -> int:
         """Return the number of samples with which the search begins.
 
-        In them the motion is nearly as strong as in the whole records.
+        They show motion nearly as strong as that of a whole record.
         """
         samples = FIRST_SAMPLES
         while samples < LAST_SAMPLES and not any(
@@ -223,10 +219,7 @@ class ClockSearch:
         return samples
 
     def valley(self, samples: int) -> float:
-        """Return the width of the valley at so many samples.
-
-        It is the inverse of the periods of the fastest motion in them.
-        """
+        """Return the width of the valley: one over the periods of the fastest motion in samples."""
         return 1.0 / max(
             channels.motion(samples).hz[-1] * min(samples, channels.samples) / channels.rate_hz
             for channels in self.driven
@@ -235,7 +228,7 @@ class ClockSearch:
     def unexplained(self, offset: float, samples: int) -> float:
         """Return the fraction of the response's power that no rational function explains.
 
-        Where that is much at no offset, another delay is tried: of tones the impulse response has
+        Where it is large at no offset, another delay is tried: the impulse response of tones has
         many peaks, and a wrong delay must not pass for two clocks.
         """
         responses = [channels.response_at(offset, samples) for channels in self.driven]
@@ -250,7 +243,7 @@ class ClockSearch:
     def _unexplained_at(
         self, responses: Sequence[_BandResponse], samples: int, delay_s: float
     ) -> float:
-        """Return what is not explained beside a common delay."""
+        """Return the unexplained fraction at a common delay."""
         basis = self._basis(samples)
         sizes = [np.sqrt(measured.total) for measured in responses]
         references = [channels.motion(samples).reference for channels in self.driven]
@@ -266,7 +259,7 @@ class ClockSearch:
     def _basis(self, samples: int) -> _Basis:
         """Return the powers of the bins with motion, cached by number of samples.
 
-        The orders are at most what the number of tones determines.
+        The orders are limited to those that the number of tones determines.
         """
         if samples not in self._bases:
             hz = np.concatenate([channels.motion(samples).hz for channels in self.driven])
@@ -285,7 +278,7 @@ class ClockSearch:
     def bottom(self, offset: float, width: float, samples: int) -> float:
         """Return the bottom of a valley, by golden sections (Kiefer 1953).
 
-        0 where the valley is not much deeper than there.
+        It is 0 where the valley is not much deeper there than at 0.
 
         Args:
             offset: middle of the valley.
@@ -297,18 +290,17 @@ class ClockSearch:
         places = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
         unexplained = [self.unexplained(place, samples) for place in places]
         while high - low > PRECISION * width:
+            lower, upper = places
             if unexplained[0] < unexplained[1]:
-                high = places[1]
-                places[1] = places[0]
-                unexplained[1] = unexplained[0]
-                places[0] = high - GOLDEN * (high - low)
-                unexplained[0] = self.unexplained(places[0], samples)
+                high = upper
+                place = high - GOLDEN * (high - low)
+                places = [place, lower]
+                unexplained = [self.unexplained(place, samples), unexplained[0]]
             else:
-                low = places[0]
-                places[0] = places[1]
-                unexplained[0] = unexplained[1]
-                places[1] = low + GOLDEN * (high - low)
-                unexplained[1] = self.unexplained(places[1], samples)
+                low = lower
+                place = low + GOLDEN * (high - low)
+                places = [upper, place]
+                unexplained = [unexplained[1], self.unexplained(place, samples)]
         lowest = int(np.argmin(unexplained))
         gain = self.unexplained(0.0, samples) / unexplained[lowest]
         return places[lowest] if gain > MIN_GAIN else 0.0
@@ -317,8 +309,8 @@ class ClockSearch:
 def _residual_power(basis: _Basis, motion: ComplexArray, response: ComplexArray) -> float:
     """Return the power that the best of the linearised fits of a transfer function leaves.
 
-    With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel move
-    anywhere.
+    With more poles than the sensor has, later fits may be worse: a pole and a zero that cancel may
+    lie anywhere.
     """
     pole_powers = basis.powers[1 : basis.poles + 1]
     zero_powers = basis.powers[: basis.zeros + 1]

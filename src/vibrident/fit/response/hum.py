@@ -1,10 +1,10 @@
 """Tones of the response that no motion explains: mains hum.
 
-Hum is found in the residual of a prediction. It is not measured there: what initial states and
-parameters took of it is in all lines, and near a resonance or a line of the motion it cannot be
-separated from either. So a fit is given the frequencies alone
-(:attr:`vibrident.data.records.Record.hum_hz`), and amplitude, phase and their slow change are
-unknowns of it. Mains have one frequency: a tone of two records is assumed in all.
+The residual of a prediction shows hum, but does not measure it: initial states and parameters have
+taken a part of it, and near a resonance or a line of the motion it cannot be separated from these.
+So a fit gets the frequencies alone (:attr:`vibrident.data.records.Record.hum_hz`), and amplitude,
+phase and their slow change are its unknowns. Mains have one frequency: a tone of two records is
+assumed in all.
 """
 
 from __future__ import annotations
@@ -17,29 +17,28 @@ from numpy import fft
 
 from vibrident.data.records import BoolArray, FloatArray, Record
 from vibrident.data.records.basis import span_of
-from vibrident.fit.response.sine_fit import response_sine
+from vibrident.fit.response.sine_fit import response_sine, summit_shift
 from vibrident.fit.response.transform import hann, median, power_of, waves
 
-#: A line this many times above the median of the lines around is a tone, and not one of the motion
-#: where the prediction does not stand out there.
+#: A line this many times the median of the lines around is a tone; of the motion, where the
+#: prediction has a tone there.
 MIN_PEAK_RATIO = 40.0
-#: Nor is a line of the motion hum, however near it is, unless residual over prediction is so many
-#: times the median around.
+#: A tone at any line of the motion is hum only if residual over prediction exceeds the median
+#: around by this factor.
 MIN_MISFIT_RATIO = 4.0
-#: The lines around are those at most so far on either side …
+#: The lines around are at most this far on either side …
 MAX_AROUND_LINES = 40
-#: … and farther than these.
+#: … and at least this far.
 MIN_AROUND_LINES = 4
-#: A tone so many lines from a line of the motion is another.
+#: A tone farther than this from a line of the motion is not that line.
 MIN_DISTANCE_LINES = 0.4
-#: Tones less than so many lines apart are one: within a resonance no record locates it better.
+#: Tones closer than this are one: within a resonance no record locates it better.
 MAX_SAME_LINES = 2.0
 #: A tone is the fundamental of a harmonic within so many times its scatter among the records.
 MAX_HARMONIC_SCATTER = 15.0
 #: Largest number of hum tones; more significant tones are a misfit.
 MAX_TONES = 6
-#: The residual at a tone that is subtracted is below this fraction of it; of a resonance's ringing
-#: it is not.
+#: Subtracting a tone leaves less than this fraction of it, unlike a resonance's ringing.
 MAX_REMAINDER = 0.01
 #: Fewest samples.
 MIN_SAMPLES = 256
@@ -56,8 +55,9 @@ def hum_tones(
         records: the records.
         predicted: response that a model predicts for each, shape (samples,), NaN where it is not
             defined.
-        known: tones of each record from earlier searches; those that are not found again stay.
+        known: tones of each record from earlier searches, which stay even if not found again.
     """
+    known = known or ((),) * len(records)
     significant = [
         tone
         for index, (record, series) in enumerate(zip(records, predicted, strict=True))
@@ -77,7 +77,7 @@ def hum_tones(
         usable = record.reference is not None and record.samples >= MIN_SAMPLES
         tones = [hz for hz in common if usable]
         tones += [t.hz for t in single if t.record == index and _apart(t.hz, tones, same_hz)]
-        tones += [hz for hz in (known[index] if known else ()) if _apart(hz, tones, same_hz)]
+        tones += [hz for hz in known[index] if _apart(hz, tones, same_hz)]
         hum.append(tuple(sorted(hz for hz in tones if hz < 0.5 * record.sampling_rate_hz)))
     return tuple(hum)
 
@@ -88,7 +88,7 @@ def _apart(hz: float, tones: Sequence[float], least: float) -> bool:
 
 
 def lacking(wanted: Tones, known: Sequence[Sequence[float]], records: Sequence[Record]) -> bool:
-    """Return whether a record lacks a tone of its hum among the known ones.
+    """Return whether a tone of a record's hum is missing among its known ones.
 
     A known tone stands for all within half a line.
     """
@@ -186,17 +186,17 @@ def _as_harmonics(tones: Sequence[tuple[float, float]]) -> list[float]:
             for k in (2, 3)
             if harmonic_scatter < scatter
         ]
-        near = [c for c in candidates if abs(c - hz) < MAX_HARMONIC_SCATTER * scatter]
-        frequencies_hz.append(min(near, key=lambda c: abs(c - hz)) if near else hz)
+        near = (c for c in candidates if abs(c - hz) < MAX_HARMONIC_SCATTER * scatter)
+        frequencies_hz.append(min(near, key=lambda c: abs(c - hz), default=hz))
     return frequencies_hz
 
 
 def _fundamentals(
     common: Sequence[float], single: Sequence[float], records: Sequence[Record]
 ) -> list[float]:
-    """Return the fundamentals, by their common harmonic, that no two records agree on.
+    """Return the fundamentals of common harmonics that a single record shows.
 
-    A resonance may hide them.
+    A resonance may hide them in the others.
 
     Args:
         common: frequencies of tones that records share, Hz.
@@ -214,7 +214,7 @@ def _fundamentals(
 
 def _power(signal: FloatArray) -> FloatArray:
     """Return the power of the lines under a Hann window, shape (samples // 2 + 1,)."""
-    return power_of(np.asarray(fft.rfft(signal * hann(signal.size))))
+    return power_of(fft.rfft(signal * hann(signal.size)))
 
 
 def _tones(
@@ -226,7 +226,7 @@ def _tones(
 ) -> list[tuple[float, float]]:
     """Return the place of each tone, in lines, and how far it stands out.
 
-    Empty if there are more than hum has, or if as much remains at one as of a resonance's ringing.
+    Empty if hum has not so many, or if as much remains at a tone as of a resonance's ringing.
 
     Args:
         residual: shape (samples,).
@@ -236,8 +236,8 @@ def _tones(
     """
     motion: FloatArray | None = None
     places = np.zeros(0)
+    sizes = np.zeros(0)
     strengths: list[float] = []
-    sizes: list[float] = []
     remainder = residual
     while True:
         power = _power(remainder)
@@ -246,18 +246,16 @@ def _tones(
             motion = power_of_motion()
         place = None if motion is None else _strongest(peaks, power, motion, harmonics=harmonics)
         if place is None:
-            return list(zip(places.tolist(), strengths, strict=True))
+            break
         size = float(power[round(place)])
         near = np.abs(places - place) < MIN_AROUND_LINES
-        if places.size == MAX_TONES or any(
-            size > MAX_REMAINDER * s for s, n in zip(sizes, near, strict=True) if n
-        ):
+        if places.size == MAX_TONES or np.any(size > MAX_REMAINDER * sizes[near]):
             return []
         if near.any():
-            return list(zip(places.tolist(), strengths, strict=True))
+            break
         places = np.append(places, place)
-        strengths = [*strengths, _above(power, round(place))]
-        sizes = [*sizes, size]
+        sizes = np.append(sizes, size)
+        strengths.append(_above(power, round(place)))
         for _ in range(3):
             cosine, sine, late_cosine, late_sine = np.split(_amounts(places, used, residual, 4), 4)
             # Where a place is off by d lines, a cos φ + b sin φ changes with time as
@@ -270,10 +268,11 @@ def _tones(
         remainder[used] -= (
             _amounts(places, used, residual, 2) @ waves(places, used.size)[: 2 * places.size]
         )[used]
+    return list(zip(places.tolist(), strengths, strict=True))
 
 
 def _amounts(places: FloatArray, used: BoolArray, residual: FloatArray, columns: int) -> FloatArray:
-    """Return the least-squares coefficients of the first so many columns of each tone."""
+    """Return the least-squares coefficients of the first ``columns`` columns of each tone."""
     design = waves(places, used.size)[: columns * places.size, used].T
     return np.asarray(np.linalg.lstsq(design, residual[used], rcond=1e-9)[0], dtype=float)
 
@@ -282,15 +281,14 @@ def _peaks(power: FloatArray) -> list[int]:
     """Return the numbers of the significant lines, the strongest first."""
     inner = power[2:-2]
     limit = 4 * MAX_TONES
-    largest = (
-        np.argpartition(-inner, limit)[:limit] if inner.size > limit else np.arange(inner.size)
-    )
+    largest = np.argpartition(-inner, limit)[:limit]
     largest = (largest[np.argsort(-inner[largest])] + 2).tolist()
-    return [
-        m
-        for m in largest
-        if power[m] >= max(power[m - 1], power[m + 1]) and _above(power, m) > MIN_PEAK_RATIO
-    ]
+    return [m for m in largest if _is_top(power, m) and _above(power, m) > MIN_PEAK_RATIO]
+
+
+def _is_top(power: FloatArray, line: int) -> bool:
+    """Return whether a line is not below its neighbours."""
+    return bool(power[line] >= max(power[line - 1], power[line + 1]))
 
 
 def _strongest(
@@ -310,12 +308,16 @@ def _strongest(
         place = _summit(power, peak)
         if harmonics and _is_harmonic(place, fundamental, power.size - 1):
             continue
-        tops = [m for m in (peak - 1, peak, peak + 1) if 1 < m < power.size - 2]
-        # Of the lines of a multisine that are close together none stands out.
-        misfit = _above(relative, peak) < MIN_MISFIT_RATIO
-        tops = [m for m in tops if motion[m] >= max(motion[m - 1], motion[m + 1])]
-        tops = [m for m in tops if misfit or _above(motion, m) > MIN_PEAK_RATIO]
-        if all(abs(_summit(motion, m) - place) > MIN_DISTANCE_LINES for m in tops):
+        # None of the lines of a multisine that are close together stands out.
+        may_be_misfit = _above(relative, peak) < MIN_MISFIT_RATIO
+        of_motion = (
+            m
+            for m in (peak - 1, peak, peak + 1)
+            if 1 < m < power.size - 2
+            and _is_top(motion, m)
+            and (may_be_misfit or _above(motion, m) > MIN_PEAK_RATIO)
+        )
+        if all(abs(_summit(motion, m) - place) > MIN_DISTANCE_LINES for m in of_motion):
             return place
     return None
 
@@ -334,26 +336,16 @@ def _is_harmonic(place: float, fundamental: float, half: int) -> bool:
 
 
 def _above(power: FloatArray, peak: int) -> float:
-    """Return how many times a line is above the median of those around."""
+    """Return the power of a line over the median of those around."""
     around = np.concatenate(
         [
             power[max(peak - MAX_AROUND_LINES, 1) : max(peak - MIN_AROUND_LINES, 1)],
             power[peak + MIN_AROUND_LINES + 1 : peak + MAX_AROUND_LINES],
         ]
     )
-    return (
-        float(power[peak] / max(float(median(around)), np.finfo(float).tiny))
-        if around.size
-        else 0.0
-    )
+    return float(power[peak] / max(float(median(around)), np.finfo(float).tiny))
 
 
 def _summit(power: FloatArray, peak: int) -> float:
     """Return the place of a peak between its lines."""
-    low, middle, high = np.log(np.maximum(power[peak - 1 : peak + 2], np.finfo(float).tiny))
-    curved = low - 2.0 * middle + high
-    return (
-        peak + float(np.clip(0.5 * (low - high) / curved, -0.5, 0.5))
-        if curved < 0.0
-        else float(peak)
-    )
+    return peak + summit_shift(power[peak - 1 : peak + 2], np.finfo(float).tiny)

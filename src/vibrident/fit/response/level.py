@@ -23,17 +23,16 @@ ComplexArray = NDArray[np.complex128]
 
 #: Exponents of the frequency in the noise of a channel.
 EXPONENTS = np.array([0.0, -1.0, -2.0])
-#: Of lines within this ratio of the tone, on either side, the mean is right for each of the colours
-#: to 3 %.
+#: The mean of lines within this ratio of the tone, on either side, is right to 3 % for each colour.
 MIN_COLOUR_RATIO = 1.6
 #: Log-likelihood by which colour must exceed white noise (two more parameters: Akaike 1974).
 MIN_COLOUR_GAIN = 2.0
 #: Neighbouring lines of a windowed spectrum are correlated, which widens statistics by this factor.
 CORRELATION_FACTOR = 1.394
-#: The noise of the channels does not explain Y − H X where the likeliest level has a log-likelihood
-#: larger by this.
+#: The noise of the channels explains Y − H X up to this excess of the likeliest level's
+#: log-likelihood.
 MAX_MISFIT = 4.0
-#: There is motion beside the tone where the channels correlate beyond so many deviations.
+#: There is motion beside the tone where the channels correlate by more standard deviations.
 MAX_CORRELATION_DEVIATIONS = 3.0
 
 
@@ -44,7 +43,7 @@ def level_at_tone(
     ratio: FloatArray,
     weight: FloatArray,
 ) -> FloatArray:
-    """Return the mean noise power of Y − H X at each tone, by that of the channels if it fits.
+    """Return the mean noise power of Y − H X at each tone, from that of the channels if it fits.
 
     Args:
         lines: of the reference X and of the response Y, each of shape (n, K).
@@ -133,7 +132,7 @@ def levels(
 def _gain(power: FloatArray, mean: FloatArray, rival: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the log-likelihood ratio of two means of exponentially distributed powers, shape (n,).
 
-    Neighbouring lines of a windowed spectrum are not independent: their likelihood counts for less.
+    It is reduced, as neighbouring lines of a windowed spectrum are not independent.
     """
     mean = np.maximum(mean, 1e-300)
     rival = np.maximum(rival, 1e-300)

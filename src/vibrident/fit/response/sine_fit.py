@@ -33,7 +33,7 @@ class SineFit(NamedTuple):
     variances: FloatArray
 
 
-#: Start and fit of each record, by the frequency that was stated: several findings need them.
+#: Start and fit of each record, by the stated frequency; several findings need the same fit.
 _FITS: WeakKeyDictionary[Record, dict[float | None, tuple[float, SineFit]]] = WeakKeyDictionary()
 
 
@@ -51,15 +51,14 @@ def response_sine(record: Record) -> FloatArray:
     """Return the fitted sine and the mean of the response, shape (samples,)."""
     fit = sine_fit(record)
     wave = phasors(record.samples, 2.0 * np.pi * fit.frequency_hz / record.sampling_rate_hz)
-    return np.asarray(
-        np.real(fit.amplitudes[1] * wave) + record.response[record.mask].mean(), dtype=float
-    )
+    return np.real(fit.amplitudes[1] * wave) + record.response[record.mask].mean()
 
 
 def sine_fit(record: Record, near: float | None = None) -> SineFit:
     """Return the fit of a sine record, started at the spectral peak that its channels share.
 
-    A sensor on a shaking table feels slow motion whose displacement is larger than the sine's.
+    One channel alone may mislead: on a shaking table slow motion has a larger displacement than the
+    sine.
 
     Args:
         record: sine record with a reference.
@@ -140,8 +139,8 @@ def spectral_peak(
     size = fast_length(n)
     magnitude = np.ones(size // 2 + 1)
     for signal in signals:
-        lines = np.abs(np.asarray(fft.rfft(about_mean(signal, mask) * hann(n), size)))
-        if np.any(lines):  # a channel that rests tells nothing
+        lines = np.abs(fft.rfft(about_mean(signal, mask) * hann(n), size))
+        if np.any(lines):  # a channel at rest has no peak
             magnitude *= lines / np.max(lines)
     bins_hz = np.arange(magnitude.shape[0]) * rate / size
     allowed = bins_hz > 0.25 * rate / n
@@ -155,12 +154,20 @@ def spectral_peak(
     peak = int(np.argmax(np.where(allowed, magnitude, -1.0)))
     shift = 0.0
     if 0 < peak < magnitude.shape[0] - 1 and magnitude[peak] > 0:
-        before, top, after = np.log(
-            np.maximum(magnitude[peak - 1 : peak + 2], 1e-300 + 1e-12 * magnitude[peak])
-        )
-        curvature = before - 2 * top + after
-        shift = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-    return float((peak + np.clip(shift, -0.5, 0.5)) * rate / size)
+        shift = summit_shift(magnitude[peak - 1 : peak + 2], 1e-300 + 1e-12 * magnitude[peak])
+    return float((peak + shift) * rate / size)
+
+
+def summit_shift(lines: FloatArray, least: float) -> float:
+    """Return the distance of a summit from the middle one of three lines, by a parabola.
+
+    Args:
+        lines: sizes of neighbouring lines, shape (3,); the parabola is in their logarithms.
+        least: lower limit of the sizes.
+    """
+    before, top, after = np.log(np.maximum(lines, least))
+    curvature = before - 2.0 * top + after
+    return float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
 
 
 def phasors(samples: int, step_rad: float, start_rad: float = 0.0) -> ComplexArray:

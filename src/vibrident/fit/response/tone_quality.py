@@ -32,7 +32,7 @@ def short_records(records: Sequence[Record], frequencies_hz: FloatArray) -> list
 
 
 def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> None:
-    """Refuse a record declared as a sine whose sensor answers far more other motion.
+    """Refuse a record declared as a sine whose sensor answers far more to other motion.
 
     Raises:
         InputError: there is one.
@@ -49,7 +49,7 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
         if likely == "shock":
             observation = "motion in a small part of the record"
         elif frequency * samples[index] / record.sampling_rate_hz < MIN_PERIODS:
-            continue  # what is short may look like anything
+            continue  # a short record may look like anything
         else:
             stray = stray_motion(record, frequency)
             if stray < MAX_STRAY_POWER:
@@ -69,7 +69,7 @@ def refuse_other_motion(records: Sequence[Record], tones: MeasuredResponse) -> N
 
 
 def uncorrelated_channels(records: Sequence[Record]) -> list[ScreeningFinding]:
-    """Return a finding for each of the records, whose response and reference are uncorrelated."""
+    """Return a finding for each of these records, whose channels are uncorrelated."""
     return [
         ScreeningFinding(
             "dead_channel",
@@ -83,7 +83,7 @@ def uncorrelated_channels(records: Sequence[Record]) -> list[ScreeningFinding]:
 def silent_channels(tones: MeasuredResponse) -> list[ScreeningFinding]:
     """Return a finding for each channel in which no record shows its tone above the noise.
 
-    It is the wrong column, or a dead channel.
+    The channel is dead, or its column is wrong.
     """
     return [
         ScreeningFinding(
@@ -96,20 +96,17 @@ def silent_channels(tones: MeasuredResponse) -> list[ScreeningFinding]:
 
 
 def silent_records(tones: MeasuredResponse) -> list[int]:
-    """Return the sine records with a channel without its tone, as ``tones.record`` numbers them."""
+    """Return the numbers of sine records with a channel without its tone, of ``tones.record``."""
     return tones.record[~np.all(_tone_shown(tones), axis=0)].tolist()
 
 
 def _tone_shown(tones: MeasuredResponse) -> BoolArray:
     """Return whether each channel shows each tone above its noise, shape (2, tones)."""
     channels = (tones.reference, tones.line_reference), (tones.response, tones.line_response)
-    deviations = [
-        np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / np.sum(tones.line_weight, axis=1))
-        for _, lines in channels
-    ]
+    count = np.sum(tones.line_weight, axis=1)
     return np.array(
         [
-            np.abs(tone) > MIN_TONE_DEVIATIONS * deviation
-            for (tone, _), deviation in zip(channels, deviations, strict=True)
+            np.abs(tone) > MIN_TONE_DEVIATIONS * np.sqrt(np.sum(np.abs(lines) ** 2, axis=1) / count)
+            for tone, lines in channels
         ]
     )

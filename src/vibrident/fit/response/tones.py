@@ -34,10 +34,10 @@ from vibrident.fit.response.transform import hann, waves
 HARMONICS = 5
 #: Correlation of neighbouring lines of a Hann-windowed spectrum, Σ ρ²: K lines are worth K/1.94.
 HANN_CORRELATION = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
-#: Where samples are left out, harmonics are fitted while they raise the variance of the tone by no
-#: more than this factor …
+#: Where samples are left out, harmonics are fitted if they raise the variance of the tone by at
+#: most this factor …
 MAX_VARIANCE_FACTOR = 1.3
-#: … or where they take more from the residual than this many times what they take from noise.
+#: … or if they take from the residual more than this many times what they take from noise.
 MIN_HARMONIC_POWER = 10.0
 #: Hum is fitted at least this fraction of a line from the tone.
 MIN_HUM_DISTANCE_BINS = 0.05
@@ -71,7 +71,7 @@ def measure_tones(
 def find_tones(records: Sequence[Record]) -> MeasuredResponse:
     """Return frequency and amplitudes of sine records, without harmonics and under white noise.
 
-    Good for start values; :func:`measure_tones` is the careful measurement.
+    They are good for start values; :func:`measure_tones` is the careful measurement.
     """
     tones = []
     for index, record in enumerate(records):
@@ -121,7 +121,7 @@ def _fit(
     fractions = [noise_fraction(channel_terms, mask) for channel_terms in (tone_terms, terms)]
     line_numbers = noise_lines(mask.size, frequency, rate, harmonics, fractions)
     response = _Fit.of(terms, "response", record, raw, frequency, line_numbers)
-    # The fit of the reference is the same, however often something is subtracted from the response.
+    # The fit of the reference stays the same, whatever is subtracted from the response.
     reusable = isinstance(tone_terms, Exponentials) and record.reference is raw.reference
     reference_fits = _REFERENCE_FITS.setdefault(raw, {}) if reusable else {}
     key = (frequency, span.start, span.stop, number)
@@ -204,7 +204,7 @@ class _Fit:
         rounding = returning_error(
             np.asarray(getattr(raw, channel)), raw.mask, turns, residual[raw.mask]
         )
-        lines = np.asarray(fft.rfft(residual * _window(mask)))
+        lines = fft.rfft(residual * _window(mask))
         return cls(amplitudes, lines[line_numbers], rounding)
 
 
@@ -233,8 +233,8 @@ def _hum_places(record: Record, frequency: float) -> FloatArray:
 def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tuple[Terms, int]:
     """Return the terms over the span that is used, and how many belong to the tone.
 
-    The tone's own are cos hωt, sin hωt for the harmonics below 0.45 of the sampling rate, one and
-    t; those of the free response and of hum follow.
+    The tone has cos hωt and sin hωt for the harmonics below 0.45 of the sampling rate, one and t.
+    Terms of the free response and of hum follow.
     """
     mask = record.mask
     rate = record.sampling_rate_hz
@@ -274,8 +274,8 @@ def _terms(record: Record, frequency: float, poles: ComplexArray | None) -> tupl
 def free_exponents(poles: ComplexArray | None, rate_hz: float) -> ComplexArray:
     """Return the exponents of the free response per sample, one of each pair, shape (q,).
 
-    A pole that is gone by the second sample may be as large as the tone in the first. Those that
-    rounding ends before the second sample are left out.
+    The free response of a fast pole may be as large as the tone in the first sample. Poles whose
+    response is below rounding in the second sample are left out.
 
     Args:
         poles: of the sensor, 1/s; those that are not stable are left out. None for none.
@@ -286,15 +286,15 @@ def free_exponents(poles: ComplexArray | None, rate_hz: float) -> ComplexArray:
     )
     decay = exponents.real
     lasts = (exponents.imag >= 0.0) & (decay < 0.0) & (decay > np.log(np.finfo(float).eps))
-    return np.asarray(exponents[lasts], dtype=complex)
+    return exponents[lasts]
 
 
 def _separable_terms(number: int, terms: Terms, record: Record, count: float) -> NDArray[np.int_]:
     """Return the tone's terms without harmonics that omitted samples make inseparable from it.
 
     Where tops are cut off, the tone and its harmonics look alike: the variance of the tone's
-    amplitude is 2 σ²/N times a factor, which grows with the harmonics. Those that are significant
-    in either channel always stay: without them the tone would be biased.
+    amplitude is 2 σ²/N times a factor that grows with the harmonics. Harmonics that are significant
+    in either channel always stay, as the tone would be biased without them.
 
     Args:
         number: of terms of the tone, the last two being offset and trend.
@@ -332,7 +332,7 @@ def _separable_terms(number: int, terms: Terms, record: Record, count: float) ->
 def _variance_factor(gram: FloatArray, count: float) -> float:
     """Return the variance of the tone's amplitude over that of a long record, at the worst phase.
 
-    Gaps, few periods, and a free response near the tone's frequency make it hard to separate from
+    Gaps, few periods, and a free response near its frequency make the tone hard to separate from
     other terms.
 
     Args:

@@ -82,6 +82,24 @@ def about_mean(values: FloatArray, used: BoolArray) -> FloatArray:
     return np.where(used, values - (values[used].mean() if used.any() else 0.0), 0.0)
 
 
+def band_sums(lines: NDArray[Any], edges: NDArray[np.int_]) -> NDArray[Any]:
+    """Return the sums over bands of lines, shape (…, bands).
+
+    Args:
+        lines: shape (…, lines).
+        edges: first line of each band, and the one after the last, shape (bands + 1,).
+    """
+    return np.add.reduceat(lines[..., : edges[-1]], edges[:-1], axis=-1)
+
+
+def band_of(places: NDArray[Any], edges: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return the number of the band that each place, in lines, belongs to.
+
+    Places beyond the bands belong to the first and the last one.
+    """
+    return np.clip(np.searchsorted(edges, places, side="right") - 1, 0, len(edges) - 2)
+
+
 def line_counts(samples: int) -> FloatArray:
     """Return how often each line counts in a sum over the whole transform, shape (lines,).
 

@@ -1,6 +1,6 @@
-"""Uncertainty: from an estimate's covariance to what a laboratory signs.
+"""Uncertainty, from the covariance of an estimate to the values that a laboratory signs.
 
-Parameters, curve, adequacy, and what the data do not determine.
+It covers parameters, curve, adequacy, budget, and parameters that the data do not determine.
 """
 
 from vibrident.fit.uncertainty.adequacy import Adequacy, assess

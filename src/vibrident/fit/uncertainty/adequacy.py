@@ -61,18 +61,15 @@ class Adequacy:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Squared weighted deviations at n points, of two real parts each.
-
-    They are over a noise estimate of ``freedom`` degrees of freedom.
-    """
+    """Deviations of n points from the model; arrays have shape (n,)."""
 
     frequency_hz: FloatArray
-    measured: ComplexArray
-    relative_deviation: FloatArray
-    record: tuple[str, ...]
-    squares: FloatArray
-    freedom: FloatArray
-    #: Variance over that by noise of one level, at most one; None where it is that.
+    measured: ComplexArray  # complex sensitivity
+    relative_deviation: FloatArray  # standard deviation of its real part over its size
+    record: tuple[str, ...]  # name of the record of each point
+    squares: FloatArray  # of the deviation's two real parts over their noise
+    freedom: FloatArray  # degrees of freedom of the noise
+    #: Variance over that by noise of one level, at most one; None for noise of one level.
     unweighted: FloatArray | None = None
 
 
@@ -115,7 +112,7 @@ def assess(
 ) -> Adequacy:
     """Join points and free decays and judge the model by them.
 
-    Without points, or with no more of them than parameters, the model cannot be tested.
+    Without points, or with too few for its parameters, the model cannot be tested.
     """
     if not groups:
         return Adequacy(np.zeros(0), np.zeros(0, complex), np.zeros(0), (), None, 0, adequate=False)
@@ -141,16 +138,16 @@ def assess(
 def looks_random(residual: FloatArray) -> bool:
     """Return whether residuals in order of frequency scatter without pattern.
 
-    It serves where no uncertainty was stated. Random residuals are taken to follow a polynomial
-    with a probability of 1e-5; their lag-one correlation exceeds four standard deviations with one
-    of 3e-5.
+    It is the test where no uncertainty was stated. Random residuals seem to follow a polynomial
+    with a probability of 1e-5, and exceed four standard deviations of the lag-one correlation with
+    one of 3e-5.
     """
     count = len(residual)
     power = float(np.sum(residual**2))
     if count < 8 or power == 0.0:
         return True
     lagged = float(np.sum(residual[1:] * residual[:-1])) / power
-    # With few points that correlation has little power; an F test with a short polynomial has more.
+    # For few points an F test with a short polynomial has more power than that correlation.
     terms = min(6, count // 4)
     basis, _ = np.linalg.qr(
         np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, count), terms - 1)

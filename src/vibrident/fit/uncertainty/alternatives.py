@@ -1,14 +1,16 @@
-"""Is there another solution that fits as well? Then the data do not choose, and it is named.
+"""Other solutions that fit as well as the estimate, so that the data do not choose.
 
-There are two sources. Some parameters give exactly the same response
-(:mod:`vibrident.physics.models.labels`): a rule chose, which is stated where the others mean
-another sensor, or where noise decides between the labels. And the search for start values met other
-optima: each is brought down the residual of the points once more, and counts where it explains them
-as well. Two modes beyond the band trade against each other along a curved valley, which leads
-further than the standard uncertainties say, as these know its direction at the estimate alone.
-There each parameter in turn is held far from its estimate and the others follow: what fits as well
-is a solution, too. In other models the interval of what is hardly determined says as much
-(:mod:`vibrident.fit.uncertainty.profile`).
+They have three sources:
+
+- Several sets of parameters may give exactly the same response
+  (:mod:`vibrident.physics.models.labels`). A rule chooses one; the others are named where noise
+  decides between them.
+- The search for start values may have met other optima. Each descends the residual of the points
+  once more, and counts where it explains them as well.
+- Two modes beyond the band trade against each other along a curved valley. It leads further than
+  the standard uncertainties say, which know its direction at the estimate alone. Each parameter in
+  turn is held far from its estimate while the others follow. In other models the interval of a
+  hardly determined parameter says as much (:mod:`vibrident.fit.uncertainty.profile`).
 """
 
 from __future__ import annotations
@@ -69,35 +71,28 @@ def other_solutions(
     """
     values = solution.values
     uncertainty = solution.uncertainty
-    relabelled = [
-        {name: float(value) for name, value in change(values).items()}
-        for change in relabellings(model, values)
-    ]
+    relabelled = [change(values) for change in relabellings(model, values)]
     labels = labels_of(model)
     if relabelled and labels is not None and labels.undecided(values, uncertainty):
         same_response = "; or ".join(_list_values(candidate, units) for candidate in relabelled)
         text = f"The response does not tell {labels.question}. The same response: {same_response}."
         yield ResultWarning("weakly_determined", text)
-    chart = LogCoordinates(
-        model,
-        quantity,
-        sought.frequency_hz,
-        1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz))),
-    )
+    time_unit_s = 1.0 / (2.0 * np.pi * float(np.max(sought.frequency_hz)))
+    chart = LogCoordinates(model, quantity, sought.frequency_hz, time_unit_s)
     optima = list(_optima_of_start(chart, differences(sought), solution, begin))
     if model.shares:
-        optima += _along_the_valley(chart, differences(sought), solution)
-    distinct_solutions: list[tuple[float, Mapping[str, float]]] = []
-    for rise, candidate in optima:
-        canonical_values = canonical(model, candidate)
-        known = [values, *(solution_values for _, solution_values in distinct_solutions)]
+        optima += _optima_along_valley(chart, differences(sought), solution)
+    known: list[Mapping[str, float]] = [values]
+    rises = []
+    for rise, optimum in optima:
+        candidate = canonical(model, optimum)
         if rise < MAX_CHI2_RISE and all(
-            _differ_clearly(canonical_values, known_values, uncertainty, chart)
-            for known_values in known
+            _differ_clearly(candidate, known_values, uncertainty, chart) for known_values in known
         ):
-            distinct_solutions.append((rise, canonical_values))
-    if distinct_solutions:
-        yield _warn_of_solutions(distinct_solutions, solution, units)
+            known.append(candidate)
+            rises.append(rise)
+    if rises:
+        yield _warn_of_solutions(list(zip(rises, known[1:], strict=True)), solution, units)
 
 
 def _optima_of_start(
@@ -105,7 +100,7 @@ def _optima_of_start(
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """Yield the optima that the search for start values met, each with its rise of χ².
 
-    The rise is over the χ² of the estimate.
+    A rise is over the χ² of the estimate.
     """
     if begin is None or not begin.other_optima:
         return
@@ -121,12 +116,12 @@ def _optima_of_start(
             yield float(front.cost[row] - front.cost[0]), chart.named(front.u, front.sign, row)
 
 
-def _along_the_valley(
+def _optima_along_valley(
     chart: LogCoordinates, goal: Residual, solution: Solution
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """Yield optima with one parameter held six u away, each with its rise of χ², furthest first.
 
-    Parameters that are weakly determined are not held. The rise is over the χ² of the estimate.
+    Weakly determined parameters are not held. A rise is over the χ² of the estimate.
     """
     u, sign = chart.place(dict(solution.values))
     above, _ = chart.place(
@@ -136,8 +131,8 @@ def _along_the_valley(
     optimum = descend(chart, u[None], np.array([sign]), goal, MAX_STEPS)
     if not np.isfinite(at_estimate.cost[0]):
         return
-    # The estimate is not the optimum of the points alone: what fits them as well as it counts, up
-    # to a limit.
+    # The estimate is not the optimum of the points alone, so a rise counts from the estimate where
+    # that is not far above the optimum.
     reference_cost = min(float(at_estimate.cost[0]), float(optimum.cost[0]) + MAX_CHI2_RISE)
     covariance = inverse_normal(information_at(chart, optimum.u, optimum.sign, goal)[0])
     deviation = np.sqrt(np.diag(covariance))
@@ -149,7 +144,7 @@ def _along_the_valley(
     ]
     if not offsets:
         return
-    # The others begin where they would follow along a straight line.
+    # The other parameters begin where they would follow along a straight valley.
     shifts = np.array([side * stated[k] / deviation[k] ** 2 * covariance[k] for k, side in offsets])
     held = np.zeros(shifts.shape, dtype=bool)
     held[np.arange(len(offsets)), [k for k, _ in offsets]] = True
@@ -166,9 +161,9 @@ def _differ_clearly(
     uncertainty: Mapping[str, float],
     chart: LogCoordinates,
 ) -> bool:
-    """Return whether a parameter differs by five u and a hundredth of its value.
+    """Return whether a parameter other than a delay differs by five u and a hundredth of its value.
 
-    Delays a period of the highest frequency apart are one solution, written twice.
+    Solutions whose delays differ by a period of the highest frequency are one, written twice.
     """
     delays = [spec.name for spec in chart.model.parameters if spec.kind == "time"]
     delay_difference = sum(first[name] - second[name] for name in delays)
@@ -188,7 +183,8 @@ def _warn_of_solutions(
 ) -> ResultWarning:
     """Return the warning of other solutions, each with its rise of χ².
 
-    It states the values of the likeliest that differ from the estimate, and in what others differ.
+    It states the parameters of the likeliest one that differ from the estimate, and names those in
+    which the others differ.
     """
     values = solution.values
     limits = {

@@ -26,12 +26,11 @@ def frequencies(
     """Return a logarithmic grid over the band of the data; one point if it is one frequency.
 
     The points nearest to the frequencies of a certificate (nominal one-third octaves, the
-    reference) are moved there, so that the result holds its values; their number, and with it the
-    compiled program, stays the same.
+    reference) are moved there, so that the result holds the values of a certificate.
 
     Args:
         band_hz: band of the data.
-        measured_hz: frequencies at which there are data; they tell nominal from exact frequencies.
+        measured_hz: frequencies of the data, which decide between nominal and exact frequencies.
         reference_hz: the requested reference frequency.
     """
     low, high = band_hz
@@ -40,11 +39,8 @@ def frequencies(
     grid = np.geomspace(low, high, POINTS)
     chosen = [point.frequency_hz for point in nominal_frequencies(low, high, measured_hz)]
     reference_point, _ = choose_reference(low, high, measured_hz, reference_hz)
-    chosen += (
-        [reference_point.frequency_hz]
-        if reference_point and reference_point.frequency_hz not in chosen
-        else []
-    )
+    if reference_point and reference_point.frequency_hz not in chosen:
+        chosen.append(reference_point.frequency_hz)
     distance = np.abs(np.log(grid[:, None] / np.array(chosen)))
     distance[[0, -1]] = np.where(distance[[0, -1]] <= SAME, -1.0, np.inf)  # the ends stay the ends
     for column, frequency in enumerate(chosen):
@@ -55,10 +51,10 @@ def frequencies(
 
 
 def with_resonances(grid_hz: FloatArray, system: Rational) -> FloatArray:
-    """Return the grid with more points at each pole and zero too sharp for it.
+    """Return the grid with more points at each pole and zero too sharp for it, so peaks are met.
 
-    So every peak is met. Around each the points lie by its half width (|Re p| / 2π), densely within
-    two of these and then ever wider apart, until the grid takes over.
+    The points around a pole p lie by its half width (|Re p| / 2π), densely within two of these and
+    then ever wider apart, until the grid takes over.
 
     ``grid_hz``: logarithmic, ascending; ``system``: the sensor's transfer function.
     """
@@ -88,7 +84,7 @@ def curve(
 ) -> Curve:
     """Return the model's curve at ``frequency_hz``, shape (points,), with standard uncertainties.
 
-    It is per the sensor's own quantity; ``quantity``: of the reference.
+    The curve is per the sensor's own quantity; ``quantity``: of the reference.
     """
     sensor = fitted_sensor(coordinates, z, covariance, coordinates.model.stated_quantity(quantity))
     response = sensor.frequency_response(frequency_hz)

@@ -1,9 +1,9 @@
 """Shares of the response's power: what the model explains, and what any linear sensor could.
 
-The second is what the response has locally in common with the motion, which needs no model: of each
-block of bins what no smooth response to the reference makes
-(:func:`vibrident.fit.noise.projection.without_common`, over its degrees of freedom) is incoherent.
-A model that explains nothing may well be adequate in its own noise; the shares tell.
+The second share needs no model. In each block of bins the part of the response that no smooth
+response to the reference makes is incoherent
+(:func:`vibrident.fit.noise.projection.without_common`, over its degrees of freedom); the remainder
+is coherent. A model that explains nothing may be adequate in its own noise; the shares show it.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from vibrident.fit.response.transform import power_of
 MIN_EXPLAINED = 0.1
 #: A model may leave this share of the power unexplained …
 MAX_UNEXPLAINED = 0.01
-#: … or this many times what is incoherent, or what chance leaves with this probability.
+#: … or this many times the incoherent share, or as much as chance leaves with this probability.
 MAX_INCOHERENT_RATIO = 4.0
 MIN_PROBABILITY = 1e-6
-#: A change of the sensor leaves as much incoherent with the motion as the best model of it all
-#: leaves unexplained; a fit that ran away leaves some times more.
+#: A sensor that changes leaves as much incoherent with the motion as its best model leaves
+#: unexplained; a fit that went astray leaves several times more unexplained.
 MIN_INCOHERENT_MISFIT = 0.1
 
 
@@ -51,7 +51,7 @@ class Shares:
 
     @property
     def lacking(self) -> bool:
-        """Return whether the model explains much less than what is coherent, or little at all."""
+        """Return whether the model explains little, or much less than the coherent share."""
         if self.explained < MIN_EXPLAINED:
             return True
         unexplained = 1.0 - self.explained
@@ -63,10 +63,10 @@ class Shares:
 
     @property
     def is_of_steady_sensor(self) -> bool:
-        """Return whether a sensor that stays, and one clock, explain what the model does not.
+        """Return whether a steady sensor and one clock can explain what the model leaves.
 
-        Of a motion that goes on alike, less than MIN_INCOHERENT_MISFIT of what the model leaves is
-        incoherent then. A sweep shows another time at each frequency, and does not tell.
+        Less than MIN_INCOHERENT_MISFIT of it is incoherent then. This holds for stationary motion;
+        a sweep shows each frequency at another time, so that any change looks coherent.
         """
         return 1.0 - self.coherent < MIN_INCOHERENT_MISFIT * (1.0 - self.explained)
 
@@ -78,7 +78,7 @@ class Shares:
         )
 
 
-#: Of records without a reference.
+#: Shares of records without a reference.
 UNKNOWN_SHARES = Shares()
 
 
@@ -104,9 +104,9 @@ def powers(
 ) -> FloatArray:
     """Return powers of the response in a band, shape (4,): the summands of :func:`shares_of`.
 
-    They are: of the response, of what the model leaves, of what is incoherent, and the sum of the
-    squares of the last over the bins. What noise of the reference makes of the prediction counts as
-    not foretold, instead of twice: behind a displacement of eight bits it is more than the
+    They are the power of the response, of what the model leaves and of what is incoherent, and the
+    squares of the last summed over the bins. The part of the prediction that noise of the reference
+    makes counts as unexplained once, not twice: behind a displacement of eight bits it exceeds the
     response.
 
     Args:
@@ -114,8 +114,8 @@ def powers(
         reference: about its mean, zero where it is not used, shape (samples,).
         delay: of the model, in samples.
         band: bins, of which line 0 is none.
-        where_excited: whether only bins with motion are looked at, as of a sine: nuisances that the
-            fit has beside these may be of any size elsewhere.
+        where_excited: whether only bins with motion count, as of a sine: elsewhere the fit's
+            nuisance parameters may be of any size.
     """
     lines = bins.residual.size
     samples = bins.samples
@@ -138,19 +138,16 @@ def powers(
 
 
 def _noise_share(bins: WeightedBins) -> FloatArray:
-    """Return the share of a prediction that noise of the reference makes, by power in each bin.
+    """Return the share of the prediction's power in each bin that noise of the reference makes.
 
-    The remainder is what can be foretold of the response from a noisy reference (Wiener 1949).
+    The remainder can be predicted from a noisy reference (Wiener 1949).
     """
     power = np.maximum(power_of(bins.predicted), np.finfo(float).tiny)
     return np.minimum(bins.passed_noise * bins.count / power, 1.0)
 
 
 def _without_drift(lines: ComplexArray, samples: int) -> ComplexArray:
-    """Return the lines without offset and less those of a straight drift.
-
-    The drift leaks from the ends of the record.
-    """
+    """Return the lines without offset and without a straight drift, which leaks into all lines."""
     drift, power = _drift(samples, lines.size)
     share = float(np.vdot(drift, lines).real) / power
     detrended = lines - share * drift

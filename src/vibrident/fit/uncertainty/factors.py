@@ -1,11 +1,10 @@
 """Measured over modelled response, band by band, at the bins and with the weights of a fit.
 
-With R the residual, Ŷ the response to the most likely motion, W the weights of the bins and P the
-projection off the nuisance columns N in W, the columns D = Ŷ·1[band] and jŶ·1[band] have the score
+Let R be the residual, Ŷ the response to the most likely motion, W the weights of the bins and P the
+projection off the nuisance columns N in W. The columns D = Ŷ·1[band] and jŶ·1[band] have the score
 s = D*WPR and the information G = D*WPD. Then ρ = G⁻¹ s is measured over modelled response less one,
 with the covariance G⁻¹, and s*G⁻¹s is χ² with two degrees of freedom. The fit makes the scores of
-its own columns vanish, so that χ² of all bands together has as many degrees of freedom less as
-there are parameters.
+its own columns vanish, so that χ² of all bands together loses one degree of freedom a parameter.
 """
 
 from __future__ import annotations
@@ -26,12 +25,18 @@ from vibrident.fit.noise.averages import NEAREST_BINS, averaged_bins
 from vibrident.fit.noise.profile import slow_profile
 from vibrident.fit.response.bands import MIN_RELATIVE_POWER, band_edges
 from vibrident.fit.response.response import MIN_RELATIVE_DEVIATION, ComplexArray
-from vibrident.fit.response.transform import MIN_SPECTRUM_SAMPLES, hann, power_of
+from vibrident.fit.response.transform import (
+    MIN_SPECTRUM_SAMPLES,
+    band_of,
+    band_sums,
+    hann,
+    power_of,
+)
 
 #: A factor whose real part has a larger standard deviation than this is left out.
 MAX_DEVIATION = 0.5
-#: The smaller eigenvalue of a band's information over the larger one: less is rounding of what the
-#: nuisances imitate.
+#: Smaller eigenvalue of a band's information over the larger one; below it the nuisances imitate
+#: the band, and the remainder is rounding.
 MIN_EIGENVALUE_RATIO = 1e-3
 #: Share of the noise's degrees of freedom that the projection of the motion leaves: 21 of 24 bins.
 FREE_SHARE = 0.875
@@ -65,8 +70,10 @@ def band_factors(
 ) -> Factors | None:
     """Return the factors of a record's bands, or None where no band holds enough motion.
 
-    ``sine``: all bins are one band; ``least``: variance, a sample, that no noise is below, shape
-    (bins,).
+    Args:
+        bins: of the record.
+        sine: whether all bins are one band.
+        least: smallest variance of the noise, a sample, shape (bins,).
     """
     last = bins.residual.size
     edges = distinct(np.minimum(band_edges(bins.samples, 1.0).astype(int), last))
@@ -75,16 +82,16 @@ def band_factors(
         return None
     motion = motion_bins(bins)
     counted = bins.counts * (bins.spectrum.excited > 0.5)
-    # The fit's weights fade out where noise of the reference may be the motion; these do not, so
-    # that cov s = G.
+    # Unlike the fit's weights these do not fade out where noise of the reference may be the motion,
+    # so that cov s = G.
     weights = counted / (bins.samples * bins.spectrum.psd)
     freed, information, score, nuisance_information = _scores(bins, motion, weights, edges)
     motion_power = power_of(motion)
-    power = _sums(motion_power, edges)
-    moment = _sums(np.arange(last) * motion_power, edges)
-    flat = _sums(counted * motion_power, edges)
+    power = band_sums(motion_power, edges)
+    moment = band_sums(np.arange(last) * motion_power, edges)
+    flat = band_sums(counted * motion_power, edges)
     strongest = np.diff(edges) * float(np.max(power / np.diff(edges)))
-    # Of two real columns: the information less what the nuisances imitate.
+    # Information of the two real columns, less what the nuisances imitate.
     real_information = information - nuisance_information[0]
     imaginary_information = information - nuisance_information[1]
     cross_information = -nuisance_information[2]
@@ -104,14 +111,16 @@ def band_factors(
     ) / divisor
     variance = 0.5 * trace / divisor
     squares = rho.real * score.real + rho.imag * score.imag
-    unexplained = freed - np.where(shows, rho, 0.0)[_band_of(edges, last)] * motion * (
+    unexplained = freed - np.where(shows, rho, 0.0)[band_of(np.arange(last), edges)] * motion * (
         weights > 0.0
     )
     power_ratio, steadiness = _unsteady_noise(
         bins, unexplained * np.sqrt(weights), motion * np.sqrt(weights), edges
     )
     unweighted = np.minimum(1.0, variance * flat / bins.samples)
-    variance_limit = 0.5 * bins.count * _sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    variance_limit = (
+        0.5 * bins.count * band_sums(np.broadcast_to(least, last), edges) / np.diff(edges)
+    )
     variance_limit = np.maximum(variance_limit, MIN_RELATIVE_DEVIATION**2 * strongest) / np.maximum(
         power, 1e-300
     )
@@ -151,44 +160,34 @@ def _scores(
 
     Returns:
         The residual freed of the nuisances, shape (bins,); information and score of each band,
-        shape (bands,); what the nuisances take of the information: of the real column, of the
-        imaginary one and of their product.
+        shape (bands,); the information that the nuisances take from the real column, the imaginary
+        column and their product.
     """
     rows = np.concatenate([bins.nuisances, bins.residual[None]])
     gram = products(rows * weight, rows)
     inverse = inverse_where_shown(gram[:-1, :-1])
     weighted_motion = weight * np.conj(motion)
     freed = bins.residual - (inverse @ gram[:-1, -1]) @ bins.nuisances
-    cross = np.add.reduceat((weighted_motion * bins.nuisances)[:, : edges[-1]], edges[:-1], axis=1)
+    cross = band_sums(weighted_motion * bins.nuisances, edges)
     real = np.real(cross)
     imaginary = np.imag(cross)
     pairs = (real, inverse @ real), (imaginary, inverse @ imaginary), (real, inverse @ imaginary)
     nuisance_information = [np.sum(first * second, axis=0) for first, second in pairs]
     return (
         freed,
-        _sums(weight * power_of(motion), edges),
-        _sums(weighted_motion * freed, edges),
+        band_sums(weight * power_of(motion), edges),
+        band_sums(weighted_motion * freed, edges),
         nuisance_information,
     )
-
-
-def _sums(lines: NDArray, edges: NDArray[np.int_]) -> NDArray:
-    """Return the sums over each band."""
-    return np.add.reduceat(lines[: edges[-1]], edges[:-1])
-
-
-def _band_of(edges: NDArray[np.int_], lines: int) -> NDArray[np.int_]:
-    """Return the number of each line's band; lines beyond the bands belong to the end ones."""
-    return np.clip(np.searchsorted(edges, np.arange(lines), side="right") - 1, 0, len(edges) - 2)
 
 
 def _unsteady_noise(
     bins: WeightedBins, residual: ComplexArray, motion: ComplexArray, edges: NDArray[np.int_]
 ) -> tuple[FloatArray, float]:
-    """Return the noise power while each band moves over its mean, and how even it is in time.
+    """Return the noise power while each band moves over its mean, and the noise's steadiness.
 
-    The first is of shape (bands,), at least one; the second is at most one. A sweep passes a band
-    in a moment; where noise grows within the record, that moment differs from the mean.
+    The first has shape (bands,) and is at least one; the second is at most one. A sweep passes each
+    band in a moment, when changing noise differs from its mean.
 
     Args:
         bins: of the record.
@@ -214,6 +213,6 @@ def _unsteady_noise(
     motion_power = total[:, np.minimum(end, total.shape[1] - 1)] - total[:, first]
     shares = motion_power / np.maximum(np.sum(motion_power, axis=0), 1e-300)
     mean = float(np.mean(noise_power))
-    # What leaks into a band is of all the record, wherever the band moves: not below the mean.
+    # Noise of the whole record leaks into a band, whenever that moves: not below the mean.
     ratio = np.maximum(np.mean(power_stretches, axis=1) @ shares / mean, 1.0)
     return ratio, mean**2 / float(np.mean(noise_power**2))

@@ -1,4 +1,4 @@
-"""No U below what the laboratory may state: its capability (CMC; ILAC-P14:09/2020, 5.4).
+"""No U below the laboratory's capability, the least it may state (CMC; ILAC-P14:09/2020, 5.4).
 
 The standard uncertainty of the sensitivity, at each frequency, is raised to half the capability
 where it is smaller.
@@ -24,9 +24,9 @@ Floor = Callable[[FloatArray], FloatArray]  # frequencies → least standard unc
 def with_floor(result: Result, capabilities: Sequence[Capability]) -> Result:
     """Return the result with no u of the sensitivity below half the laboratory's capability.
 
-    Curve and measured points are raised where the capability holds; the gain, which is that of all
-    frequencies, to the least capability of the magnitude over the measured points. The budget gets
-    a row of what was added to it.
+    Curve and measured points are raised where the capability holds. The gain, one for all
+    frequencies, is raised to the least capability of the magnitude over the measured points, and
+    the budget gets a row of the difference.
     """
     if not capabilities or not result.has_gain:
         return result
@@ -71,15 +71,16 @@ def raised(result: Result, magnitude: Floor, phase: Floor, source: str) -> Resul
         u = relative * abs(parameter.value)
         if is_gain(name) and u_before is not None and u_before < u:
             parameters[name] = _widen(parameter, u_before, u)
+            added = {name: float(np.sqrt(u**2 - u_before**2))}
             row = {
                 "source": source,
                 "type": "B",
                 "kind": "cmc",
                 "standard_uncertainty": None,
                 "unit": "",
+                "degrees_of_freedom": None,
+                "contributions": no_contribution | added,
             }
-            added = {name: float(np.sqrt(u**2 - u_before**2))}
-            row |= {"degrees_of_freedom": None, "contributions": no_contribution | added}
             settings["uncertainty_budget"] = [*(settings.get("uncertainty_budget") or ()), row]
     response = _raise_curve(result.response, magnitude, phase)
     return replace(result, response=response, parameters=parameters, settings=settings)
@@ -98,9 +99,7 @@ def floor(
             frequency_hz <= capability.to_hz * (1 + 1e-9)
         )
         if capability.quantity == quantity:
-            least = np.where(
-                inside, np.maximum(least, capability.expanded_uncertainty / 2.0), least
-            )
+            least[inside] = np.maximum(least[inside], capability.expanded_uncertainty / 2.0)
     return least
 
 

@@ -1,6 +1,6 @@
 """The fit at the excited frequencies, linearised around an estimate.
 
-It tells where the estimate would move, without fitting again. With H the model and M the measured
+It shows how the estimate would move without another fit. With H the model and M the measured
 response, log(M/H) ≈ J dz + noise, J = ∂ log H/∂z.
 """
 
@@ -47,8 +47,8 @@ class Linearised:
     ) -> Linearised:
         """Build two rows a point from complex responses.
 
-        ``relative_deviation``: relative standard deviation of their real part; all arrays of shape
-        (n,).
+        All arrays have shape (n,); ``relative_deviation``: standard deviation of the real part of
+        the response over its size.
         """
         response, slopes = log_slopes(coordinates, z, quantity, frequency_hz)
         ratio = measured / response - 1.0
@@ -71,9 +71,7 @@ class Linearised:
     ) -> Linearised:
         """Build a linearisation without rows: free decays have no response in frequency."""
         empty = np.zeros(0)
-        return cls(
-            coordinates, z, quantity, empty, np.zeros((0, len(z))), empty, empty.astype(bool), empty
-        )
+        return cls.from_points(coordinates, z, quantity, empty, empty.astype(complex), empty)
 
     @classmethod
     def from_table(

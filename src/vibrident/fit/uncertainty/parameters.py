@@ -1,9 +1,9 @@
-"""Parameters, estimated and derived, with standard uncertainty and 95 % interval.
+"""Parameters with standard uncertainty and 95 % interval, and those that the data leave open.
 
-And what the data do not determine. The covariance of the coordinates z is exact to first order (GUM
-5.2); intervals are taken in z, where the problem is most nearly linear, with Student's t, and
-carried over: a natural frequency's interval is symmetric in its logarithm, a damping ratio's ends
-at zero. Derived quantities are propagated by the complex-step derivative.
+The covariance of the coordinates z is exact to first order (GUM 5.2). Intervals are taken in z,
+where the problem is most nearly linear, with Student's t, and converted: that of a natural
+frequency is symmetric in its logarithm, that of a damping ratio ends at zero. Uncertainties of
+derived quantities follow by the complex-step derivative.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from vibrident.base.tails import student_quantile
 from vibrident.data.records import Calibration, FloatArray, is_motion
 from vibrident.fit.problem import Coordinates
 from vibrident.fit.problem.coordinates import ends_of
+from vibrident.fit.uncertainty.linearised import log_slopes
 from vibrident.physics.models import Derived, SensorModel
-from vibrident.physics.models.slopes import STEP, response_and_slopes
+from vibrident.physics.models.slopes import STEP
 from vibrident.physics.naming import in_words
 from vibrident.result import Correlation, Parameter, ResultWarning
 
 #: Relative standard uncertainty (delay: rad at the highest frequency) of a weak parameter.
 WEAK_UNCERTAINTY = 0.1
-#: That of one which trades against another, or whose χ² is skew.
+#: The same for a parameter that trades against another, or whose χ² is skew.
 WEAK_TRADED_UNCERTAINTY = 0.01
 #: Beyond this relative standard uncertainty (delay: rad) nothing is known.
 MAX_RELATIVE_UNCERTAINTY = 1e3
@@ -36,13 +37,20 @@ def deviations(covariance: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
+def standard_uncertainties(
+    coordinates: Coordinates, z: FloatArray, covariance: FloatArray
+) -> dict[str, float]:
+    """Return the standard uncertainty of each estimated parameter, by name."""
+    u = np.abs(coordinates.slopes(z)) * deviations(covariance)
+    return dict(zip(coordinates.model.parameter_names, u.tolist(), strict=True))
+
+
 def weakly_determined(
     coordinates: Coordinates, z: FloatArray, covariance: FloatArray
 ) -> tuple[dict[str, str], list[ResultWarning]]:
-    """Return the names of weakly determined parameters and the warnings of them.
+    """Return the weakly determined parameters, and warnings of these and of parameters at a bound.
 
-    Each name comes with that of the parameter it trades against, or "". A parameter at a bound is
-    reported as such.
+    The value of each name is the name of the parameter that it trades against, or "".
     """
     model = coordinates.model
     correlations = _correlations(covariance)
@@ -50,24 +58,23 @@ def weakly_determined(
     sizes = sizes_of(model, z)
     ended = at_end(coordinates, z)
     weak: dict[str, str] = {}
-    warnings = []
+    texts = []
     for index, spec in enumerate(model.parameters):
         # The logarithm's deviation is relative; a delay's is in radians at the highest frequency.
         relative_u = deviation[index] / sizes[index]
         other_correlations = np.abs(np.delete(correlations[index], index))
         strongest_correlation = float(np.max(other_correlations, initial=0.0))
-        # Fixing that other parameter would shrink it by five.
+        # If that other parameter were fixed, the uncertainty would be a fifth.
         trades_off = (
             1.0 / np.sqrt(max(1.0 - strongest_correlation**2, 1e-12)) > 5.0
             and relative_u > WEAK_TRADED_UNCERTAINTY
         )
         if relative_u > MAX_RELATIVE_UNCERTAINTY:
             weak[spec.name] = ""
-            text = (
+            texts.append(
                 f"The data do not determine the {in_words(spec.name)}: "
                 "no standard uncertainty can be stated."
             )
-            warnings.append(ResultWarning("weakly_determined", text))
         elif relative_u > WEAK_UNCERTAINTY or trades_off:
             names = [name for name in model.parameter_names if name != spec.name]
             weak[spec.name] = partner = names[int(np.argmax(other_correlations))] if names else ""
@@ -79,62 +86,63 @@ def weakly_determined(
             if strongest_correlation > 0.9:
                 text += f"; it trades against the {in_words(partner)} "
                 text += f"(correlation {strongest_correlation:.3f})"
-            text = (
+            texts.append(
                 f"The data hardly determine the {in_words(spec.name)}: standard uncertainty {text}."
             )
-            warnings.append(ResultWarning("weakly_determined", text))
-    warnings += _warn_at_bounds(coordinates, coordinates.values(z), deviation, ended)
+    warnings = [ResultWarning("weakly_determined", text) for text in texts]
+    warnings += _warn_at_bounds(coordinates, z, deviation, ended)
     return weak | dict.fromkeys(ended, ""), warnings
 
 
 def at_end(coordinates: Coordinates, z: FloatArray) -> set[str]:
-    """Return the names of parameters at the end of the range searched.
+    """Return the names of parameters at an end of the range searched.
 
-    Their value and u are not determined by the data.
+    The data determine neither their value nor its u.
     """
     low, high = coordinates.edges
-    inside_range = (z > low + 1e-3) & (z < high - 1e-3)
-    return {
-        name
-        for name, inside in zip(coordinates.model.parameter_names, inside_range, strict=True)
-        if not inside
-    }
+    is_inside = (z > low + 1e-3) & (z < high - 1e-3)
+    return set(np.array(coordinates.model.parameter_names)[~is_inside].tolist())
 
 
 def unstated(coordinates: Coordinates, z: FloatArray, covariance: FloatArray) -> set[str]:
-    """Return the names of parameters of which no standard uncertainty can be stated."""
-    open_ended = ~(
-        deviations(covariance) <= MAX_RELATIVE_UNCERTAINTY * sizes_of(coordinates.model, z)
-    )
-    return at_end(coordinates, z).union(
-        np.array(coordinates.model.parameter_names)[open_ended].tolist()
-    )
+    """Return the names of parameters for which no standard uncertainty can be stated."""
+    limits = MAX_RELATIVE_UNCERTAINTY * sizes_of(coordinates.model, z)
+    is_known = deviations(covariance) <= limits
+    names = np.array(coordinates.model.parameter_names)
+    return at_end(coordinates, z).union(names[~is_known].tolist())
 
 
 def sizes_of(
     model: SensorModel, z: FloatArray, lower_limit: float = 1e-300, *, ratios: bool = False
 ) -> FloatArray:
-    """Return the sizes of z by which its deviations are relative, shape (p,).
+    """Return the sizes of z that make its deviations relative, shape (p,).
 
-    They are one where the deviations are relative themselves. ``lower_limit``: of the sizes;
-    ``ratios``: whether the deviations of a ratio are divided by it, too.
+    They are one where the deviations are relative themselves.
+
+    Args:
+        model: with the parameters.
+        z: coordinates, shape (p,).
+        lower_limit: of the sizes.
+        ratios: whether the deviation of a ratio is relative to it, too.
     """
-    size_by_kind = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))} | (
-        {"ratio": np.abs(z)} if ratios else {}
-    )
-    kinds = [spec.kind for spec in model.parameters]
+    size_by_kind = {"gain": np.abs(z), "positive": np.tanh(np.abs(z))}
+    if ratios:
+        size_by_kind["ratio"] = np.abs(z)
     return np.array(
         [
-            max(float(size_by_kind[kind][k]), lower_limit) if kind in size_by_kind else 1.0
-            for k, kind in enumerate(kinds)
+            max(float(size_by_kind[spec.kind][k]), lower_limit)
+            if spec.kind in size_by_kind
+            else 1.0
+            for k, spec in enumerate(model.parameters)
         ]
     )
 
 
 def _warn_at_bounds(
-    coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, ended: set[str]
+    coordinates: Coordinates, z: FloatArray, deviation: FloatArray, ended: set[str]
 ) -> list[ResultWarning]:
-    """Return the warnings of parameters at the end of the range searched or at zero."""
+    """Return the warnings of parameters at an end of the range searched or at zero."""
+    values = coordinates.values(z)
     warnings = []
     for index, spec in enumerate(coordinates.model.parameters):
         if spec.kind in ("log", "ratio") and spec.name in ended:
@@ -144,7 +152,7 @@ def _warn_at_bounds(
                 f"The {in_words(spec.name)} lies at the end of the range searched, "
                 f"{low:.3g} to {high:.3g}{unit}."
             )
-            moved = _moved_parameters(coordinates, values, deviation, index)
+            moved = _moved_parameters(coordinates, z, deviation, index)
             fixed = "frequency" if spec.unit == "Hz" else "value"
             text += f" What is stated of the {moved} holds for this {fixed} only." if moved else ""
             warnings.append(ResultWarning("at_bound", text))
@@ -161,27 +169,26 @@ def _warn_at_bounds(
 
 
 def _moved_parameters(
-    coordinates: Coordinates, values: dict[str, float], deviation: FloatArray, index: int
+    coordinates: Coordinates, z: FloatArray, deviation: FloatArray, index: int
 ) -> str:
     """Return, in words, the parameters that would follow a frequency ten times nearer to the band.
 
-    These are the other ones that move by more than their u.
+    To follow is to move by more than the standard uncertainty.
     """
     model = coordinates.model
     low, high = np.asarray(coordinates.band_hz, dtype=float)
     name = model.parameter_names[index]
-    points = np.geomspace(low, high, 50)
+    values = coordinates.values(z)
+    points_hz = np.geomspace(low, high, 50)
     nearer = values[name] / 10.0 if values[name] > high else values[name] * 10.0
-    response, slopes = response_and_slopes(model, values, points)
-    moved, _ = response_and_slopes(model, {**values, name: nearer}, points)
-    change = np.log(moved / response)
-    log_slopes = (slopes * coordinates.slopes(coordinates.place(values))[:, None] / response).T
-    log_slopes = np.concatenate([np.real(log_slopes), np.imag(log_slopes)])
+    response, slopes = log_slopes(coordinates, z, "acceleration", points_hz)
+    change = np.log(model.frequency_response({**values, name: nearer}, points_hz) / response)
+    columns = np.concatenate([slopes.real, slopes.imag])
     free = np.flatnonzero(
-        (np.linalg.norm(log_slopes, axis=0) > 0.0) & (np.arange(len(deviation)) != index)
+        (np.linalg.norm(columns, axis=0) > 0.0) & (np.arange(len(deviation)) != index)
     )
     shifts, *_ = np.linalg.lstsq(
-        log_slopes[:, free], np.concatenate([np.real(change), np.imag(change)]), rcond=1e-12
+        columns[:, free], np.concatenate([change.real, change.imag]), rcond=1e-12
     )
     names = [
         in_words(model.parameter_names[k])
@@ -202,9 +209,9 @@ def coverage_factor(degrees_of_freedom: float) -> float:
 def with_reference(
     covariance: FloatArray, z: FloatArray, model: SensorModel, relative: float
 ) -> FloatArray:
-    """Return the covariance of z with the uncertainty of the reference's own calibration in it.
+    """Return the covariance of z, with the uncertainty of the reference's calibration added.
 
-    That is a common factor on the gain, type B; ``relative``: its standard uncertainty.
+    The latter is a common factor on the gain, type B; ``relative``: its standard uncertainty.
     """
     if relative == 0.0:
         return covariance
@@ -213,7 +220,7 @@ def with_reference(
 
 
 def reference_direction(z: FloatArray, model: SensorModel, relative: float) -> FloatArray:
-    """Return what a relative change of the whole response does to z, shape (p,)."""
+    """Return the shift of z by a relative change of the whole response, shape (p,)."""
     index = model.parameter_names.index(model.gain_name)
     direction = np.zeros_like(z)
     direction[index] = z[index] * relative
@@ -242,7 +249,7 @@ def parameter_table(
     values = coordinates.values(z)
     unstated_names = unstated(coordinates, z, covariance)
     deviation = deviations(covariance)
-    slopes = np.abs(coordinates.slopes(z))
+    uncertainty = standard_uncertainties(coordinates, z, covariance)
     k = coverage_factor(degrees_of_freedom)
     table = {}
     for index, spec in enumerate(model.parameters):
@@ -251,7 +258,7 @@ def parameter_table(
         table[spec.name] = Parameter(
             value=values[spec.name],
             unit=_unit(spec.unit, units),
-            standard_uncertainty=float(slopes[index] * deviation[index]) if stated else None,
+            standard_uncertainty=uncertainty[spec.name] if stated else None,
             interval_95=(float(low), float(high)) if stated else (None, None),
             identifiable=stated and spec.name not in doubtful,
         )
@@ -281,10 +288,9 @@ def _interval(
     coordinates: Coordinates, z: FloatArray, index: int, half_width: float
 ) -> tuple[float, float]:
     """Return the interval of a parameter whose coordinate has this half width."""
-    name = coordinates.model.parameters[index].name
-    kind = coordinates.model.parameters[index].kind
-    if kind == "positive":
-        centre = coordinates.values(z)[name]
+    spec = coordinates.model.parameters[index]
+    if spec.kind == "positive":
+        centre = coordinates.values(z)[spec.name]
         half_width = half_width * abs(float(coordinates.slopes(z)[index]))
         return max(0.0, centre - half_width), centre + half_width
     ends = []
@@ -292,7 +298,7 @@ def _interval(
         z_moved = np.array(z)
         z_moved[index] += sign * half_width
         with np.errstate(over="ignore"):  # an interval without end stops at the range searched
-            ends.append(coordinates.values(z_moved)[name])
+            ends.append(coordinates.values(z_moved)[spec.name])
     return min(ends), max(ends)
 
 
@@ -301,11 +307,11 @@ def _value_and_slope(
 ) -> tuple[float, FloatArray]:
     """Return a derived quantity and its slopes in z, shape (p,)."""
     values = coordinates.values(z)
-    slopes = [
-        complex(quantity.value({**values, name: complex(value, STEP * (abs(value) or 1.0))})).imag
-        / (STEP * (abs(value) or 1.0))
-        for name, value in values.items()
-    ]
+    slopes = []
+    for name, value in values.items():
+        step = STEP * (abs(value) or 1.0)
+        moved = quantity.value({**values, name: complex(value, step)})
+        slopes.append(complex(moved).imag / step)
     return float(quantity.value(values)), np.array(slopes) * coordinates.slopes(z)
 
 
@@ -317,9 +323,9 @@ def correlation(model: SensorModel, covariance: FloatArray) -> Correlation:
 
 
 def _correlations(covariance: FloatArray) -> FloatArray:
-    """Return the correlation matrix, shape (p, p), of a covariance.
+    """Return the correlation matrix of a covariance, shape (p, p).
 
-    It has one on the diagonal, also where a variance is zero.
+    Its diagonal is one, also where a variance is zero.
     """
     deviation = deviations(covariance)
     divisor = np.where(deviation > 0, deviation, 1.0)
@@ -343,7 +349,7 @@ def _unit(template: str, fields: Mapping[str, str]) -> str:
 
 
 def unit_fields(calibration: Calibration) -> dict[str, str]:
-    """Return what the models' unit templates are filled with."""
+    """Return the fields of the models' unit templates."""
     is_drive = not is_motion(calibration.quantity)
     return fields_of_units(
         calibration.response_unit,

@@ -1,15 +1,16 @@
 """The posterior distribution of the parameters, by Markov chain Monte Carlo.
 
 It serves where the linearised distribution may mislead. The likelihood is that of the measured
-complex responses, not linearised: of maximum likelihood for tones Student's t in two dimensions,
-whose degrees of freedom are those of the noise estimated beside the tone, and normal for the stated
-uncertainties of a table. For every other estimator the response's change from the estimate, at the
-measured points, is split into the part that the parameters make to first order, which has the
-estimate's covariance, and the remainder, which has that of the points: to first order the posterior
-is then the stated covariance. The prior is flat in the optimiser's coordinates
-(``problem.coordinates``) within the range that a fit searches. Sampled by an ensemble of chains
-with steps of differential evolution (ter Braak 2006) from emcee (Foreman-Mackey et al. 2013), the
-extra ``bayes``.
+complex responses, not linearised. Maximum likelihood of tones has Student's t in two dimensions,
+with the degrees of freedom of the noise estimated beside the tone; a table has normal
+distributions with its stated uncertainties. For every other estimator the response's change from
+the estimate, at the measured points, is split in two: the part that the parameters make to first
+order has the estimate's covariance, the remainder that of the points. To first order the posterior
+is then the stated covariance.
+
+The prior is flat in the optimiser's coordinates (``problem.coordinates``) within the range that a
+fit searches. An ensemble of chains samples with steps of differential evolution (ter Braak 2006)
+from emcee (Foreman-Mackey et al. 2013), the extra ``bayes``.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ PRIOR = (
     "flat in the logarithm of frequencies and of a boxcar's length, within the range that a fit "
     "searches; flat in gain, delay, the share of a second mode and asinh of damping ratios"
 )
-#: Autocorrelation times a chain must last for these to be known (emcee's documentation).
+#: Fewest autocorrelation times of a chain that determines them (emcee's documentation).
 MIN_AUTOCORRELATION_TIMES = 50.0
-#: Share of steps by differential evolution (ter Braak 2006); the others, by emcee's documentation,
-#: jump between modes.
+#: Share of steps by differential evolution (ter Braak 2006); the others jump between modes, as
+#: emcee's documentation proposes.
 DIFFERENTIAL_SHARE = 0.8
-#: Part of a range at each of its ends, and of draws there, from which on the range ends the
-#: distribution.
+#: The range ends a distribution with more than ``MIN_END_SHARE`` of its draws within this part of
+#: the range at its ends.
 END_MARGIN = 0.05
 MIN_END_SHARE = 0.01
 
@@ -108,7 +109,7 @@ def sample_posterior(
     """
     emcee = sampler()
     coordinates = estimate.coordinates
-    centre = np.asarray(estimate.z, dtype=float)
+    centre = estimate.z
     low, high = _search_range(coordinates)
     density = log_density(*likelihood(evidence, estimate, linear), scale, low, high)
     random = np.random.RandomState(sampling.seed)
@@ -151,7 +152,7 @@ def likelihood(
 ) -> tuple[Residual, FloatArray | None]:
     """Return the residual whose squares make the likelihood, and the tones' degrees of freedom.
 
-    These are None where the deviations are known: stated, or as the misfit has them.
+    The latter are None where the deviations are known, as stated or from the misfit.
 
     Raises:
         InputError: the model has no transfer function.
@@ -159,13 +160,10 @@ def likelihood(
     coordinates = estimate.coordinates
     if estimate.criterion == "likelihood":
         problem = solved_problem(estimate, evidence)
-        deviations_known = estimate.tones is None or estimate.findings.model_error is not None
-        freedom = (
-            None
-            if deviations_known or estimate.tones is None
-            else estimate.tones.degrees_of_freedom
-        )
-        return (lambda z: np.asarray(problem.residual(z, coordinates))), freedom
+        freedom = None
+        if estimate.tones is not None and estimate.findings.model_error is None:
+            freedom = estimate.tones.degrees_of_freedom
+        return (lambda z: problem.residual(z, coordinates)), freedom
     if not coordinates.model.is_linear or not len(linear.residual):
         raise InputError(
             "The posterior is sampled from the responses in frequency.",
@@ -177,9 +175,7 @@ def likelihood(
 
     def response(z: FloatArray) -> FloatArray:
         values = coordinates.values(z)
-        return np.asarray(
-            coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
-        )
+        return coordinates.model.frequency_response(values, linear.frequency_hz, linear.quantity)
 
     pseudo_inverse = np.linalg.pinv(linear.matrix)
     response_at_estimate = response(linear.z)
@@ -248,17 +244,14 @@ def _physical_values(coordinates: Coordinates, z: FloatArray) -> dict[str, Float
 
     ``z``: of shape (draws, chains, p); the values have shape (draws, chains).
     """
-    coordinate_first = np.moveaxis(z, -1, 0)
-    values = {
-        name: np.asarray(value) for name, value in coordinates.physical(coordinate_first).items()
-    }
+    values = coordinates.physical(np.moveaxis(z, -1, 0))
     draws = [
         dict(zip(values, draw, strict=True))
         for draw in zip(*(v.ravel() for v in values.values()), strict=True)
     ]
     for quantity in coordinates.model.core.derived:
         if all(quantity.exists(draw) for draw in draws):
-            values[quantity.name] = np.asarray(quantity.value(values))
+            values[quantity.name] = quantity.value(values)
     return values
 
 

@@ -1,9 +1,9 @@
 """Intervals from the profile likelihood: of parameters at a bound, or where χ² is flat or skew.
 
-One coordinate is held away from the estimate and the others follow; the interval ends where χ² has
-risen by k² (Venzon & Moolgavkar 1988). A covariance knows the direction of such a valley at the
-estimate alone: at a damping of zero it says nothing of how the natural frequency trades against the
-damping, whose square counts.
+One coordinate is held away from the estimate while the others follow; the interval ends where χ²
+has risen by k² (Venzon & Moolgavkar 1988). A covariance knows the direction of such a valley at the
+estimate alone. At a damping of zero it does not show that the natural frequency trades against the
+damping, because the square of the damping counts.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ from vibrident.fit.uncertainty.parameters import (
 from vibrident.physics.naming import in_words
 from vibrident.result import Parameter
 
-#: Steps of a descent beside the held coordinate.
+#: Steps of a descent with one coordinate held.
 MAX_STEPS = 12
-#: Optima on the way outward until χ² has risen enough, and of the search for the end between two.
+#: Optima on the way outward until χ² has risen enough, and in the search for the end between two.
 MAX_OUTWARD = 14
 MAX_INWARD = 8
 #: Factor from one step outward to the next.
 STEP_GROWTH = 1.6
-#: χ² at an end is right within this part of its rise.
+#: Error of χ² at an end, over its rise.
 RISE_TOLERANCE = 0.1
-#: A step of a descent that gains less of the rise is none.
+#: A descent stops where a step would gain less than this part of the rise.
 GAIN_TOLERANCE = 1e-3
-#: Points stand for the data where no parameter's standard uncertainty by these is larger by more.
+#: Points stand for the data where the data's standard uncertainties are at most this many times
+#: larger.
 MAX_LOSS = 1.2
-#: Rounds in which ends are sought again where another search met a place beyond them.
+#: Rounds of searches for ends; those after the first are for ends that another search passed.
 MAX_PASSES = 2
-#: From zero a ratio does not move, as its square counts: it is tried from here, too.
+#: A ratio does not move from zero, as its square counts: it starts from here, too.
 NONZERO_START = 0.3
 #: The profile's interval is taken where it is wider than that of the covariance by this factor.
 MIN_WIDENING = 1.1
@@ -67,7 +68,7 @@ class Profile:
 
     @property
     def points(self) -> FloatArray:
-        """Return all ends, shape (n, p), without those that are open."""
+        """Return all ends that are not open, shape (n, p)."""
         flat = self.ends.reshape(-1, self.ends.shape[-1])
         return flat[np.all(np.isfinite(flat), axis=1)]
 
@@ -86,9 +87,9 @@ def needs_profile(coordinates: Coordinates, z: FloatArray, covariance: FloatArra
 def points_suffice(
     problem: FrequencyProblem, coordinates: Coordinates, z: FloatArray, covariance: FloatArray
 ) -> bool:
-    """Return whether the measured points have the covariance of the data.
+    """Return whether the covariance by the measured points is nearly that by the data.
 
-    They have a smaller one where the data must tell free motion from the response, too.
+    It is smaller where the data must also separate free motion from the response.
     """
     by_points = deviations(inverse_normal(problem.normal(z, coordinates).matrix))
     return bool(np.all(deviations(covariance) < MAX_LOSS * by_points))
@@ -103,8 +104,8 @@ def profile_of(
 ) -> Profile:
     """Return the ends of the intervals of all parameters.
 
-    Where the variance is larger than the curvature of χ² says, as beside noise of the reference, χ²
-    counts by so much less (Rotnitzky & Jewell 1990).
+    Where the variance exceeds that by the curvature of χ², as beside noise of the reference, χ² is
+    divided by their ratio (Rotnitzky & Jewell 1990).
 
     Args:
         problem: the fit of the data, in units of their noise.
@@ -115,7 +116,7 @@ def profile_of(
     """
     z = np.where(_positive(coordinates), np.abs(z), z)  # reflected at zero
     local = problem.normal(z, coordinates)
-    estimate = _Optimum(z, 0.0, np.asarray(local.matrix))
+    estimate = _Optimum(z, 0.0, local.matrix)
     by_curvature = np.diag(inverse_normal(estimate.matrix))
     variance = np.maximum(np.diag(covariance), np.finfo(float).tiny)
     shares = np.clip(np.nan_to_num(by_curvature / variance, nan=1.0), np.finfo(float).eps, 1.0)
@@ -181,7 +182,7 @@ def with_profile(
 def _widen(
     stated: Parameter, ends: Sequence[float | None], systematic_half_width: float, coverage: float
 ) -> Parameter:
-    """Return the parameter with an interval to these ends, or as stated where that is no wider."""
+    """Return the parameter with an interval to these ends, or as stated unless that is wider."""
     value = stated.value
     if ends[0] is None or ends[1] is None:
         if stated.standard_uncertainty is None:
@@ -233,7 +234,7 @@ class _Optimum(NamedTuple):
 
     Attributes:
         z: coordinates, shape (p,).
-        rise: of χ² over that of the estimate, as it counts beside the held coordinate.
+        rise: of χ² over that of the estimate, multiplied by the share of the held coordinate.
         matrix: information, shape (p, p).
     """
 
@@ -251,9 +252,9 @@ class _EndSearch:
         coordinates: the map from z to parameters.
         estimate: the optimum of all coordinates.
         least_cost: χ² there.
-        shares: by which χ² counts beside each held coordinate, shape (p,).
+        shares: factor on χ² beside each held coordinate, shape (p,).
         rise: of χ² at an end.
-        places: optima that were met on the way.
+        places: optima that the searches have met; they grow.
     """
 
     problem: ChiSquared
@@ -267,14 +268,14 @@ class _EndSearch:
     def ends(self, deviation: FloatArray) -> FloatArray:
         """Return the coordinates at both ends of each, shape (p, 2, p), NaN where there is none.
 
-        What is met inside on the way to another end is inside of all intervals: where that lies
-        beyond an end, the search goes on from there. A valley is curved.
+        As a valley is curved, the search for an end may meet places inside that lie beyond an end
+        found before. All intervals include them: the search for that end continues from there.
 
         Args:
-            deviation: standard deviations of z, shape (p,): of the first steps.
+            deviation: length of the first step along each coordinate, shape (p,).
         """
         count = len(deviation)
-        ends: dict[tuple[int, int], FloatArray | None] = {}
+        ends: dict[tuple[int, int], FloatArray] = {}
         sides = [(k, sign) for k in range(count) for sign in (-1, 1)]
         for _ in range(MAX_PASSES):
             outdated = [side for side in sides if self._is_outdated(*side, ends)]
@@ -282,54 +283,48 @@ class _EndSearch:
                 ends[k, sign] = self._end(k, sign * deviation[k], self._furthest_inside(k, sign))
             if not outdated:
                 break
-        open_end = np.full(count, np.nan)
-        return np.array(
-            [
-                [open_end if (end := ends[k, sign]) is None else end for sign in (-1, 1)]
-                for k in range(count)
-            ]
-        )
+        return np.reshape([ends[side] for side in sides], (count, 2, count))
 
     def _furthest_inside(self, k: int, sign: int) -> _Optimum:
         """Return the place inside that lies furthest on one side of a coordinate."""
         inside = [place for place in self.places if place.rise < self.rise]
         return max([self.estimate, *inside], key=lambda place: sign * place.z[k])
 
-    def _is_outdated(
-        self, k: int, sign: int, ends: Mapping[tuple[int, int], FloatArray | None]
-    ) -> bool:
-        """Return whether an end is not sought yet, or a place inside lies clearly beyond it."""
+    def _is_outdated(self, k: int, sign: int, ends: Mapping[tuple[int, int], FloatArray]) -> bool:
+        """Return whether an end is not sought yet, or a place inside lies clearly beyond it.
+
+        No place lies beyond an open end.
+        """
         if (k, sign) not in ends:
             return True
         end = ends[k, sign]
-        if end is None:
-            return False
         width = abs(float(end[k] - self.estimate.z[k]))
         beyond = sign * float(self._furthest_inside(k, sign).z[k] - end[k])
         return beyond > RISE_TOLERANCE * width
 
-    def _end(self, k: int, step: float, inner: _Optimum) -> FloatArray | None:
-        """Return the coordinates where χ² has risen enough, or None if it has not within the range.
+    def _end(self, k: int, step: float, inner: _Optimum) -> FloatArray:
+        """Return the coordinates where χ² has risen enough, NaN if it has not within the range.
 
         A positive coordinate ends at zero.
         """
+        open_end = np.full(len(inner.z), np.nan)
         low, high = (float(edge[k]) for edge in self.coordinates.edges)
         low = 0.0 if _positive(self.coordinates)[k] else low
         for _ in range(MAX_OUTWARD):
             target = float(np.clip(inner.z[k] + step, low, high))
             if target == inner.z[k]:
-                return inner.z if low == 0.0 and target == 0.0 else None
+                return inner.z if low == 0.0 and target == 0.0 else open_end
             outer = self._optimum_beside(k, target, inner)
             if outer.rise >= self.rise:
                 return self._end_between(k, inner, outer)
             inner = outer
             step = STEP_GROWTH * step
-        return None
+        return open_end
 
     def _end_between(self, k: int, inner: _Optimum, outer: _Optimum) -> FloatArray:
         """Return the end between two places.
 
-        It is searched by the root of the rise, which is straight where χ² is a parabola.
+        The search is by the root of the rise, which is straight where χ² is a parabola.
         """
         for trial in range(MAX_INWARD):
             root_rises = [np.sqrt(max(optimum.rise, 0.0)) for optimum in (inner, outer)]
@@ -396,9 +391,7 @@ class _EndSearch:
                 damping = 0.1 * damping
                 if settled:
                     break
-            elif damping > 1e8:
-                break
             else:
                 damping *= 10.0
         rise = share * (float(current.cost) - self.least_cost)
-        return _Optimum(z, rise, np.asarray(current.matrix))
+        return _Optimum(z, rise, current.matrix)

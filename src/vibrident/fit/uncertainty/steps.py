@@ -1,13 +1,13 @@
 """The effect of a converter's steps on the points: an error that repeats with the motion.
 
-Rounding errors of a deterministic motion are deterministic too (Widrow & Kollár 2008): part of them
-is coherent with the motion and acts as a gain. It depends on the position of the peaks between two
-steps, which is unknown. In records of one motion it is always the same, so that more of them do not
-reduce it. The predicted response, and the reference limited to its band, are therefore rounded at
-several sizes within one step. The part of the errors that is coherent with the motion at each point
-is taken as a systematic effect of unknown amount, common to the records of one motion: sines of
-other frequencies or sizes have errors of their own. Where noise is larger than the steps, their
-errors are noise, and nothing is added.
+Rounding errors of a deterministic motion are deterministic too (Widrow & Kollár 2008). A part of
+them is coherent with the motion and acts as a gain. This gain depends on the position of the peaks
+between two steps, which is unknown, and is the same in all records of one motion, so more records
+do not reduce it. The predicted response, and the reference limited to its band, are therefore
+rounded at several sizes within one step. At each point the part of the errors that is coherent with
+the motion becomes a systematic effect of unknown amount, common to the records of one motion; sines
+of other frequencies or sizes have errors of their own. Where noise exceeds the steps, their errors
+are noise, and nothing is added.
 """
 
 from __future__ import annotations
@@ -30,7 +30,14 @@ from vibrident.fit.response.rounding import (
     rounding_errors,
     undithered,
 )
-from vibrident.fit.response.transform import MEDIAN_OF_POWER, hann, line_frequencies, median
+from vibrident.fit.response.transform import (
+    MEDIAN_OF_POWER,
+    band_of,
+    band_sums,
+    hann,
+    line_frequencies,
+    median,
+)
 from vibrident.fit.uncertainty.adequacy import Adequacy
 
 SOURCE = "steps of the converters"
@@ -76,11 +83,12 @@ def _is_single_synchronous_sine(
 ) -> bool:
     """Return whether a sine in step with the sampling is the only record of its motion.
 
-    Its errors are then in its own noise.
+    Its errors are then part of its noise.
     """
-    if record.excitation != "sine" or np.sum(motion == motion[point_indices[0]]) > 1:
+    first = point_indices[0]
+    if record.excitation != "sine" or np.sum(motion == motion[first]) > 1:
         return False
-    turns = float(points.frequency_hz[point_indices[0]]) / record.sampling_rate_hz
+    turns = float(points.frequency_hz[first]) / record.sampling_rate_hz
     channels = record.response, np.asarray(record.reference)
     return any(
         0 < repeated_errors(values, record.mask, turns)[0] < MAX_VALUES for values in channels
@@ -90,9 +98,9 @@ def _is_single_synchronous_sine(
 def _motion_numbers(
     records: Sequence[Record], record_index: np.ndarray, frequency_hz: FloatArray
 ) -> np.ndarray:
-    """Return the number of the motion of each point, shape (points,); −1 for no record.
+    """Return the number of the motion of each point, shape (points,): −1 without a record.
 
-    All motions but sines count as one.
+    All motions that are no sines have the number 0.
     """
     motion = np.where(record_index < 0, -1, 0)
     sines: list[tuple[float, float]] = []
@@ -104,21 +112,22 @@ def _motion_numbers(
         step = converter_step(record.response, record.mask)
         frequency = float(frequency_hz[point])
         size = float(np.std(record.response[record.mask])) * np.sqrt(2.0)
-        matches = [
-            abs(hz - frequency) < 0.1 * line and abs(size_known - size) <= 0.5 * step
-            for hz, size_known in sines
-        ]
-        if not any(matches):
-            matches.append(True)
+        same = (
+            number
+            for number, (hz, size_known) in enumerate(sines)
+            if abs(hz - frequency) < 0.1 * line and abs(size_known - size) <= 0.5 * step
+        )
+        number = next(same, len(sines))
+        if number == len(sines):
             sines.append((frequency, size))
-        motion[point] = matches.index(True) + 1
+        motion[point] = number + 1
     return motion
 
 
 def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffect]:
-    """Return as few effects as have the covariance of these patterns, shape (K, points).
+    """Return the fewest effects that have the covariance of these patterns, shape (K, points).
 
-    Each is of 0.3 standard deviations of all points together or more.
+    Effects below 0.3 standard deviations of all points together are left out.
     """
     weighted = patterns / points.relative_deviation
     if not np.any(weighted) or not np.all(np.isfinite(weighted)):
@@ -132,17 +141,26 @@ def _as_effects(patterns: ComplexArray, points: Adequacy) -> list[SystematicEffe
     total_weight = np.bincount(frequency_index, weight)
     effects = []
     for shape in shapes:
-        real, imaginary = (
-            np.bincount(frequency_index, weight * component) / total_weight
+        means = [
+            (np.bincount(frequency_index, weight * component) / total_weight).tolist()
             for component in (shape.real, shape.imag)
-        )
-        pattern = tuple(zip(frequency.tolist(), real.tolist(), imaginary.tolist(), strict=True))
+        ]
+        pattern = tuple(zip(frequency.tolist(), *means, strict=True))
         effects.append(
             SystematicEffect(
                 SOURCE, "rounding", 1.0, degrees_of_freedom=float(TRIALS), pattern=pattern
             )
         )
     return effects
+
+
+def _converter_steps(record: Record) -> tuple[float, float]:
+    """Return the steps of the converters of response and reference, zero where there are none."""
+    assert record.reference is not None
+    return (
+        converter_step(record.response, record.mask),
+        converter_step(record.reference, record.reference_mask),
+    )
 
 
 def _relative_errors(
@@ -153,26 +171,23 @@ def _relative_errors(
 ) -> ComplexArray:
     """Return the relative error of the response by both channels' steps, at each frequency.
 
-    It has shape (2 TRIALS, frequencies); ``series``: the prediction, NaN where it is not defined.
+    Its shape is (2 TRIALS, frequencies); ``series``: the prediction, NaN where it is not defined.
     """
     assert record.reference is not None
     relative_errors = np.zeros((2 * TRIALS, frequency_hz.size), dtype=complex)
     used = record.mask & np.isfinite(series)
-    steps = (
-        converter_step(record.response, record.mask),
-        converter_step(record.reference, record.reference_mask),
-    )
-    if not used.any() or not any(steps):
+    step, reference_step = _converter_steps(record)
+    if not used.any():
         return relative_errors
     predicted = np.where(used, series, 0.0)
-    if steps[0] > 0.0 and np.std((record.response - predicted)[used]) < DITHERED * steps[0]:
-        errors = rounding_errors(predicted, used, steps[0], float(record.response[used][0]))
+    if step > 0.0 and np.std((record.response - predicted)[used]) < DITHERED * step:
+        errors = rounding_errors(predicted, used, step, float(record.response[used][0]))
         relative_errors[:TRIALS] = _coherent_errors(
             record, errors, predicted, used, None, frequency_hz
         )
-    smooth = _band_limited_reference(record, steps[1], frequency_hz) if steps[1] > 0.0 else None
+    smooth = _band_limited_reference(record, reference_step, frequency_hz)
     if smooth is not None:
-        errors = rounding_errors(smooth, used, steps[1], float(record.reference[used][0]))
+        errors = rounding_errors(smooth, used, reference_step, float(record.reference[used][0]))
         relative_errors[TRIALS:] = -_coherent_errors(
             record, errors, predicted, used, response, frequency_hz
         )
@@ -190,52 +205,44 @@ def rounding_in_residual(
 ) -> FloatArray | None:
     """Return the errors of both converters that repeat with the motion, as the residual has them.
 
-    They have shape (2 TRIALS, n). Each is one of what the errors may be, scaled so that their
-    products sum to the covariance of the part that noise leaves coherent with the motion; None
-    where all of it is noise.
+    Their shape is (2 TRIALS, n). Each row is a possible error, scaled so that the products of the
+    rows sum to the covariance of the part that noise leaves coherent with the motion. None where
+    all of it is noise.
 
     Args:
         record: the record.
-        span: its samples that are looked at, n in number.
+        span: of n samples of the record.
         motion: predicted response, shape (n,).
         used: samples that count, shape (n,).
-        variance: of the noise between the lines of the residual, which the errors are part of where
-            they are noise.
+        variance: of the noise between the lines of the residual, which includes errors that are
+            noise.
         transfer: of the sensor at the bins, shape (bins,).
         turns: of the record's sine from sample to sample; None for other motion.
     """
     if record.reference is None:
         return None
-    steps = (
-        converter_step(record.response, record.mask),
-        converter_step(record.reference, record.reference_mask),
-    )
-    if not any(steps):
+    step, reference_step = _converter_steps(record)
+    if not step and not reference_step:
         return None
     residual_errors = np.zeros((2 * TRIALS, used.size))
-    if steps[0] > 0.0 and variance < (DITHERED * steps[0]) ** 2:
+    if step > 0.0 and variance < (DITHERED * step) ** 2:
         response = np.where(used, record.response[span], 0.0)
         predicted = np.where(used, motion + np.mean(response[used]), 0.0)
-        coherent_share = np.sqrt(undithered(steps[0], variance))
+        coherent_share = np.sqrt(undithered(step, variance))
         residual_errors[:TRIALS] = coherent_share * rounding_errors(
-            predicted, used, steps[0], float(response[used][0])
+            predicted, used, step, float(response[used][0])
         )
     highest_hz = (0.5 if turns is None else turns) * record.sampling_rate_hz
-    smooth = (
-        _band_limited_reference(record, steps[1], np.array([highest_hz]))
-        if steps[1] > 0.0
-        else None
-    )
+    smooth = _band_limited_reference(record, reference_step, np.array([highest_hz]))
     if smooth is not None:
         reference_used = used & record.reference_mask[span]
         reference_noise = np.where(reference_used, (record.reference - smooth)[span], 0.0)
         noise_variance = (
             float(median(np.abs(fft.rfft(reference_noise)) ** 2)) / MEDIAN_OF_POWER / used.size
         )
-        errors = rounding_errors(
-            smooth[span], reference_used, steps[1], float(record.reference[span][reference_used][0])
-        )
-        errors *= np.sqrt(undithered(steps[1], noise_variance))
+        begin = float(record.reference[span][reference_used][0])
+        errors = rounding_errors(smooth[span], reference_used, reference_step, begin)
+        errors *= np.sqrt(undithered(reference_step, noise_variance))
         bins = fft.rfft(errors, axis=1)[:, : transfer.size] * transfer  # of the band alone
         residual_errors[TRIALS:] = -fft.irfft(bins, used.size, axis=1)
     return residual_errors / np.sqrt(TRIALS) if np.any(residual_errors) else None
@@ -244,25 +251,27 @@ def rounding_in_residual(
 def _band_limited_reference(
     record: Record, step: float, frequency_hz: FloatArray
 ) -> FloatArray | None:
-    """Return the reference limited to its band, or None if the noise above exceeds the steps.
+    """Return the reference limited to its band, shape (samples,).
 
-    The band ends three lines behind the last one that holds motion; noise is looked for up to 0.45
-    of the rate. It has shape (samples,).
+    The band ends three lines behind the last one that holds motion. None without steps, and where
+    the noise above the band, up to 0.45 of the rate, exceeds them.
     """
     assert record.reference is not None
+    if not step > 0.0:
+        return None
     used = record.reference_mask
     samples = record.samples
     rate = record.sampling_rate_hz
     mean = float(np.mean(record.reference[used]))
     motion = np.where(used, record.reference - mean, 0.0)
-    lines = np.asarray(fft.rfft(motion), dtype=complex)
-    width = samples // 16  # faded at either end
+    lines = fft.rfft(motion)
+    width = samples // 16  # of the fade at either end
     rise = np.sin(0.5 * np.pi * (np.arange(width) + 0.5) / max(width, 1)) ** 2
     window = np.concatenate([rise, np.ones(samples - 2 * width), rise[::-1]])
     last = int(1.5 * float(np.max(frequency_hz)) * samples / rate)  # the band of a sine
     if record.excitation != "sine":
         power = np.abs(fft.rfft(window * motion)) ** 2
-        # Louder than rounding makes them.
+        # Rounding makes no line as loud.
         loud = np.flatnonzero(power > 30.0 * step**2 / 12.0 * float(window @ window))
         last = int(loud[-1]) + 3 if loud.size else 0
     power_beyond = np.abs(lines[last : int(0.45 * samples)]) ** 2 / samples
@@ -286,8 +295,7 @@ def _coherent_errors(
 ) -> ComplexArray:
     """Return the part of the errors that is coherent with the prediction, relative to it.
 
-    ``transfer``: of the sensor that the errors pass, where they are of the reference; None for the
-    response.
+    ``transfer``: of the sensor, which errors of the reference pass; None for the response.
     """
     motion = np.where(used, predicted - np.mean(predicted[used]), 0.0)
     samples = record.samples
@@ -298,18 +306,14 @@ def _coherent_errors(
         )
         gain = 1.0 if transfer is None else transfer(frequency_hz)
         return np.asarray(gain * (errors @ kernel.T) / (kernel @ motion), dtype=complex)
-    lines = np.asarray(fft.rfft(errors, axis=1), dtype=complex)
+    lines = fft.rfft(errors, axis=1)
     if transfer is not None:
         lines *= transfer(line_frequencies(samples, rate))
-    motion_lines = np.asarray(fft.rfft(motion), dtype=complex)
+    motion_lines = fft.rfft(motion)
     edges = band_edges(samples, rate).astype(int)
-    cross_power = np.add.reduceat(
-        lines[:, : edges[-1]] * np.conj(motion_lines[: edges[-1]]), edges[:-1], axis=1
-    )
-    power = np.add.reduceat(np.abs(motion_lines[: edges[-1]]) ** 2, edges[:-1])
-    band = np.clip(
-        np.searchsorted(edges, frequency_hz * samples / rate, side="right") - 1, 0, len(edges) - 2
-    )
+    cross_power = band_sums(lines * np.conj(motion_lines), edges)
+    power = band_sums(np.abs(motion_lines) ** 2, edges)
+    band = band_of(frequency_hz * samples / rate, edges)
     return np.asarray(
         cross_power[:, band] / np.maximum(power[band], np.finfo(float).tiny), dtype=complex
     )

@@ -160,20 +160,14 @@ def _estimates(first: Fitted, used: Sequence[StretchFit]) -> tuple[FloatArray, F
 
 def _judge(fitted: Fitted, used: Sequence[StretchFit]) -> Fitted:
     """Return a fit judged by the points of all stretches."""
-    model = fitted.evidence.model
-    values = fitted.values
-
-    def response(frequency_hz: FloatArray) -> Any:
-        return model.frequency_response(values, frequency_hz, fitted.evidence.quantity)
-
-    points = _pooled_points(used, response)
+    points = _pooled_points(used, fitted.response)
     adequacy = assess(points, len(fitted.estimate.z))
     shares_by_fit = np.array([fit.shares for fit in used])
     explained, coherent = np.average(
         shares_by_fit[:, :2], axis=0, weights=[f.sums[3] for f in used]
     )
     shares = Shares(float(explained), float(coherent), float(np.sum(shares_by_fit[:, 2])))
-    lack_of_fit = describe_misfit(adequacy, points, response)
+    lack_of_fit = describe_misfit(adequacy, points, fitted.response)
     if shares.lacking:
         lack_of_fit = str(shares) if adequacy.adequate else f"{lack_of_fit} {shares}"
         adequacy = replace(adequacy, adequate=False)

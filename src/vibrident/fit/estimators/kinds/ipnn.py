@@ -1,10 +1,9 @@
 """The estimator ``ipnn``: the network, trained on excitation and response.
 
-It does so as the paper does, and beyond. Its weights are tied to the physics through the chosen
-discretisation; initial states and offset of every record are found exactly. The network of a linear
-sensor is trained at the bins of the band, in the noise of both channels
-(:mod:`vibrident.fit.descent.train`). A nonlinear sensor, and the paper's Adam, run it in time, each
-record weighted by its own noise.
+As in the paper, its weights are tied to the physics through the chosen discretisation. Initial
+states and offset of every record are solved for exactly. The network of a linear sensor is trained
+at the bins of the band, in the noise of both channels (:mod:`vibrident.fit.descent.train`). For a
+nonlinear sensor, and with the paper's Adam, it runs in time, each record weighted by its noise.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class Ipnn(Estimator):
         discretisation: euler | zoh | foh | tustin | bandlimited.
         optimiser: an object with settings of its own, or the name of one: ``lm``
             (Levenberg–Marquardt), ``adam``.
-        late_samples: by which the samples of the reference come after their stamps.
+        late_samples: delay of the reference's samples after their time stamps.
 
     Examples:
         >>> import vibrident
@@ -196,7 +195,7 @@ def _optimiser_named(name: str, settings: dict[str, Any]) -> Optimiser:
 
 
 def trained_in_time(network: Ipnn, evidence: Evidence, progress: Progress) -> Estimate:
-    """Return the estimate of equal weights for all samples of a record, run in time."""
+    """Return the estimate of a network run in time, with equal weights in each record."""
     from vibrident.fit.problem.network_problem import require_rational
     from vibrident.fit.problem.time_domain import TimeProblem
     from vibrident.fit.start.harmonic_start import with_harmonic_start

@@ -32,11 +32,11 @@ class MaximumLikelihood(Estimator):
     """Settings of the estimator ``ml``.
 
     Attributes:
-        model_error: where the deviations of sine records exceed what their noise and the stated
-            systematic effects explain, a relative error of the model, the same at all frequencies,
-            joins the noise (Mandel & Paule 1970), as large as the deviations demand. Points of very
-            little noise then no longer rule, and the uncertainty covers the misfit. It is reported,
-            and never applied to the stated uncertainties of a table.
+        model_error: whether a relative error of the model joins the noise (Mandel & Paule 1970)
+            where the deviations of sine records exceed what noise and the stated systematic effects
+            explain. It is the same at all frequencies and as large as the deviations demand. Points
+            of very little noise then no longer dominate, and the uncertainty covers the misfit. It
+            is reported, and never applied to the stated uncertainties of a table.
 
     Examples:
         >>> import vibrident
@@ -90,18 +90,15 @@ class MaximumLikelihood(Estimator):
         else:
             network = network_problem(evidence, start.values)
             first_problem = roughly_cleaned(evidence, network, coordinates, z)
-            z = (
-                z
-                if first_problem is None
-                else _descend(coordinates, z, first_problem, progress).last
-            )
-            # The change, in standard deviations, that needs no further round: that would change the
-            # coordinates by a hundredth of it; of two modes, which trade against each other, by a
-            # tenth.
+            if first_problem is not None:
+                z = _descend(coordinates, z, first_problem, progress).last
+            # After a change of so many standard deviations a further round would change the
+            # coordinates by a hundredth of it; those of two modes, which trade against each other,
+            # by a tenth.
             max_change = 0.3 if model.shares else 3.0
             for _ in range(4):
                 if not model.has_network:
-                    # Its average acts as at the values that the network is made of.
+                    # Its average acts as at the parameters from which the network was built.
                     network = network_problem(evidence, coordinates.values(z))
                 tones = residual_tones(evidence, network, coordinates, z)
                 problem = weighted_problem(tones, coordinates, z, evidence)
@@ -115,8 +112,8 @@ class MaximumLikelihood(Estimator):
         covariance = _covariance(problem, coordinates, trace.last)
         freedom = np.inf
         if tones is not None:
-            # Weights that are themselves estimated, from ν degrees of freedom each, cost 1 + 4/ν of
-            # variance.
+            # Weights that are estimated from ν degrees of freedom each raise the variance by a
+            # factor 1 + 4/ν.
             covariance = covariance * float(np.mean(1.0 + 4.0 / tones.degrees_of_freedom))
             freedom = float(np.sum(tones.degrees_of_freedom))
         return Estimate(
@@ -136,8 +133,40 @@ class MaximumLikelihood(Estimator):
     def where_rejected(
         self, evidence: Evidence, estimate: Estimate, progress: Progress = silent
     ) -> Estimate | None:
-        """Return the estimate with a model error beside the noise, if the deviations demand one."""
-        return with_random_effect(evidence, estimate, progress) if self.model_error else None
+        """Return the estimate with a relative model error beside the noise, as large as needed.
+
+        None if the deviations demand none, or the settings allow none.
+        """
+        tones = estimate.tones
+        if tones is None or not self.model_error:
+            return None
+        coordinates = estimate.coordinates
+        z = estimate.z
+        problem = solved_problem(estimate, evidence)
+        degrees = problem.equations - len(z)
+        squares = np.sum(np.square(problem.residual(z, coordinates).reshape(2, -1)), axis=0)
+        if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
+            return None
+        low = np.log(1e-9)
+        high = 0.0
+        for _ in range(20):  # to a relative step of 2e-5
+            middle = 0.5 * (low + high)
+            widened = problem.with_random_effect(float(np.exp(middle)))
+            if _descend(coordinates, z, widened, progress).costs[-1] > degrees:
+                low = middle
+            else:
+                high = middle
+        error = float(np.exp(0.5 * (low + high)))
+        widened = problem.with_random_effect(error)
+        trace = _descend(coordinates, z, widened, progress)
+        return replace(
+            estimate,
+            z=trace.last,
+            covariance=_covariance(widened, coordinates, trace.last),
+            degrees_of_freedom=float(degrees),
+            trace=trace,
+            findings=Findings(model_error=error),
+        )
 
 
 ML = MaximumLikelihood()
@@ -167,47 +196,6 @@ def responses(name: str, evidence: Evidence) -> FrequencyProblem:
             remedy="use the estimator 'auto'",
         )
     return problem
-
-
-def with_random_effect(
-    evidence: Evidence, estimate: Estimate, progress: Progress
-) -> Estimate | None:
-    """Return the estimate with a relative model error added to the noise.
-
-    It is None if the deviations demand none.
-    """
-    tones = estimate.tones
-    if tones is None:
-        return None
-    problem = solved_problem(estimate, evidence)
-    degrees = problem.equations - len(estimate.z)
-    residual = problem.residual(estimate.z, estimate.coordinates)
-    squares = np.sum(np.square(residual.reshape(2, -1)), axis=0)
-    if not chance_of(as_chi2(squares, tones.degrees_of_freedom), degrees) < REJECTION:
-        return None
-
-    def fit_with_error(error: float) -> tuple[FrequencyProblem, Trace]:
-        widened_problem = problem.with_random_effect(error)
-        return widened_problem, _descend(
-            estimate.coordinates, estimate.z, widened_problem, progress
-        )
-
-    low = np.log(1e-9)
-    high = np.log(1.0)
-    for _ in range(20):  # to a relative step of 2e-5
-        middle = 0.5 * (low + high)
-        _, trace = fit_with_error(float(np.exp(middle)))
-        low, high = (middle, high) if trace.costs[-1] > degrees else (low, middle)
-    error = float(np.exp(0.5 * (low + high)))
-    widened_problem, trace = fit_with_error(error)
-    return replace(
-        estimate,
-        z=trace.last,
-        covariance=_covariance(widened_problem, estimate.coordinates, trace.last),
-        degrees_of_freedom=float(degrees),
-        trace=trace,
-        findings=Findings(model_error=error),
-    )
 
 
 def weighted_problem(
