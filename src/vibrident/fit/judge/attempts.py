@@ -82,8 +82,9 @@ class Fitted:
         )
 
     def once(self, evidence: Evidence) -> Fitted:
-        """Return the same estimator's fit of other data, by one descent from their start values."""
-        estimate, judgement = _fit_and_judge(evidence, self.estimator, self.progress)
+        """Return the same estimator's fit of other data, which is not tried again if rejected."""
+        fitted = _estimated(evidence, self.estimator, self.progress)
+        estimate, judgement = _judged_estimate(evidence, fitted)
         return replace(
             self, evidence=evidence, estimate=estimate, judgement=judgement, departures=None
         )
@@ -149,22 +150,33 @@ def _fit_and_judge(
     evidence: Evidence, estimator: Estimator, progress: Progress
 ) -> tuple[Estimate, Judgement]:
     """Return an estimate, or its replacement where it is rejected, and the judgement."""
+    fitted = _estimated(evidence, estimator, progress)
+    estimate, judgement = _judged_estimate(evidence, fitted)
+    if judgement.adequacy.adequate:
+        return estimate, judgement
+    replacement = estimator.where_rejected(evidence, fitted, progress)
+    if replacement is None:
+        return estimate, judgement
+    replacement, judgement_of_replacement = _judged_estimate(evidence, replacement)
+    if estimate.in_noise is not None and not judgement_of_replacement.adequacy.adequate:
+        return estimate, judgement
+    return replacement, judgement_of_replacement
+
+
+def _estimated(evidence: Evidence, estimator: Estimator, progress: Progress) -> Estimate:
+    """Return an estimate, without the transforms of its records."""
     longest = max((record.samples for record in evidence.records), default=0)
     return_freed_after(longest)
     fitted = estimator.fit(evidence, progress)
     if fitted.problem is not None:
         fitted = replace(fitted, problem=fitted.problem.idle())
     return_freed_after(longest)
+    return fitted
+
+
+def _judged_estimate(evidence: Evidence, fitted: Estimate) -> tuple[Estimate, Judgement]:
+    """Return an estimate with its modes in order, and the judgement by it."""
     estimate = canonically_labelled(fitted)
     judgement = judged(evidence, estimate)
-    return_freed_after(longest)
-    if judgement.adequacy.adequate:
-        return estimate, judgement
-    replacement = estimator.where_rejected(evidence, fitted, progress)
-    if replacement is None:
-        return estimate, judgement
-    replacement = canonically_labelled(replacement)
-    judgement_of_replacement = judged(evidence, replacement)
-    if estimate.in_noise is not None and not judgement_of_replacement.adequacy.adequate:
-        return estimate, judgement
-    return replacement, judgement_of_replacement
+    return_freed_after(max((record.samples for record in evidence.records), default=0))
+    return estimate, judgement
