@@ -34,6 +34,13 @@ class ChannelSamples:
         return np.sort(self.values if self.all_valid else self.values[self.valid])
 
     @functools.cached_property
+    def upside_down(self) -> ChannelSamples:
+        """Return the channel with all signs changed."""
+        inverted = ChannelSamples(-self.values, self.valid)
+        vars(inverted)["ordered"] = -self.ordered[::-1]
+        return inverted
+
+    @functools.cached_property
     def ties(self) -> int:
         """Return how many of the valid values have an equal among the others before them."""
         gaps = np.diff(self.ordered)

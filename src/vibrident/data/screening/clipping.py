@@ -15,6 +15,7 @@ import functools
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import extend_flags, runs_of_true
@@ -100,13 +101,12 @@ def find_clipped(
         flags = valid & _at_full_scale(values, full_scale, smallest_step(values[valid]))
         signs = {float(np.sign(value)) for value in values[flags]}
         return extend_flags(flags, 1), sorted(sign * full_scale for sign in signs)
-    ordered = channel.ordered
-    step = functools.cache(lambda: grid_step(ordered, MAX_STEPS_IN_DIFFERENCE))
+    step = functools.cache(lambda: grid_step(channel.ordered, MAX_STEPS_IN_DIFFERENCE))
     clipped = []  # flags of the samples at each rail
-    for sign, falling in ((1.0, ordered[::-1]), (-1.0, -ordered)):
-        rail = _find_rail(sign * values, valid, falling, step)
+    for upright in (channel, channel.upside_down):
+        rail = _find_rail(upright, step)
         if rail is not None:
-            clipped.append(valid & (sign * values >= rail))
+            clipped.append(valid & (upright.values >= rail))
     if not clipped:
         return unclipped
     flags = np.any(clipped, axis=0)
@@ -127,20 +127,19 @@ def _at_full_scale(values: FloatArray, full_scale: float, step: float) -> BoolAr
     return (values >= top) | (values <= bottom)
 
 
-def _find_rail(
-    values: FloatArray, valid: BoolArray, falling: FloatArray, step_of_grid: Callable[[], float]
-) -> float | None:
+def _find_rail(channel: ChannelSamples, step_of_grid: Callable[[], float]) -> float | None:
     """Return the lowest value that counts as at the upper rail; None if there is no rail.
 
     Args:
-        values: the channel, upside down for its lower rail, shape (samples,).
-        valid: samples to look at, shape (samples,).
-        falling: the valid values in falling order.
-        step_of_grid: returns the step of the grid on which they lie, zero without one.
+        channel: upside down for its lower rail.
+        step_of_grid: returns the step of the grid on which its values lie, zero without one.
     """
-    span = float(falling[0] - falling[-1])
+    span = channel.span
     if span == 0.0:
         return None
+    values = channel.values
+    valid = channel.valid
+    falling = channel.ordered[::-1]
     rail = _find_rail_of_equal_values(values, valid, falling, RELATIVE_EQUALITY * span)
     if rail is not None:
         return rail
@@ -149,8 +148,10 @@ def _find_rail(
     if step > 0.0:
         widths = step * np.ceil(widths / step)
     limits = float(falling[0]) - widths + 0.5 * step
-    bin_ends = np.multiply.outer(widths, np.arange(BINS_BELOW + 1)) - limits[:, None]
-    counts = np.diff(np.searchsorted(-falling, bin_ends), axis=1, prepend=0).astype(float)
+    bin_ends = limits[:, None] - np.multiply.outer(widths, np.arange(-1, BINS_BELOW + 1))
+    bin_ends[:, 0] = np.inf
+    above = np.searchsorted(channel.ordered, bin_ends, side="right")
+    counts = (above[:, :-1] - above[:, 1:]).astype(float)
     for index in np.flatnonzero(_is_piled_up(counts, MIN_NOISY_SAMPLES)).tolist():
         limit = float(limits[index])
         width = float(widths[index])
@@ -197,8 +198,7 @@ def _find_rail_of_equal_values(
     values: FloatArray, valid: BoolArray, falling: FloatArray, tolerance: float
 ) -> float | None:
     """Return the upper rail where its samples are exactly equal; None if there is no rail."""
-    changes = 1 + np.flatnonzero(falling[:-1] - falling[1:] > tolerance)
-    first_index = np.concatenate([[0], changes, [falling.size]])[: VALUES_BELOW + 2]
+    first_index = _changes(falling, tolerance)[: VALUES_BELOW + 2]
     counts = np.diff(first_index).astype(float)  # of each value that occurs, from the top
     if counts.size <= VALUES_BELOW:
         return None  # with a few levels the motion between them is not known
@@ -223,6 +223,18 @@ def _find_rail_of_equal_values(
     if _is_rest_level(at_rail, valid) or not _is_confirmed(values, at_rail, valid):
         return None
     return limit
+
+
+def _changes(falling: FloatArray, tolerance: float) -> NDArray[np.int_]:
+    """Return where each of the values that occur begins, at least of the highest ones, and the end.
+
+    The highest values suffice where they are different.
+    """
+    for top in (falling[: 8 * VALUES_BELOW], falling):
+        changes = 1 + np.flatnonzero(top[:-1] - top[1:] > tolerance)
+        if changes.size > VALUES_BELOW:
+            break
+    return np.concatenate([[0], changes, [falling.size]])
 
 
 def _chance_of_ties(falling: FloatArray, count: float) -> float:

@@ -51,8 +51,24 @@ class LinearPrediction:
         Shape (samples,); zero where ``has_both_sides`` is False.
         """
         scale = self.deviation * float(np.linalg.norm(self.taps))
-        double = np.convolve(self.taps, self.taps[::-1]) / scale
-        return np.where(has_both_sides, np.convolve(series, double, mode="same"), 0.0)
+        errors = _filtered(series, np.convolve(self.taps, self.taps[::-1]) / scale)
+        np.copyto(errors, 0.0, where=~has_both_sides)
+        return errors
+
+
+def _filtered(series: FloatArray, taps: FloatArray) -> FloatArray:
+    """Return a series filtered by 2 ORDER + 1 symmetric taps, shape (samples,).
+
+    Blocks of 2 ORDER samples and those after them are multiplied by a matrix of the taps each.
+    """
+    length = 2 * ORDER
+    blocks = -(-series.size // length)
+    padded = np.zeros((blocks + 1, length))
+    padded.reshape(-1)[ORDER : ORDER + series.size] = series
+    matrix = sliding_window_view(np.pad(taps, length - 1), 2 * length)[::-1].T
+    products = padded[:-1] @ matrix[:length]
+    products += padded[1:] @ matrix[length:]
+    return products.reshape(-1)[: series.size]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +76,8 @@ class PredictionSamples:
     """Samples that a prediction is fitted to, with those before them, in blocks of a record.
 
     Attributes:
-        windows: each sample after its ORDER predecessors, shape (rows, ORDER + 1).
-        clean: rows to use, shape (rows,).
+        windows: each sample after its ORDER predecessors, shape (ORDER + 1, samples).
+        clean: samples to use, shape (samples,).
     """
 
     windows: FloatArray
@@ -82,18 +98,20 @@ class PredictionSamples:
             if blocks > 1
             else np.array([0])
         )
-        index = begins[:, None] + np.arange((BLOCK_SAMPLES if blocks > 1 else count) + ORDER)
-        windows = sliding_window_view(series[index], ORDER + 1, axis=1)
-        return cls(windows.reshape(-1, ORDER + 1), has_past[index[:, ORDER:]].ravel())
+        length = BLOCK_SAMPLES if blocks > 1 else count
+        index = begins[:, None] + np.arange(length + ORDER)
+        windows = sliding_window_view(series[index], length, axis=1).swapaxes(0, 1)
+        return cls(windows.reshape(ORDER + 1, -1), has_past[index[:, ORDER:]].ravel())
 
     def fit(self) -> LinearPrediction:
         """Return the prediction of least squares, forwards and backwards."""
-        windows = self.windows if self.clean.all() else self.windows[self.clean]
-        products = windows.T @ windows
+        windows = self.windows if self.clean.all() else self.windows[:, self.clean]
+        products = windows @ windows.T
         products = products + products[::-1, ::-1]
-        products += RIDGE * (np.trace(products) + len(windows)) * np.eye(ORDER + 1)
-        taps = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)[::-1]
-        return LinearPrediction(taps, max(float(np.std(windows @ taps[::-1])), np.finfo(float).eps))
+        products += RIDGE * (np.trace(products) + windows.shape[1]) * np.eye(ORDER + 1)
+        weights = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)
+        deviation = float(np.std(weights @ windows))
+        return LinearPrediction(weights[::-1], max(deviation, np.finfo(float).eps))
 
     def without_worst(self, prediction: LinearPrediction) -> PredictionSamples:
         """Return the samples without those near large errors of a prediction.
@@ -101,7 +119,7 @@ class PredictionSamples:
         Returns all samples if more than half would go: half may lie at rest, which says nothing
         about the motion.
         """
-        size = np.abs(self.windows @ prediction.taps[::-1])
+        size = np.abs(prediction.taps[::-1] @ self.windows)
         usual = float(np.median(size[self.clean])) / MEDIAN_OF_NORMAL
         clean = self.clean & ~extend_flags(self.clean & (size > MAX_NOISE_SIGMA * usual), ORDER)
         return (
