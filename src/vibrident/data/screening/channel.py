@@ -33,7 +33,7 @@ class ChannelSamples:
         """Return the valid values in rising order, shape (valid samples,)."""
         return np.sort(self.values if self.all_valid else self.values[self.valid])
 
-    @functools.cached_property
+    @property
     def upside_down(self) -> ChannelSamples:
         """Return the channel with all signs changed."""
         inverted = ChannelSamples(-self.values, self.valid)

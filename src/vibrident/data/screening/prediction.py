@@ -15,6 +15,8 @@ ORDER = 16
 #: A prediction is fitted to at most MAX_BLOCKS blocks of BLOCK samples.
 MAX_BLOCKS = 16
 BLOCK_SAMPLES = 256
+#: Blocks of a series that are filtered at once.
+BLOCKS_AT_ONCE = 1 << 12
 #: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
 #: Errors of noise alone seldom exceed this many standard deviations.
@@ -67,7 +69,9 @@ def _filtered(series: FloatArray, taps: FloatArray) -> FloatArray:
     padded.reshape(-1)[ORDER : ORDER + series.size] = series
     matrix = sliding_window_view(np.pad(taps, length - 1), 2 * length)[::-1].T
     products = padded[:-1] @ matrix[:length]
-    products += padded[1:] @ matrix[length:]
+    for begin in range(0, blocks, BLOCKS_AT_ONCE):  # of a long record each copy counts
+        following = padded[1 + begin : 1 + begin + BLOCKS_AT_ONCE]
+        products[begin : begin + BLOCKS_AT_ONCE] += following @ matrix[length:]
     return products.reshape(-1)[: series.size]
 
 

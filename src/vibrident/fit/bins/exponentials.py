@@ -7,6 +7,7 @@ import numpy as np
 from vibrident.data.records import BoolArray
 from vibrident.fit.bins.segments import shifted_lines
 from vibrident.fit.response.response import ComplexArray
+from vibrident.fit.response.transform import power_of
 
 #: A tone is on a bin where it turns from sample to sample by less than this otherwise, in radians:
 #: there the sum of the geometric series is the number of its terms.
@@ -77,4 +78,4 @@ def _series(
     turns = np.conj(1.0 + shifted_lines(samples, slice(0, bins)))
     ratio = np.asarray(np.exp(exponents)[:, None] * turns, dtype=complex)
     remainder = np.asarray(1.0 - ratio, dtype=complex)
-    return ratio, remainder, np.abs(remainder) < MAX_BIN_ANGLE
+    return ratio, remainder, power_of(remainder) < MAX_BIN_ANGLE**2

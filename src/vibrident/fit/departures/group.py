@@ -48,6 +48,8 @@ class WhitenedGroup:
         begin_s: time of the first sample, shape (R,).
         used: samples that count, shape (R, n).
         turns: of a sine from sample to sample, NaN for other motion, shape (R,).
+        harmonics: cosine and sine of the harmonics of each tone, shape (R, orders, 2, K); no orders
+            where one of the records is of other motion.
         predicted: response to the reference as it was recorded, shape (R, K).
         likely: response to the most likely motion that recurs with the record, shape (R, K).
         motion: response to the most likely motion in time, free motion included, shape (R, L).
@@ -72,6 +74,7 @@ class WhitenedGroup:
     begin_s: FloatArray
     used: BoolArray
     turns: FloatArray
+    harmonics: ComplexArray
     predicted: ComplexArray
     likely: ComplexArray
     motion: FloatArray
@@ -157,24 +160,6 @@ class WhitenedGroup:
         They are what a gain and a time shift add to the response.
         """
         return np.stack([self.likely, 1j * self.radians * self.likely], axis=1)
-
-    @property
-    def harmonics(self) -> ComplexArray:
-        """Return cosine and sine of the harmonics of each record's tone, shape (R, orders, 2, K).
-
-        They are as its fit has them. Those above the band that samples tell, and of other motion,
-        are zero.
-        """
-        turns = self.turns[:, None] * np.arange(2, HARMONICS + 1)
-        step = np.where(turns < USABLE_BAND, 2.0 * np.pi * turns, 0.0)
-        exponents = 1j * np.concatenate([step, -step], axis=1)
-        both = [
-            wave_bins(of_record, used, self.bins + 1)[:, 1:]
-            for of_record, used in zip(exponents, self.used, strict=True)
-        ]
-        ahead, behind = np.split(np.stack(both), 2, axis=1)
-        waves = np.stack([ahead + behind, (ahead - behind) / 1j], axis=2)
-        return 0.5 * waves * (turns < USABLE_BAND)[:, :, None, None]
 
     def whiten(self, columns: ComplexArray, out: FloatArray | None = None) -> FloatArray:
         """Return columns by bins, shape (R or 1, m, K), as whitened rows, shape (R, m, 2 K).
@@ -389,3 +374,25 @@ class WhitenedGroup:
             tone=None if self.tone is None else without(self.tone, added),
             freedom=self.freedom - rank_of(added),
         )
+
+
+def harmonics_of(turns: FloatArray, used: BoolArray, bins: int) -> ComplexArray:
+    """Return cosine and sine of the harmonics of tones, shape (R, orders, 2, bins).
+
+    They are as the fits of the tones have them; those above the band that samples tell are zero.
+
+    Args:
+        turns: of the tones from sample to sample, shape (R,).
+        used: samples that count, shape (R, n).
+        bins: number of bins, from 1 on.
+    """
+    turns = turns[:, None] * np.arange(2, HARMONICS + 1)
+    step = np.where(turns < USABLE_BAND, 2.0 * np.pi * turns, 0.0)
+    exponents = 1j * np.concatenate([step, -step], axis=1)
+    both = [
+        wave_bins(of_record, used_of_record, bins + 1)[:, 1:]
+        for of_record, used_of_record in zip(exponents, used, strict=True)
+    ]
+    ahead, behind = np.split(np.stack(both), 2, axis=1)
+    waves = np.stack([ahead + behind, (ahead - behind) / 1j], axis=2)
+    return 0.5 * waves * (turns < USABLE_BAND)[:, :, None, None]
