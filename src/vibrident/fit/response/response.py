@@ -100,7 +100,7 @@ class MeasuredResponse:
     ) -> FloatArray:
         """Return the variance of Y − H X by the lines, once for each H; shape (n,)."""
         h = model(self.line_hz.ravel()).reshape(self.line_hz.shape)
-        key = blake2b(np.append(h_at_tone, h), digest_size=32).digest()
+        key = blake2b(np.append(h_at_tone, h).tobytes(), digest_size=32).digest()
         if key not in self._variances:
             ratio = self.line_hz / self.frequency_hz[:, None]
             lines = (self.line_reference, self.line_response)
