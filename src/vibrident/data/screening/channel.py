@@ -37,13 +37,13 @@ class ChannelSamples:
     def upside_down(self) -> ChannelSamples:
         """Return the channel with all signs changed."""
         inverted = ChannelSamples(-self.values, self.valid)
-        vars(inverted)["ordered"] = -self.ordered[::-1]
+        vars(inverted).update(ordered=-self.ordered[::-1], ties=self.ties)
         return inverted
 
     @functools.cached_property
     def ties(self) -> int:
         """Return how many of the valid values have an equal among the others before them."""
-        gaps = np.diff(self.ordered)
+        gaps = self.ordered[1:] - self.ordered[:-1]
         return int(np.count_nonzero(gaps <= RELATIVE_EQUALITY * self.span))
 
     @property

@@ -140,9 +140,10 @@ def _find_rail(channel: ChannelSamples, step_of_grid: Callable[[], float]) -> fl
     values = channel.values
     valid = channel.valid
     falling = channel.ordered[::-1]
-    rail = _find_rail_of_equal_values(values, valid, falling, RELATIVE_EQUALITY * span)
-    if rail is not None:
-        return rail
+    if channel.ties:
+        rail = _find_rail_of_equal_values(values, valid, falling, RELATIVE_EQUALITY * span)
+        if rail is not None:
+            return rail
     step = step_of_grid()
     widths = span * 0.5 ** np.array(WIDTH_POWERS)
     if step > 0.0:
@@ -258,11 +259,14 @@ def _is_piled_up(counts: FloatArray, min_count: int) -> BoolArray:
     """
     first = counts[..., 0]
     second = counts[..., 1]
+    is_full = (first >= min_count) & (first > MIN_FIRST_TO_SECOND * second)
+    if not is_full.any():
+        return is_full
     lower = np.mean(counts[..., 2:6], axis=-1)
     scatter = COUNT_DEVIATIONS * np.sqrt(np.maximum(second, 1.0))
     allowance = np.where(first < CERTAIN_COUNT_RATIO * min_count, scatter, 0.0)
     return (
-        (first >= min_count)
+        is_full
         & (first > MIN_FIRST_TO_SECOND * second + allowance)
         & (second <= MAX_SECOND_TO_LOWER * lower + 2.0)
     )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import extend_flags
@@ -17,6 +19,9 @@ MAX_BLOCKS = 16
 BLOCK_SAMPLES = 256
 #: Blocks of a series that are filtered at once.
 BLOCKS_AT_ONCE = 1 << 12
+#: Places of 2 ORDER + 1 taps, between 2 ORDER zeros on either side, in the matrix of a block and
+#: the next one.
+_PLACES_OF_TAPS = 2 * ORDER + np.arange(4 * ORDER)[:, None] - np.arange(2 * ORDER)
 #: Regularisation of a fit, relative to the trace of its normal matrix: rounding of float64.
 RIDGE = 1e-14
 #: Errors of noise alone seldom exceed this many standard deviations.
@@ -67,12 +72,22 @@ def _filtered(series: FloatArray, taps: FloatArray) -> FloatArray:
     blocks = -(-series.size // length)
     padded = np.zeros((blocks + 1, length))
     padded.reshape(-1)[ORDER : ORDER + series.size] = series
-    matrix = sliding_window_view(np.pad(taps, length - 1), 2 * length)[::-1].T
+    matrix = np.concatenate([np.zeros(length), taps, np.zeros(length)])[_PLACES_OF_TAPS]
     products = padded[:-1] @ matrix[:length]
     for begin in range(0, blocks, BLOCKS_AT_ONCE):  # of a long record each copy counts
         following = padded[1 + begin : 1 + begin + BLOCKS_AT_ONCE]
         products[begin : begin + BLOCKS_AT_ONCE] += following @ matrix[length:]
     return products.reshape(-1)[: series.size]
+
+
+@functools.lru_cache(maxsize=4)
+def _blocks(samples: int) -> NDArray[np.int_]:
+    """Return the samples of evenly spread blocks, each after ORDER others, shape (blocks, …)."""
+    count = samples - ORDER
+    if count <= BLOCK_SAMPLES * MAX_BLOCKS:
+        return np.arange(samples)[None]
+    begins = np.linspace(0, count - BLOCK_SAMPLES, MAX_BLOCKS).astype(int)
+    return begins[:, None] + np.arange(BLOCK_SAMPLES + ORDER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,15 +110,8 @@ class PredictionSamples:
             series: shape (samples,).
             has_past: which samples come after ORDER valid ones, shape (samples,).
         """
-        count = series.size - ORDER
-        blocks = MAX_BLOCKS if count > BLOCK_SAMPLES * MAX_BLOCKS else 1
-        begins = (
-            np.linspace(0, count - BLOCK_SAMPLES, blocks).astype(int)
-            if blocks > 1
-            else np.array([0])
-        )
-        length = BLOCK_SAMPLES if blocks > 1 else count
-        index = begins[:, None] + np.arange(length + ORDER)
+        index = _blocks(series.size)
+        length = index.shape[1] - ORDER
         windows = sliding_window_view(series[index], length, axis=1).swapaxes(0, 1)
         return cls(windows.reshape(ORDER + 1, -1), has_past[index[:, ORDER:]].ravel())
 
@@ -112,7 +120,8 @@ class PredictionSamples:
         windows = self.windows if self.clean.all() else self.windows[:, self.clean]
         products = windows @ windows.T
         products = products + products[::-1, ::-1]
-        products += RIDGE * (np.trace(products) + windows.shape[1]) * np.eye(ORDER + 1)
+        diagonal = products.reshape(-1)[:: ORDER + 2]
+        diagonal += RIDGE * (diagonal.sum() + windows.shape[1])
         weights = np.append(-np.linalg.solve(products[:-1, :-1], products[:-1, -1]), 1.0)
         deviation = float(np.std(weights @ windows))
         return LinearPrediction(weights[::-1], max(deviation, np.finfo(float).eps))

@@ -85,7 +85,7 @@ def grid_step(values: FloatArray, most_apart: int) -> float:
         values: in rising order, shape (samples,).
         most_apart: largest number of steps in the smallest difference of two values.
     """
-    gaps = np.diff(values)
+    gaps = values[1:] - values[:-1]
     apart = gaps > RELATIVE_EQUALITY * (values[-1] - values[0])
     occurring = gaps if np.all(apart) else gaps[apart]
     if not occurring.size:

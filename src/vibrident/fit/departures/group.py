@@ -199,9 +199,14 @@ class WhitenedGroup:
         return np.ascontiguousarray(bins).view(float)
 
     @functools.cached_property
+    def comparison_in_time(self) -> FloatArray:
+        """Return all rows that columns are compared with in time, shape (R, …, length)."""
+        return self.whitened_in_time(self.comparison_rows)
+
+    @functools.cached_property
     def levels(self) -> FloatArray:
         """Return the power of the noise over its mean in stretches, shape (R, stretches)."""
-        squares = self.whitened_in_time(self.residual_beside_tone) ** 2
+        squares = self.comparison_in_time[:, self.nuisance_rows.shape[1]] ** 2
         place = np.arange(self.length) * self.samples // self.length
         used = np.asarray(self.used[:, place], dtype=float)
         stretches = int(np.clip(np.min(used.sum(axis=1)) // MIN_STRETCH_SAMPLES, 1, MAX_STRETCHES))
@@ -298,7 +303,7 @@ class WhitenedGroup:
             common[..., -1] = doubt
         sums = self.sums(rows[:, None]).at((slice(None), 0))
         spread = weighted_signals @ signals.mT
-        cross_spread = weighted_signals @ self._jacobian_in_time.mT
+        cross_spread = weighted_signals @ self.jacobian_in_time.mT
         return ExactSums(
             **vars(sums), spread=spread, cross_spread=cross_spread, common=common, steps=self.steps
         )
@@ -316,9 +321,10 @@ class WhitenedGroup:
         return powers[0] + MIN_RELATIVE_DEVIATION**2 * powers[1]
 
     @functools.cached_property
-    def _jacobian_in_time(self) -> FloatArray:
+    def jacobian_in_time(self) -> FloatArray:
         """Return the whitened Jacobian in time, shape (R, P, length)."""
-        return self.whitened_in_time(self.jacobian)
+        first = self.nuisance_rows.shape[1] + 1
+        return self.comparison_in_time[:, first : first + self.jacobian.shape[1]]
 
     @functools.cached_property
     def information(self) -> RecordInformation:
@@ -344,7 +350,7 @@ class WhitenedGroup:
 
         Their shapes are (R, P, P) and (R, P, E).
         """
-        signals = self._jacobian_in_time
+        signals = self.jacobian_in_time
         return (signals * self.profile[:, None]) @ signals.mT, self.jacobian @ self.errors.rows.mT
 
     def subset(self, numbers: Sequence[int]) -> WhitenedGroup:

@@ -310,20 +310,21 @@ class _BandSums:
                 float(np.sum(power_of(sampled))) * total[row, band], TINY
             )
         evidence = _evidence_of_motion(coherence, -(-counts // _stride(counts)))
-        is_kept = samples <= MAX_CACHED_SAMPLES
-        return [
-            cls(
+        sums = list[_BandSums | None]()
+        for row, channels in enumerate(batch):
+            keep = np.flatnonzero(counting[row])
+            spectrum = spectra[row] if samples <= MAX_CACHED_SAMPLES else None
+            of_record = cls(
                 channels,
-                spectra[row] if is_kept else None,
+                spectrum,
                 edges,
                 keep,
-                *(values[row, keep] for values in (total, cross, evidence)),
+                total[row, keep],
+                cross[row, keep],
+                evidence[row, keep],
             )
-            if keep.size
-            else None
-            for row, channels in enumerate(batch)
-            for keep in [np.flatnonzero(counting[row])]
-        ]
+            sums.append(of_record if keep.size else None)
+        return sums
 
     def bands(self, index: int, delay: int) -> MeasuredResponse:
         """Return the response over the bands of the record ``index``, with its delay put back."""
