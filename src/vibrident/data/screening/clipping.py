@@ -15,7 +15,6 @@ import functools
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibrident.data.records import BoolArray, FloatArray
 from vibrident.data.records.basis import extend_flags, runs_of_true
@@ -199,7 +198,8 @@ def _find_rail_of_equal_values(
     values: FloatArray, valid: BoolArray, falling: FloatArray, tolerance: float
 ) -> float | None:
     """Return the upper rail where its samples are exactly equal; None if there is no rail."""
-    first_index = _changes(falling, tolerance)[: VALUES_BELOW + 2]
+    changes = 1 + np.flatnonzero(falling[:-1] - falling[1:] > tolerance)
+    first_index = np.concatenate([[0], changes, [falling.size]])[: VALUES_BELOW + 2]
     counts = np.diff(first_index).astype(float)  # of each value that occurs, from the top
     if counts.size <= VALUES_BELOW:
         return None  # with a few levels the motion between them is not known
@@ -224,18 +224,6 @@ def _find_rail_of_equal_values(
     if _is_rest_level(at_rail, valid) or not _is_confirmed(values, at_rail, valid):
         return None
     return limit
-
-
-def _changes(falling: FloatArray, tolerance: float) -> NDArray[np.int_]:
-    """Return where each of the values that occur begins, at least of the highest ones, and the end.
-
-    The highest values suffice where they are different.
-    """
-    for top in (falling[: 8 * VALUES_BELOW], falling):
-        changes = 1 + np.flatnonzero(top[:-1] - top[1:] > tolerance)
-        if changes.size > VALUES_BELOW:
-            break
-    return np.concatenate([[0], changes, [falling.size]])
 
 
 def _chance_of_ties(falling: FloatArray, count: float) -> float:

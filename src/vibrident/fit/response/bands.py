@@ -105,19 +105,20 @@ def _sums_at(channels: Sequence[Channels | None], delay: int) -> list[_BandSums 
 
     Records of one length are summed side by side.
     """
-    by_length = dict[int, list[tuple[int, Channels]]]()
-    for number, record in enumerate(channels):
-        if record is not None:
-            moved = aligned(record, delay)
-            by_length.setdefault(moved.samples, []).append((number, moved))
-    sums = list[_BandSums | None]([None] * len(channels))
-    for samples, members in by_length.items():
+    moved = {
+        number: aligned(record, delay)
+        for number, record in enumerate(channels)
+        if record is not None
+    }
+    sums = dict[int, _BandSums | None]()
+    for samples in {record.samples for record in moved.values()}:
+        numbers = [number for number in moved if moved[number].samples == samples]
         count = max(MAX_SAMPLES_AT_ONCE // samples, 1)
-        for first in range(0, len(members), count):
-            numbers, batch = zip(*members[first : first + count], strict=True)
-            for number, of_record in zip(numbers, _BandSums.of_batch(batch), strict=True):
-                sums[number] = of_record
-    return sums
+        for first in range(0, len(numbers), count):
+            batch = numbers[first : first + count]
+            of_batch = _BandSums.of_batch([moved[number] for number in batch])
+            sums |= zip(batch, of_batch, strict=True)
+    return [sums.get(number) for number in range(len(channels))]
 
 
 def _coherent(sums_of_records: Sequence[_BandSums | None]) -> list[_BandSums | None]:

@@ -33,11 +33,11 @@ class Bands(Departure):
         """Yield the motion in each band; a sine has one frequency."""
         if group.pull is None:
             edges = np.searchsorted(group.hz, scale.bands_hz).tolist()
-            columns = np.zeros((len(group.records), 2 * len(edges) - 2, group.bins), dtype=complex)
+            columns = np.zeros((*group.likely.shape[:1], len(edges) - 1, 2, group.bins), complex)
             for number, (first, end) in enumerate(pairwise(edges)):
-                columns[:, 2 * number, first:end] = group.likely[:, first:end]
-                columns[:, 2 * number + 1, first:end] = 1j * group.likely[:, first:end]
-            yield "", columns
+                motion = group.likely[:, first:end]
+                columns[:, number, :, first:end] = np.stack([motion, 1j * motion], axis=1)
+            yield "", columns.reshape(len(columns), -1, group.bins)
 
     def at_points(self, points: PointsPart) -> list[Point]:
         """Return a complex factor of the points of each band."""
