@@ -121,9 +121,9 @@ def group_of(
         jacobian = without(stack.whiten(slopes * (likely != 0.0)[:, None]), basis)
     else:  # the points of the sine hold what its tone says
         jacobian = np.zeros((len(signals), pull.shape[1], 2 * bins))
-        others = stack.whiten(harmonics.reshape(len(signals), -1, bins))
-        others = orthonormal(without(others, basis))
-        tone = without(without(stack.whiten(slopes), basis), others)
+        harmonic_rows = stack.whiten(harmonics.reshape(len(signals), -1, bins))
+        harmonic_rows = orthonormal(without(harmonic_rows, basis))
+        tone = without(without(stack.whiten(slopes), basis), harmonic_rows)
     counts = np.array(
         [np.sum(member.one_sided[bins_used]) * member.used.mean() for member in signals]
     )
